@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from fapengine.clients.sender import AWAY_PING_S, LOST_S
 from fapengine.server.ownership.partitions import FENCE_S, PARTITIONS, RENEW_S, TTL_S, partition_of
-from fapengine.server.ownership.placement import Placement
+from fapengine.server.ownership.rule import Home, Placement
 
 DRIFT = 200e-6
 """Share by which clocks may run fast or slow."""
@@ -84,9 +84,9 @@ class Cluster:
         self.result = Result()
 
     def _home(self, partition: int, now_s: float) -> int:
-        placed = self.table.place(f"p{partition}", now_s)
-        assert placed is not None
-        return placed[0].worker
+        home = self.table.owner(f"p{partition}", now_s)
+        assert isinstance(home, Home)
+        return home.worker
 
     def fail(self, machine: int, kind: str, at_s: float) -> None:
         """Let a machine fail; its partitions go to others, if its lease ends by that."""

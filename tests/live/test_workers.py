@@ -18,7 +18,7 @@ from fapengine.clients.websocket_viewer import WebSocketViewer
 from fapengine.errors import UsageError
 from fapengine.server.cluster.workers import check_workers
 from fapengine.server.config import ServeConfig, SoundChoice
-from fapengine.server.ownership.placement import owner
+from fapengine.server.ownership.rule import worker_of
 from fapengine.speech.phone_track import Phone
 from fapengine.wire.fap_osc import FapFrame
 from tests.live.stage import JAW, Ear, Sender, Serve, wait
@@ -84,7 +84,7 @@ def test_a_worker_killed_in_a_word_shuts_its_mouths_and_others_speak_on(tmp_path
         simple.tell("/phoneme", "sf", "a", 60.0)  # to the known port, and never told of another
         everybody = (*SESSIONS, "face")
         wait(lambda: all(map(stage.is_speaking, everybody)))
-        workers = {name: owner(name, [0, 1]) for name in everybody}
+        workers = {name: worker_of(name, [0, 1]) for name in everybody}
         assert set(workers.values()) == {0, 1}
         figures = stage.metrics()
         for worker in (0, 1):
@@ -136,7 +136,7 @@ def test_pages_and_streams_are_handed_over_and_rest_when_the_parent_is_killed(tm
         assert viewers["cleo"].faps()[JAW] == 0
         figures = stage.metrics()
         for worker in (0, 1):
-            here = [owner(name, [0, 1]) for name in SESSIONS].count(worker)
+            here = [worker_of(name, [0, 1]) for name in SESSIONS].count(worker)
             assert figures[f'fapengine_pages{{worker="{worker}"}}'] == here
         stage.serve.end(signal.SIGKILL)
         wait(lambda: stage.ear.jaw("anna")[-1] == 0)

@@ -23,8 +23,6 @@ from fapengine.server.ownership.partitions import (
     Machine,
     Partitions,
     Record,
-    Release,
-    There,
     partition_of,
 )
 
@@ -179,8 +177,8 @@ class Node:
     def ask(self, session: str, rounds: int = 4) -> Machine | None:
         """Be asked for a session; gives where else to ask, if that is known by now."""
         found = self.table.find(session, self.world.now_s)
-        if isinstance(found, There):
-            return found.machine
+        if isinstance(found, Machine):
+            return found
         if isinstance(found, Here) and session not in self.shown:
             self.table.placed(session)
             self.shown[session] = Shown(self.name, found.epoch, self.world.now_s)
@@ -226,7 +224,7 @@ class Node:
             return
         shown.until_s = min(self.world.now_s, (self.table.until_s or 0.0) + REST_S)
         release = self.table.left(session)
-        if isinstance(release, Release):
+        if release is not None:
             self.ask_store(lambda store: store.swap(release.partition, "", release.revision), lambda _: None)
 
 

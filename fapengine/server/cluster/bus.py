@@ -1,8 +1,8 @@
-"""The store that machines share, over NATS: leases and records in two key-value buckets of its JetStream.
+"""The store that machines share: leases and records in two key-value buckets of NATS JetStream.
 
-Here is what touches the network; the rest is :mod:`fapengine.server.ownership.partitions`. NATS carries who lives and
-who has what, and nothing else: phones, frames and pages go from machine to machine directly. What machines tell each
-other is lost while NATS is away, so everything that others had announced is looked up again once it is back.
+This is the network part of :mod:`fapengine.server.ownership.partitions`. NATS carries only leases and records; phones,
+frames and pages go from machine to machine directly. Messages between machines are lost while NATS is unreachable, so
+all records of others are read again afterwards.
 """
 
 import asyncio
@@ -10,7 +10,7 @@ import logging
 import socket
 import time
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Coroutine, Iterator
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
@@ -29,8 +29,6 @@ from fapengine.server.ownership.partitions import (
     Machine,
     Partitions,
     Record,
-    Release,
-    There,
     partition_of,
 )
 
@@ -42,32 +40,30 @@ if TYPE_CHECKING:
 CONNECT_S = 5.0
 """Time in which NATS must answer at the start."""
 ANSWER_S = 0.7
-"""Time that an answer of the store may take."""
+"""Time limit of a request to the store."""
 AGAIN_S = 0.2
-"""Pause between two tries to reach NATS."""
+"""Pause between two attempts to reach NATS."""
 ROUNDS = 5
-"""Steps to find out whose a session is: look, claim, and again where another was faster."""
+"""Steps to find the owner of a session: look, claim, and again if another machine was faster."""
 MAX_ASKING = 10_000
-"""Packets and connections that wait for such an answer; more are lost."""
+"""Packets and connections that wait for an owner; further ones are lost."""
 WILDCARDS = ("0.0.0.0", "::", "")
 
 log = logging.getLogger("fapengine.server")
 
 
 class Bus:
-    """The end of it on this machine.
-
-    Stateful. It is made, started and closed on one event loop.
+    """Connection of one machine to the store. Make, start and close it on one event loop. Stateful.
 
     Parameters
     ----------
     choice : BusChoice
     host : str
-        Where the server listens.
+        Address on which the server listens.
     on_lease : callable
-        Called with the monotonic time until which this machine's sessions may be shown, whenever that grows.
+        Called with the monotonic time until which this machine's sessions may be shown, at each renewal.
     on_fence : callable
-        Called when it has run out: nothing may be shown any more.
+        Called when that time is over: nothing may be shown any more.
     """
 
     def __init__(
@@ -76,7 +72,7 @@ class Bus:
         self._choice, self._listens = choice, host
         self._on_lease, self._on_fence = on_lease, on_fence
         self.fences = 0
-        """Times that this machine's lease had run out."""
+        """Number of times that this machine's lease has expired."""
         self._table = Partitions(Machine("", host, 0))
         self._nats: Nats | None = None
         self._leases: KeyValue | None = None
@@ -87,33 +83,31 @@ class Bus:
         self._waiting = 0
         self._tasks: set[asyncio.Task[None]] = set()
 
-    # For the parent -------------------------------------------------------------------------------------------------
-
     @property
     def machines(self) -> int:
-        """Number of machines that live, this one included."""
+        """Number of live machines, this one included."""
         return len(self._table.machines(time.monotonic()))
 
     def families(self) -> Iterator[Family]:
-        """Metrics of this machine among others."""
+        """Return the metrics of this machine among others."""
         yield Family.of("machines", "Machines that share the sessions.", self.machines, is_gauge=True)
         yield Family.of("partitions", "Partitions of this machine.", self._table.owned, is_gauge=True)
         yield Family.of("fences", "Times that its lease had run out.", self.fences)
 
     async def start(self, port: int, page_port: int) -> None:
-        """Connect, and take a lease.
+        """Connect, and acquire a lease.
 
         Parameters
         ----------
         port, page_port : int
-            Where others find OSC and the page.
+            Ports of OSC and of the web page.
 
         Raises
         ------
         ResourceError
             If NATS cannot be reached, or has no JetStream.
         """
-        nats = _need_nats()
+        nats = needed("nats", "nats-py", "bus")
         url = self._choice.url or ""
         try:
             async with asyncio.timeout(CONNECT_S):
@@ -138,48 +132,47 @@ class Bus:
                 f"bus: got {_shown(url)}, expected NATS with JetStream (nats-server -js): {why}"
             ) from error
         assert self._nats is not None
-        host = self._choice.host or (self._own_address(url) if self._listens in WILDCARDS else self._listens)
+        host = self._choice.host or (_own_address(url) if self._listens in WILDCARDS else self._listens)
         self._table = Partitions(Machine(uuid.uuid4().hex, host, port, page_port))
-        for kind, hear in (("alive", self._hear_alive), ("gone", self._hear_gone), ("record", self._hear_record)):
-            await self._nats.subscribe(self._subject(kind), cb=hear)
+        await self._nats.subscribe(self._subject("*"), cb=self._receive)
         self._is_up = True
         self._renewing = asyncio.create_task(self._keep_lease())
-        await asyncio.sleep(RENEW_S + ANSWER_S)  # now all that live were heard
+        await asyncio.sleep(RENEW_S + ANSWER_S)  # now all live machines are known
 
     async def close(self) -> None:
-        """Give the lease back, so that others need not wait for its end; nothing may be shown any more."""
+        """Release the lease, so that others need not wait for its end, and disconnect."""
         await self.step_down()
         for task in (*self._tasks, self._renewing):
             if task is not None:
                 task.cancel()
         if self._nats is not None:
-            with suppress(Exception):  # it is over, whatever NATS says
+            with suppress(Exception):  # the connection ends, whatever NATS answers
                 await asyncio.wait_for(self._nats.close(), ANSWER_S)
             self._nats = None
 
     async def step_down(self) -> None:
-        """Give up all sessions. The machine still tells senders where they are."""
+        """Give up all sessions. The machine still redirects senders."""
         if not self._is_up:
             return
         self._is_up = False
         name = self._table.me.id
         self._table.begin_again(uuid.uuid4().hex)
-        with suppress(Exception):  # then the lease ends by itself
+        with suppress(Exception):  # else the lease expires by itself
             assert self._leases is not None
             await asyncio.wait_for(self._leases.delete(name), ANSWER_S)
-            await self._tell("gone", name.encode())
+            await self._publish("gone", name.encode())
 
     def step_up(self) -> None:
-        """Take sessions again."""
+        """Accept sessions again."""
         self._is_up = True
 
-    def find(self, session: str) -> Here | There | None:
-        """Find whose a session is, as far as that is known; see :meth:`settle`."""
+    def find(self, session: str) -> Here | Machine | None:
+        """Return the owner of a session, as far as it is known; see :meth:`settle`."""
         found = self._table.find(session, time.monotonic())
-        return found if isinstance(found, Here | There) else None
+        return None if isinstance(found, Look | Claim) else found
 
     def settle(self, session: str, again: Callable[[], None]) -> bool:
-        """Find out whose a session is, if that is not known; then True, and what is given is called once it is."""
+        """Request the owner of a session if it is not known; then return True, and call ``again`` afterwards."""
         found = self._table.find(session, time.monotonic())
         if not isinstance(found, Look | Claim):
             return False
@@ -193,16 +186,14 @@ class Bus:
         return True
 
     def placed(self, session: str) -> None:
-        """Note that a session, found here, was given to a worker."""
+        """Note that a session of this machine was given to a worker."""
         self._table.placed(session)
 
     def left(self, session: str) -> None:
         """Note that a session has no worker any more."""
-        release = self._table.left(session)
-        if release is not None:
-            self._start(self._release(release))
-
-    # The store ------------------------------------------------------------------------------------------------------
+        released = self._table.left(session)
+        if released is not None:
+            self._start(self._release(released))
 
     async def _open_buckets(self) -> None:
         from nats.js.api import KeyValueConfig, StorageType
@@ -238,12 +229,12 @@ class Bus:
         table.renewed(asked_s, revision, now_s)
         if table.may_show(now_s) and table.until_s is not None:
             self._on_lease(table.until_s)
-            await self._tell("alive", partitions.encode(table.me))
+            await self._publish("alive", partitions.encode(table.me))
 
     def _fence(self) -> None:
-        log.error("bus: no lease any more; faces come to rest, and begin again where there is one")
+        log.error("bus: the lease has expired; faces return to neutral, and begin again on a machine with a lease")
         self.fences += 1
-        self._is_up = False  # until there is a worker again
+        self._is_up = False  # until a worker has started again
         self._table.begin_again(uuid.uuid4().hex)
         self._on_fence()
 
@@ -276,7 +267,7 @@ class Bus:
         return Record(partition, (entry.value or b"").decode(errors="replace"), entry.revision or 0)
 
     async def _claim(self, claim: Claim) -> bool:
-        """Carry a claim out; False: its owner lives, and nothing is to be done now."""
+        """Carry out a claim; False if its owner lives."""
         from nats.js.errors import KeyNotFoundError, KeyWrongLastSequenceError
 
         assert self._records is not None
@@ -292,71 +283,66 @@ class Bus:
             return True
         record = Record(claim.partition, claim.owner, revision)
         self._table.saw_record(record)
-        await self._tell("record", partitions.encode(record))
+        await self._publish("record", partitions.encode(record))
         return True
 
-    async def _release(self, release: Release) -> None:
+    async def _release(self, record: Record) -> None:
         assert self._records is not None
         with suppress(*_errors()):
-            await self._records.delete(str(release.partition), last=release.revision)
-
-    # What machines tell ---------------------------------------------------------------------------------------------
+            await self._records.delete(str(record.partition), last=record.revision)
 
     def _subject(self, kind: str) -> str:
         return f"fapengine.{self._choice.name}.{kind}"
 
-    async def _tell(self, kind: str, data: bytes) -> None:
+    async def _publish(self, kind: str, data: bytes) -> None:
         if self._nats is not None:
             with suppress(*_errors()):
                 await self._nats.publish(self._subject(kind), data)
 
-    async def _hear_alive(self, message: "Msg") -> None:
+    async def _receive(self, message: "Msg") -> None:
+        """Note what another machine reports."""
         with suppress(DataError):
-            self._table.saw(partitions.decode_machine(message.data), time.monotonic())
-
-    async def _hear_gone(self, message: "Msg") -> None:
-        self._table.saw_end(message.data.decode(errors="replace"))
-
-    async def _hear_record(self, message: "Msg") -> None:
-        with suppress(DataError):
-            self._table.saw_record(partitions.decode_record(message.data))
+            match message.subject.rpartition(".")[2]:
+                case "alive":
+                    self._table.saw(partitions.decode(message.data, Machine), time.monotonic())
+                case "gone":
+                    self._table.saw_end(message.data.decode(errors="replace"))
+                case "record":
+                    self._table.saw_record(partitions.decode(message.data, Record))
 
     async def _note_trouble(self, error: Exception) -> None:
         log.debug("bus: %r", error)
-        self._table.forget()  # a slow consumer has missed something
+        self._table.forget()  # a slow consumer has missed messages
 
     async def _note_loss(self) -> None:
         if self._is_up:  # else it is closed
-            log.warning("bus: NATS is not reached")
+            log.warning("bus: NATS cannot be reached")
 
     async def _note_return(self) -> None:
-        log.info("bus: NATS is reached again")
+        log.info("bus: NATS can be reached again")
         self._table.forget()
 
-    def _own_address(self, url: str) -> str:
-        """Address of this machine on its way to NATS."""
-        first = urlsplit(url.split(",")[0])
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            probe.connect((first.hostname or "127.0.0.1", first.port or 4222))
-            return str(probe.getsockname()[0])
-
-    def _start(self, work: Any) -> None:
-        task = asyncio.ensure_future(work)
+    def _start(self, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.create_task(work)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
 
-def _need_nats() -> Any:
-    return needed("nats", "nats-py", "bus")
+def _own_address(url: str) -> str:
+    """Return the address of this machine that it uses to reach NATS."""
+    first = urlsplit(url.split(",")[0])
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.connect((first.hostname or "127.0.0.1", first.port or 4222))
+        return str(probe.getsockname()[0])
 
 
 def _errors() -> tuple[type[Exception], ...]:
-    """Give all that NATS raises where it cannot be reached or says no."""
+    """Return the errors that NATS raises if it cannot be reached or refuses a request."""
     import nats.errors
 
     return nats.errors.Error, OSError, TimeoutError
 
 
 def _shown(url: str) -> str:
-    """Write addresses without their passwords."""
+    """Return addresses without their passwords."""
     return ",".join(part.rpartition("@")[2] if "@" in part else part for part in url.split(","))

@@ -1,7 +1,7 @@
-"""The channel between the parent and a worker: whole messages in order, with open sockets beside them.
+"""The channel between the parent and a worker: whole messages in order, which may carry open sockets.
 
-A pair of Unix sockets that keep the bounds of messages (SOCK_SEQPACKET, Linux). What cannot be sent at once waits, but
-for datagrams: those are lost, as datagrams are.
+It is a pair of Unix sockets that keep message boundaries (SOCK_SEQPACKET, Linux). Messages that cannot be sent at once
+wait, except datagrams, which are dropped.
 """
 
 import array
@@ -12,10 +12,10 @@ from collections.abc import Iterator, Sequence
 import msgspec
 
 SESSIONS_AT_ONCE = 1000
-"""Names in one message."""
+"""Sessions in one message."""
 READ_AT_ONCE = 512
 MAX_WAITING = 10_000
-"""Messages that may wait for a worker; more, and it is beyond help."""
+"""Messages that may wait for a worker; beyond that its channel counts as broken."""
 BUFFER = 4 << 20
 MAX_MESSAGE = 1 << 20
 
@@ -25,63 +25,63 @@ class Message(msgspec.Struct, tag=True, array_like=True):
 
 
 class Begin(Message):
-    """To a worker: what to do."""
+    """To a worker: begin."""
 
     config: bytes
     """Pickled :class:`fapengine.server.config.ServeConfig`."""
     number: int
-    """Worker's number, for its log."""
+    """The worker's number, for its log."""
     front_port: int
 
 
 class Own(Message):
-    """To a worker: a session is yours."""
+    """To a worker: a session is assigned to it."""
 
     session: str
     epoch: int
 
 
 class Until(Message):
-    """To a worker: your sessions are surely yours until this monotonic time, or until one that follows."""
+    """To a worker: its sessions are surely its own until this monotonic time, or a later one that follows."""
 
     time_s: float
 
 
 class Leave(Message):
-    """To a worker: give a session back, if it is not open."""
+    """To a worker: leave a session if it is not open."""
 
     session: str
 
 
 class Packet(Message):
-    """To a worker: a datagram that came at the known port."""
+    """To a worker: a datagram from the known port."""
 
     address: tuple[str | int, ...]
-    """Sender, as the system tells it; longer for IPv6."""
+    """Sender, as the system reports it; longer for IPv6."""
     data: bytes
 
 
 class Connection(Message):
-    """To a worker: a connection is handed over, the socket beside the message; nothing of it was read."""
+    """To a worker: a connection, with its socket; nothing was read from it."""
 
     is_page: bool
     """False: OSC."""
 
 
 class AskMetrics(Message):
-    """To a worker: give your metrics."""
+    """To a worker: send the metrics."""
 
 
 class Ready(Message):
-    """From a worker: everything is open."""
+    """From a worker: it is ready."""
 
     port: int
-    """OSC port of its own."""
+    """Its own OSC port."""
     sinks: list[str]
 
 
 class Failed(Message):
-    """From a worker: it cannot begin."""
+    """From a worker: it cannot start."""
 
     reason: str
     kind: str
@@ -89,24 +89,24 @@ class Failed(Message):
 
 
 class Sessions(Message):
-    """From a worker: what it has opened and closed."""
+    """From a worker: sessions that it has opened and closed."""
 
     opened: list[str]
     closed: list[str]
 
 
 class Left(Message):
-    """From a worker: a session is not its own any more."""
+    """From a worker: it has left a session."""
 
     session: str
 
 
 class Alive(Message):
-    """From a worker: its loop goes round."""
+    """From a worker: a sign of life."""
 
 
 class Metrics(Message):
-    """From a worker: a part of its metrics; an empty part follows the last."""
+    """From a worker: a part of its metrics; the last part is empty."""
 
     text: bytes
 
@@ -121,15 +121,13 @@ decode_begin = msgspec.msgpack.Decoder(Begin).decode
 
 
 class Channel:
-    """One end of a channel.
-
-    Stateful.
+    """One end of a channel. Stateful.
 
     Parameters
     ----------
     end : socket
     is_worker : bool
-        Whether this is the worker's end.
+        True for the worker's end.
     """
 
     def __init__(self, end: socket.socket, *, is_worker: bool) -> None:
@@ -137,7 +135,7 @@ class Channel:
         self._decode = _decode_to_worker if is_worker else _decode_from_worker
         self._waiting: deque[tuple[bytes, socket.socket | None]] = deque()
         self.is_broken = False
-        """Whether the other end has gone."""
+        """True if the other end is closed."""
         end.setblocking(False)
         end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER)
 
@@ -147,11 +145,11 @@ class Channel:
         return socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
 
     def fileno(self) -> int:
-        """File number, for the loop."""
+        """Return the file descriptor."""
         return self._socket.fileno()
 
     def put(self, message: Message, handed: socket.socket | None = None) -> bool:
-        """Send a message, and a socket beside it, which is closed here; False where a datagram found no room."""
+        """Send a message, with a socket, which is then closed here; False if a datagram was dropped."""
         if self.is_broken:
             if handed is not None:
                 handed.close()
@@ -169,7 +167,7 @@ class Channel:
         return not self.is_broken
 
     def flush(self) -> None:
-        """Send what waits, as far as there is room."""
+        """Send waiting messages as far as there is room."""
         while self._waiting:
             data, handed = self._waiting[0]
             rights = [] if handed is None else [_rights(handed)]
@@ -185,7 +183,7 @@ class Channel:
                 handed.close()
 
     def take(self) -> Iterator[tuple[ToWorker | FromWorker, socket.socket | None]]:
-        """Read what has come, each message with the socket beside it."""
+        """Read the received messages, each with its socket."""
         for _ in range(READ_AT_ONCE):
             try:
                 data, rights, _, _ = self._socket.recvmsg(MAX_MESSAGE, socket.CMSG_SPACE(4), socket.MSG_CMSG_CLOEXEC)
@@ -199,7 +197,7 @@ class Channel:
             yield self._decode(data), _handed(rights)
 
     def close(self) -> None:
-        """End it."""
+        """Close this end."""
         self._break()
         self._socket.close()
 

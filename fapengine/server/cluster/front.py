@@ -1,12 +1,12 @@
-"""The known ports of a server with workers: what comes there goes to the worker that has its session.
+"""The known ports of a server with workers: requests are passed to the worker that has their session.
 
-A datagram is copied to the worker, which answers from the known port itself. A sender that says in its hello that it
-follows gets the worker's port instead. A connection is handed over whole, before anything of it is read: the first
-request, or the first packet, is only looked at (MSG_PEEK).
+A datagram is forwarded to the worker, which answers from the known port itself. A sender whose hello says that it
+follows redirections is sent the worker's port instead. A connection is handed over before anything is read from it:
+the first request, or the first packet, is only peeked at (MSG_PEEK).
 
-A session of another machine (:mod:`.bus`): a sender that follows gets that machine's known port. Datagrams of other
-senders are relayed, each sender's from a socket of its own, by which answers come back. Connections are copied both
-ways.
+For a session of another machine (:mod:`.bus`), a sender that follows is sent that machine's known port. Datagrams of
+other senders are relayed, each sender's from a socket of its own, which receives the answers. Connections are copied in
+both directions.
 """
 
 import asyncio
@@ -16,7 +16,7 @@ import socket
 from collections import OrderedDict
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from fapengine._counters import Counts
 from fapengine.errors import DataError
@@ -24,42 +24,42 @@ from fapengine.server.cluster import channel
 from fapengine.server.intake.doors import Door
 from fapengine.server.intake.listeners import FIRST_S, READ_AT_ONCE, RECEIVE_BUFFER, SLIP_FIRST, bound, bound_pair
 from fapengine.server.ownership.partitions import Machine
-from fapengine.server.ownership.placement import Home
 from fapengine.server.ownership.rule import session_of_request
 from fapengine.wire.framing import MAX_PACKET, LengthDecoder, SlipDecoder
 from fapengine.wire.speech_osc import schema
 from fapengine.wire.speech_osc.codec import encode
 from fapengine.wire.speech_osc.routing import hello_of, session_of
 
+if TYPE_CHECKING:
+    from fapengine.server.cluster.workers import Workers
+
 MAX_RELAYS = 256
-"""Senders for which a socket is kept; the one that was silent for the longest is forgotten first."""
+"""Senders for which a socket is kept; the one that was silent for the longest is dropped first."""
 ANSWERS_AT_ONCE = 64
 CHUNK = 64 << 10
 CONNECT_S = 3.0
 Address = tuple[str, int]
 PEEKED_BYTES = 32 << 10
 PEEK_S = 0.02
-"""Time after which a connection whose beginning is not whole is looked at again."""
+"""Time after which an incomplete beginning of a connection is read again."""
 MAX_CALLERS = 8192
-"""Addresses of which is remembered where they spoke to: their pings name no session."""
+"""Senders whose destination is kept, because their pings have no session."""
 BACKLOG = 128
 NO_FILE_S = 0.2
 
 log = logging.getLogger("fapengine.server")
 Found = TypeVar("Found", str, bytes)
-Take = Callable[[socket.socket], Awaitable[tuple[str, int] | None]]
-"""Function that looks at a connection, and hands it over; or gives host and port of another machine that it is for."""
+Take = Callable[[socket.socket], Awaitable[Address | None]]
+"""Hands a connection over to a worker, or returns the host and port of another machine."""
 
 
 class Relays:
-    """Sockets to other machines, one for each sender and machine.
-
-    Stateful.
+    """Sockets to other machines, one for each sender and machine. Stateful.
 
     Parameters
     ----------
     answer : callable
-        Takes what a machine answered, and the sender's address.
+        Called with a machine's answer and the sender's address.
     """
 
     def __init__(self, answer: Callable[[bytes, Address], None]) -> None:
@@ -67,7 +67,7 @@ class Relays:
         self._sockets: OrderedDict[tuple[Address, str, int], socket.socket] = OrderedDict()
 
     def send(self, machine: Machine, sender: Address, data: bytes) -> bool:
-        """Send a sender's datagram on; False where that is not possible now."""
+        """Forward a sender's datagram; False if that is not possible now."""
         key = sender, machine.host, machine.port
         try:
             one = self._sockets.get(key) or self._opened(key)
@@ -78,7 +78,7 @@ class Relays:
         return True
 
     def close(self) -> None:
-        """Close all."""
+        """Close all sockets."""
         while self._sockets:
             self._forget(next(iter(self._sockets)))
 
@@ -109,13 +109,13 @@ class Relays:
                 data = one.recv(MAX_PACKET)
             except BlockingIOError:
                 return
-            except OSError:  # no server listens there now
+            except OSError:  # no server listens there
                 continue
             self._answer(data, sender)
 
 
 async def copied(accepted: socket.socket, there: Address) -> None:
-    """Copy a connection to another machine, and its answers back, until one of both ends it.
+    """Copy data between a connection and another machine until either side ends it.
 
     Raises
     ------
@@ -125,13 +125,13 @@ async def copied(accepted: socket.socket, there: Address) -> None:
     async with asyncio.timeout(CONNECT_S):
         theirs_in, theirs_out = await asyncio.open_connection(*there)
     ours_in, ours_out = await asyncio.open_connection(sock=accepted.dup())
-    ways = {asyncio.create_task(_copy(ours_in, theirs_out)), asyncio.create_task(_copy(theirs_in, ours_out))}
+    copies = {asyncio.create_task(_copy(ours_in, theirs_out)), asyncio.create_task(_copy(theirs_in, ours_out))}
     try:
-        await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
+        await asyncio.wait(copies, return_when=asyncio.FIRST_COMPLETED)
     finally:
-        for way in ways:
-            way.cancel()
-        await asyncio.gather(*ways, return_exceptions=True)
+        for copy in copies:
+            copy.cancel()
+        await asyncio.gather(*copies, return_exceptions=True)
         for end in (ours_out, theirs_out):
             end.close()
 
@@ -142,69 +142,40 @@ async def _copy(source: asyncio.StreamReader, target: asyncio.StreamWriter) -> N
         await target.drain()
 
 
-class Router(Protocol):
-    """The part of :class:`fapengine.server.cluster.workers.Workers` that the front calls."""
-
-    def owner(self, session: str) -> Home | Machine | None:
-        """Give the machine or the worker that shows a session; None: none may, now."""
-        ...
-
-    def settle(self, session: str, again: Callable[[], None]) -> bool:
-        """Find out whose a session is, if that must be asked; then True, and what is given is called afterwards."""
-        ...
-
-    def port(self, worker: int) -> int:
-        """Give the OSC port of a worker."""
-        ...
-
-    def send(self, worker: int, message: channel.Message, handed: socket.socket | None = None) -> bool:
-        """Send to a worker, with a socket, which is closed here."""
-        ...
-
-    def send_any(self, message: channel.Message, handed: socket.socket) -> None:
-        """Send to some worker."""
-        ...
-
-
 @dataclass(slots=True)
 class FrontCounts(Counts):
-    """Counts of what came at the known ports.
-
-    Stateful.
-    """
+    """Counts of requests at the known ports. Stateful."""
 
     METRIC = "front", "What came at the known ports, by kind."
 
     forwarded: int = 0
-    """Datagrams that were sent on."""
+    """Datagrams that were forwarded to a worker."""
     lost: int = 0
-    """Datagrams that no worker could take."""
+    """Datagrams that no worker could accept."""
     strange: int = 0
-    """Datagrams and connections for no session."""
+    """Datagrams and connections without a session."""
     moved: int = 0
     """Senders that were redirected to a worker."""
     handed: int = 0
-    """Connections that were handed over."""
+    """Connections that were handed over to a worker."""
     relayed: int = 0
-    """Datagrams and connections that were sent on to another machine."""
+    """Datagrams and connections that were forwarded to another machine."""
 
 
 class Front:
-    """The known ports.
-
-    Stateful.
+    """The known ports. Stateful.
 
     Parameters
     ----------
-    router : Router
-    counts : FrontCounts
+    workers : Workers
     door : Door
-        Limits the connections whose beginning has not come.
+        Limits the connections that are not handed over yet.
     """
 
-    def __init__(self, router: Router, counts: FrontCounts, door: Door) -> None:
-        self._router, self.counts, self._door = router, counts, door
-        self._callers: OrderedDict[tuple[str, int], int | Machine] = OrderedDict()
+    def __init__(self, workers: "Workers", door: Door) -> None:
+        self._workers, self._door = workers, door
+        self.counts = FrontCounts()
+        self._callers: OrderedDict[Address, int | Machine] = OrderedDict()
         self._relays = Relays(self._answer)
         self._tasks: set[asyncio.Task[None]] = set()
         self._sockets: list[socket.socket] = []
@@ -212,12 +183,12 @@ class Front:
         self.osc_address, self.page_address = ("", 0), ("", 0)
 
     def bind(self, host: str, port: int, page_port: int | None) -> None:
-        """Take the ports; nothing is read before :meth:`open`.
+        """Bind the ports; nothing is read before :meth:`open`.
 
         Raises
         ------
         ResourceError
-            If one is taken.
+            If one is in use.
         """
         streams, self.datagrams = bound_pair(host, port)
         self.datagrams.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
@@ -229,7 +200,7 @@ class Front:
             self.page_address = page.getsockname()[:2]
 
     def open(self) -> None:
-        """Let what comes in."""
+        """Begin to read."""
         loop = asyncio.get_running_loop()
         datagrams, *listeners = self._sockets
         datagrams.setblocking(False)
@@ -240,7 +211,7 @@ class Front:
             self._start(self._accept(listening, take))
 
     def close(self) -> None:
-        """Let nothing more in."""
+        """Close the ports."""
         for task in tuple(self._tasks):
             task.cancel()
         self._relays.close()
@@ -263,67 +234,52 @@ class Front:
                 data, address = datagrams.recvfrom(MAX_PACKET)
             except BlockingIOError:
                 return
-            except OSError:  # what an earlier answer met with
+            except OSError:  # the error of an earlier answer
                 continue
             self._route(data, address)
 
-    def _route(self, data: bytes, address: tuple[str, int], *, is_settled: bool = False) -> None:
+    def _route(self, data: bytes, address: Address, *, is_settled: bool = False) -> None:
         session, caller = session_of(data), self._callers.get(address)
         if session is None:
             if caller is None:
                 self.counts.strange += 1
-            elif isinstance(caller, Machine):
-                self._relay(caller, address, data)
             else:
-                self._count(self._router.send(caller, channel.Packet(address, data)))
+                self._forward(caller, address, data)
             return
-        if not is_settled and self._router.settle(session, lambda: self._route(data, address, is_settled=True)):
+        if not is_settled and self._workers.settle(session, lambda: self._route(data, address, is_settled=True)):
             return
-        owner = self._router.owner(session)
-        hello = hello_of(data)
-        if hello is not None and hello.flags & schema.FOLLOWS:
-            self._tell_where(hello, owner, address)
-        elif isinstance(owner, Machine):
-            self._relay(owner, address, data)
-            self._remember(address, owner)
+        owner, hello = self._workers.owner(session), hello_of(data)
+        if owner is None:
+            self.counts.lost += 1
+        elif hello is not None and hello.flags & schema.FOLLOWS:
+            host, port = (owner.host, owner.port) if isinstance(owner, Machine) else ("", self._workers.port(owner))
+            self.counts.moved += 1
+            self._answer(encode(schema.Moved(hello.session, host, port, hello.instance)), address)
         else:
-            is_sent = owner is not None and self._router.send(owner.worker, channel.Packet(address, data))
-            self._count(is_sent)
-            if owner is not None and is_sent:
-                self._remember(address, owner.worker)
+            destination = owner if isinstance(owner, Machine) else owner.worker
+            if self._forward(destination, address, data):
+                self._callers[address] = destination
+                self._callers.move_to_end(address)
+                if len(self._callers) > MAX_CALLERS:
+                    self._callers.popitem(last=False)
 
-    def _remember(self, address: tuple[str, int], took: int | Machine) -> None:
-        self._callers[address] = took
-        self._callers.move_to_end(address)
-        if len(self._callers) > MAX_CALLERS:
-            self._callers.popitem(last=False)
-
-    def _relay(self, machine: Machine, address: tuple[str, int], data: bytes) -> None:
-        is_sent = self._relays.send(machine, address, data)
-        self.counts.relayed += is_sent
+    def _forward(self, destination: int | Machine, address: Address, data: bytes) -> bool:
+        """Send a datagram to a worker or another machine, and count it."""
+        if isinstance(destination, Machine):
+            is_sent = self._relays.send(destination, address, data)
+            self.counts.relayed += is_sent
+        else:
+            is_sent = self._workers.send(destination, channel.Packet(address, data))
+            self.counts.forwarded += is_sent
         self.counts.lost += not is_sent
+        return is_sent
 
-    def _answer(self, data: bytes, address: tuple[str, int]) -> None:
+    def _answer(self, data: bytes, address: Address) -> None:
         """Answer from the known port."""
         try:
             self._sockets[0].sendto(data, address)
         except OSError:
             self.counts.lost += 1
-
-    def _count(self, is_sent: bool) -> None:
-        self.counts.forwarded += is_sent
-        self.counts.lost += not is_sent
-
-    def _tell_where(self, hello: schema.Hello, owner: Home | Machine | None, address: tuple[str, int]) -> None:
-        if owner is None:
-            self.counts.lost += 1
-            return
-        if isinstance(owner, Machine):
-            host, port = owner.host, owner.port
-        else:
-            host, port = "", self._router.port(owner.worker)
-        self.counts.moved += 1
-        self._answer(encode(schema.Moved(hello.session, host, port, hello.instance)), address)
 
     # Connections ----------------------------------------------------------------------------------------------------
 
@@ -334,7 +290,7 @@ class Front:
                 accepted, address = await loop.sock_accept(listening)
             except OSError as error:
                 if error.errno in (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM):
-                    log.error("no connection can be taken: %s", error)
+                    log.error("no connection can be accepted: %s", error)
                     await asyncio.sleep(NO_FILE_S)
                 continue
             if self._door.enter(address[0]):
@@ -357,48 +313,47 @@ class Front:
             self._door.leave(address)
             accepted.close()  # the worker has its own
 
-    async def _take_page(self, accepted: socket.socket) -> tuple[str, int] | None:
+    async def _take_page(self, accepted: socket.socket) -> Address | None:
         target = await _peeked(accepted, _target_of)
         if target is None:
             self.counts.strange += 1
             return None
-        message = channel.Connection(is_page=True)
         try:
             session = session_of_request(target)
-        except DataError:  # any worker answers that, for it reads the same
+        except DataError:  # any worker can answer with that error
             session = None
         if session is None:
-            self._router.send_any(message, accepted.dup())
+            self._workers.send_any(channel.Connection(is_page=True), accepted.dup())
             self.counts.handed += 1
             return None
-        machine = await self._hand(session, message, accepted)
+        machine = await self._hand_over(session, accepted, is_page=True)
         return None if machine is None else (machine.host, machine.page_port)
 
-    async def _take_stream(self, accepted: socket.socket) -> tuple[str, int] | None:
+    async def _take_stream(self, accepted: socket.socket) -> Address | None:
         packet = await _peeked(accepted, _first_packet)
         session = session_of(packet) if packet else None
         if session is None:
             self.counts.strange += 1
             return None
-        machine = await self._hand(session, channel.Connection(is_page=False), accepted)
+        machine = await self._hand_over(session, accepted, is_page=False)
         return None if machine is None else (machine.host, machine.port)
 
-    async def _hand(self, session: str, message: channel.Connection, accepted: socket.socket) -> Machine | None:
-        """Hand a connection to the worker of its session, if one has it; or give the machine that it is for."""
+    async def _hand_over(self, session: str, accepted: socket.socket, *, is_page: bool) -> Machine | None:
+        """Hand a connection over to the worker of its session; return the machine if it is another one."""
         settled = asyncio.Event()
-        if self._router.settle(session, settled.set):
+        if self._workers.settle(session, settled.set):
             await settled.wait()
-        owner = self._router.owner(session)
+        owner = self._workers.owner(session)
         if isinstance(owner, Machine):
             return owner
         self.counts.handed += 1
         if owner is not None:
-            self._router.send(owner.worker, message, accepted.dup())
+            self._workers.send(owner.worker, channel.Connection(is_page=is_page), accepted.dup())
         return None
 
 
 async def _peeked(accepted: socket.socket, find: Callable[[bytes], Found | None]) -> Found | None:
-    """Look at the beginning of a connection until something is found in it; None if it never will be."""
+    """Peek at the beginning of a connection until ``find`` returns a value; None if it never will."""
     loop = asyncio.get_running_loop()
     accepted.setblocking(False)
     while True:
@@ -416,7 +371,7 @@ async def _peeked(accepted: socket.socket, find: Callable[[bytes], Found | None]
 
 
 def _target_of(begun: bytes) -> str | None:
-    """Address of a request, of its first line."""
+    """Return the target of a request, which is in its first line; "/" if that is invalid."""
     line, end, _ = begun.partition(b"\r\n")
     parts = line.split(b" ")
     if not end:
@@ -425,7 +380,7 @@ def _target_of(begun: bytes) -> str | None:
 
 
 def _first_packet(begun: bytes) -> bytes | None:
-    """First packet of a stream; empty if it is none."""
+    """Return the first packet of a stream; empty if it is not a valid stream."""
     decoder = LengthDecoder() if begun[0] == 0 else SlipDecoder() if begun[0] in SLIP_FIRST else None
     if decoder is None:
         return b""

@@ -1,8 +1,8 @@
-"""A worker: the server in a process of its own, of one parent (:mod:`.workers`), for the sessions that it is given.
+"""A worker: a server in a child process of :mod:`.workers`, for the sessions that the parent assigns to it.
 
-It listens for OSC at a port of its own, for senders that the parent has sent there. What comes at the known ports it
-gets from the parent: datagrams one by one, which it answers from the known port itself, and whole connections. When the
-parent ends, however it ends, the worker lets its faces come to rest and ends too.
+It listens for OSC at its own port, to which the parent redirects senders. From the known ports it receives, through the
+parent, single datagrams, which it answers from the known port itself, and whole connections. When the parent ends for
+any reason, the worker returns its faces to neutral and ends too.
 """
 
 import asyncio
@@ -26,9 +26,9 @@ from fapengine.server.ownership.rule import OwnSessions
 from fapengine.server.server import Server, serve
 
 ALIVE_S = 0.5
-"""Time from one sign of life to the next."""
+"""Interval between two signs of life."""
 LATE_S = 0.15
-"""Time after the end of the lease from which faces are closed instead of fading to rest."""
+"""Time after the end of the lease from which faces are closed without a fade."""
 METRICS_AT_ONCE = 64 << 10
 """Bytes of metrics in one message."""
 
@@ -36,26 +36,24 @@ log = logging.getLogger("fapengine.server")
 
 
 class Worker:
-    """The server and its end of the channel.
-
-    Stateful.
+    """The server and its end of the channel. Stateful.
 
     Parameters
     ----------
     link : Channel
     front : socket
-        The parent's UDP socket, from which answers go.
+        The parent's UDP socket, from which answers are sent.
     config : ServeConfig
-        With the worker's own port.
+        Configuration with the worker's own port.
     front_port : int
-        Where the parent listens.
+        Known OSC port of the parent.
     """
 
     def __init__(self, link: Channel, front: socket.socket, config: ServeConfig, front_port: int) -> None:
         self._link, self._front = link, front
         self._own = OwnSessions(front_port, self._read)
         self.server = Server(config, own=self._own)
-        self._told: tuple[str, ...] = ()
+        self._reported: tuple[str, ...] = ()
         self._adopting: set[asyncio.Task[None]] = set()
 
     async def run(self) -> None:
@@ -76,7 +74,7 @@ class Worker:
         self._link.close()
 
     def _begin(self) -> None:
-        self.server.hub.listeners.on_frames(self._tell)
+        self.server.hub.listeners.on_frames(self._report)
         self.server.ingress.readers.append(self._read)
         asyncio.get_running_loop().add_reader(self._link.fileno(), self._read)
         sinks = [str(sink.address) for sink in self.server.sinks]
@@ -88,19 +86,19 @@ class Worker:
             self._link.put(channel.Alive())
             self._link.flush()
 
-    def _tell(self, frames: HubFrames) -> None:
-        """Tell which sessions are open, if that has changed."""
-        if frames.sessions is self._told or frames.sessions == self._told:
+    def _report(self, frames: HubFrames) -> None:
+        """Report which sessions were opened and closed."""
+        if frames.sessions == self._reported:
             return
-        before, now = set(self._told), set(frames.sessions)
-        self._told = frames.sessions
+        before, now = set(self._reported), set(frames.sessions)
+        self._reported = frames.sessions
         opened, closed = sorted(now - before), sorted(before - now)
         for at in range(0, max(len(opened), len(closed)), channel.SESSIONS_AT_ONCE):
             part = slice(at, at + channel.SESSIONS_AT_ONCE)
             self._link.put(channel.Sessions(opened[part], closed[part]))
 
     def _read(self) -> int:
-        """Do what the parent says; gives the number of datagrams."""
+        """Handle the parent's messages; return the number of datagrams."""
         packets = 0
         for message, handed in self._link.take():
             match message:
@@ -112,12 +110,17 @@ class Worker:
                 case channel.Until():
                     self._own.until_s = message.time_s
                 case channel.Leave():
-                    self._leave(message.session)
+                    if message.session not in self.server.hub.engine:
+                        self._own.epochs.pop(message.session, None)
+                        self._link.put(channel.Left(message.session))
                 case channel.Connection():
                     if handed is not None:
                         self._adopt(handed, is_page=message.is_page)
                 case channel.AskMetrics():
-                    self._tell_metrics()
+                    text = self.server.metrics.text()
+                    for at in range(0, len(text), METRICS_AT_ONCE):
+                        self._link.put(channel.Metrics(text[at : at + METRICS_AT_ONCE]))
+                    self._link.put(channel.Metrics(b""))
         self.server.ingress.counts.datagrams += packets
         if self._own.until_s is not None and time.monotonic() >= self._own.until_s:
             self._give_up(time.monotonic() - self._own.until_s)
@@ -127,21 +130,16 @@ class Worker:
         return packets
 
     def _stop(self) -> None:
-        """End; no goodbye is sent where the sessions may go on at another machine."""
+        """Stop; quietly if the sessions may continue on another machine."""
         self.server.stop(is_quiet=self._own.until_s is not None)
 
     def _give_up(self, late_s: float) -> None:
-        """End: another machine may have the sessions soon; or already, if this process stood still."""
+        """Stop because another machine may get the sessions soon, or has them already if this process was suspended."""
         self._stop()
         if late_s > LATE_S:
             engine = self.server.hub.engine
             for session in engine.sessions:
                 engine.close(session, self.server.hub.clock())
-
-    def _leave(self, session: str) -> None:
-        if session not in self.server.hub.engine:
-            self._own.epochs.pop(session, None)
-            self._link.put(channel.Left(session))
 
     def _adopt(self, handed: socket.socket, *, is_page: bool) -> None:
         handed.setblocking(False)
@@ -149,41 +147,25 @@ class Worker:
         self._adopting.add(task)
         task.add_done_callback(self._adopting.discard)
 
-    def _tell_metrics(self) -> None:
-        text = self.server.metrics.text()
-        for at in range(0, len(text), METRICS_AT_ONCE):
-            self._link.put(channel.Metrics(text[at : at + METRICS_AT_ONCE]))
-        self._link.put(channel.Metrics(b""))
-
-
-class _NumberFilter(logging.Filter):
-    """Puts the worker's number into each record.
-
-    Stateful.
-    """
-
-    def __init__(self, number: int) -> None:
-        super().__init__()
-        self._number = number
-
-    def filter(self, record: logging.LogRecord) -> bool:
-        record.worker = self._number
-        return True
-
 
 def main(_: Parent, link_file: str, front_file: str) -> int:
-    """Run a worker; gives the exit code.
+    """Run a worker; return the exit code.
 
     Parameters
     ----------
     link_file, front_file : str
-        File numbers of the channel, over which it speaks with its parent, and of the parent's UDP socket.
+        File descriptors of the channel to the parent, and of the parent's UDP socket.
     """
+
+    def add_number(record: logging.LogRecord) -> bool:
+        record.worker = begin.number
+        return True
+
     end, front = socket.socket(fileno=int(link_file)), socket.socket(fileno=int(front_file))
     end.setblocking(True)
     begin = channel.decode_begin(end.recv(channel.MAX_MESSAGE))
-    config = pickle.loads(begin.config)  # of our own parent
-    begin_log(config.log.level, config.log.format).addFilter(_NumberFilter(begin.number))
+    config = pickle.loads(begin.config)  # from the parent
+    begin_log(config.log.level, config.log.format).addFilter(add_number)
     link = Channel(end, is_worker=True)
     try:
         asyncio.run(Worker(link, front, config, begin.front_port).run())

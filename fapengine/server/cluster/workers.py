@@ -1,17 +1,17 @@
-"""A server of many processes: the parent, which starts workers, gives them sessions, and sees that all goes on.
+"""A server of several processes: the parent starts workers, assigns sessions to them, and restarts them.
 
 Theory of operation
 -------------------
-The parent holds the known ports (:mod:`.front`) and plans no face. Each worker (:mod:`.worker`) is a whole server at
-ports of its own, with its own sinks, and shows the sessions that it is given (:mod:`fapengine.server.ownership`). The
-two talk over a channel that keeps its order (:mod:`.channel`).
+The parent holds the known ports (:mod:`.front`) and shows no face. Each worker (:mod:`.worker`) is a whole server with
+its own ports and sinks, which shows the sessions that are assigned to it (:mod:`fapengine.server.ownership`). The two
+communicate over an ordered channel (:mod:`.channel`).
 
-A worker that ends leaves open mouths; one of which nothing is heard any more (:data:`HUNG_TICKS`) is killed. The parent
-knows which sessions it had open, sends each datagram sink a face at rest, and only then gives the sessions to others,
-when they are asked for: senders greet again, pages connect again. The worker is restarted meanwhile.
+A worker that is silent for :data:`HUNG_TICKS` is killed. A worker that ends may leave open mouths: the parent knows its
+open sessions, sends each datagram sink a neutral face, and only then assigns the sessions to other workers, on request:
+senders send their hello again, pages reconnect. The worker is restarted meanwhile.
 
-Where several machines share their sessions (:mod:`.bus`), the parent first finds out whose a session is. Workers are
-told until when theirs are surely their own, and end when that time is over.
+If several machines share sessions (:mod:`.bus`), the parent first finds the machine of a session. Workers are sent the
+time until which their sessions are surely their own, and end when it is over.
 """
 
 import asyncio
@@ -34,41 +34,37 @@ from fapengine.errors import FapEngineError, ResourceError, UsageError
 from fapengine.server.cluster import channel
 from fapengine.server.cluster.bus import Bus
 from fapengine.server.cluster.channel import Channel
-from fapengine.server.cluster.front import Front, FrontCounts
+from fapengine.server.cluster.front import Front
 from fapengine.server.config import ServeConfig
 from fapengine.server.intake.doors import open_doors, raise_file_limit
 from fapengine.server.metrics import open_metrics, page_of_workers
 from fapengine.server.ownership.partitions import Machine
-from fapengine.server.ownership.placement import Home
-from fapengine.server.ownership.rule import Owners
+from fapengine.server.ownership.rule import Home, Placement
 from fapengine.server.sinks.kinds import kind_of, parse_sink
 from fapengine.server.watchdog import send_neutral
 from fapengine.server.web.site import Site
 
 TICK_S = 0.5
-"""Time from one look at the workers to the next."""
+"""Interval at which the workers are checked."""
 HUNG_TICKS = 10
-"""Looks in a row at which nothing had been heard of a worker: it hangs."""
+"""Checks in a row without a message of a worker, after which it counts as hung."""
 BEGIN_S = 60.0
-"""Time that a worker may take to begin."""
+"""Time that a worker may take to start."""
 STOP_S = 5.0
-"""Time in which workers come to rest."""
+"""Time that workers may take to stop."""
 AGAIN_S = (0.1, 10.0)
-"""Pause before a worker is started again: of the first time, and the longest of one that ends again and again."""
+"""Pause before a worker is restarted: the first, and the longest if it ends repeatedly."""
 STEADY_S = 10.0
-"""A worker that lived for so long counts as one that can."""
+"""Lifetime after which a worker counts as stable."""
 SCRAPE_S = 2.0
-"""Time that a worker has to tell its metrics."""
+"""Time that a worker may take to send its metrics."""
 
 log = logging.getLogger("fapengine.server")
 
 
 @dataclass(slots=True, eq=False)
 class _Slot:
-    """A worker's place; the process in it may be another one than before.
-
-    Stateful.
-    """
+    """A worker: a number, and its current process. Stateful."""
 
     number: int
     process: Process | None = None
@@ -80,36 +76,35 @@ class _Slot:
     ready: "asyncio.Future[None] | None" = None
     silent_ticks: int = 0
     metrics: bytearray = field(default_factory=bytearray)
+    """Received part of the metrics."""
     asked: "asyncio.Future[bytes] | None" = None
+    """Requested metrics."""
 
 
 class Workers:
-    """The parent of a server's workers; made, started and run on one event loop, as a ``Server`` is.
-
-    Stateful.
+    """The parent of a server's workers. Make, start and run it on one event loop, as a ``Server``. Stateful.
 
     Parameters
     ----------
     config : ServeConfig
-        Of all; ``config.listen.workers`` says how many.
+        Configuration; ``config.listen.workers`` is the number of workers.
 
     Raises
     ------
     UsageError
-        If the configuration asks for what only one process can do (:func:`check_workers`).
+        If the configuration requires a single process (:func:`check_workers`).
     """
 
     def __init__(self, config: ServeConfig) -> None:
         check_workers(config)
         self.config = config
         self.bus: Bus | None = None
-        self.counts = FrontCounts()
         self.restarts = 0
         limits = config.limits
         most = {"front": limits.connections, "metrics": limits.connections}
         doors = open_doors(most, limits.connections_per_address, raise_file_limit())
         self._metrics_door = doors["metrics"]
-        self.front = Front(self, self.counts, doors["front"])
+        self.front = Front(self, doors["front"])
         self._slots = [_Slot(number) for number in range(config.listen.workers)]
         self._sinks = [parse_sink(url) for url in config.sinks]
         self._stop = asyncio.Event()
@@ -118,9 +113,8 @@ class Workers:
         self._next = 0
         self._until_s: float | None = None
         if config.bus.url is not None:
-            self.bus = Bus(config.bus, config.listen.host, self._tell_lease, self._stop_all)
-        self.owners = Owners(self.bus, self._tell_owner)
-        self.placement = self.owners.workers
+            self.bus = Bus(config.bus, config.listen.host, self._extend_lease, self._stop_all)
+        self.placement = Placement(self.bus, self._assign)
 
     @property
     def osc_address(self) -> tuple[str, int]:
@@ -129,18 +123,18 @@ class Workers:
 
     @property
     def sites(self) -> list[tuple[str, int]]:
-        """Hosts and ports of the page and of the metrics, those that there are."""
+        """Hosts and ports of the web page and of the metrics, as far as they are configured."""
         page_address = [self.front.page_address] if self.config.listen.web_port is not None else []
         return page_address + ([self._site.address] if self._site else [])
 
     @property
     def sink_names(self) -> list[str]:
-        """Where the workers send frames, as URLs."""
+        """URLs of the workers' sinks."""
         return self._slots[0].sinks
 
     @property
     def processes(self) -> dict[int, int]:
-        """Process of each worker that lives, by number."""
+        """Number of each live worker to its process."""
         return {
             slot.number: slot.process.pid
             for slot in self._slots
@@ -148,12 +142,12 @@ class Workers:
         }
 
     async def start(self) -> None:
-        """Take the ports and start all workers.
+        """Bind the ports and start all workers.
 
         Raises
         ------
         ResourceError
-            If a port is taken, or a worker does not begin; then nothing stays open.
+            If a port is in use, or a worker does not start; then nothing stays open.
         """
         listen = self.config.listen
         try:
@@ -169,7 +163,7 @@ class Workers:
         self._keepers = [asyncio.create_task(self._keep(slot)) for slot in self._slots]
 
     async def run(self) -> None:
-        """Go on until :meth:`stop`; then all faces come to rest, and the workers end."""
+        """Run until :meth:`stop`; then return all faces to neutral, and end the workers."""
         watching = asyncio.create_task(self._watch())
         try:
             await self._stop.wait()
@@ -178,32 +172,32 @@ class Workers:
             await self._close()
 
     def stop(self) -> None:
-        """Let :meth:`run` end; again changes nothing."""
+        """End :meth:`run`. Further calls do nothing."""
         self._stop.set()
 
-    # What the front calls -------------------------------------------------------------------------------------------
+    # For the front --------------------------------------------------------------------------------------------------
 
     def owner(self, session: str) -> Home | Machine | None:
-        """Give the machine or the worker that shows a session; see :meth:`Owners.owner`."""
-        return self.owners.owner(session, time.monotonic())
+        """Return the worker or the other machine of a session; see :meth:`Placement.owner`."""
+        return self.placement.owner(session, time.monotonic())
 
     def settle(self, session: str, again: Callable[[], None]) -> bool:
-        """Find out whose a session is, if that must be asked; then True, and what is given is called afterwards."""
+        """Request the owner of a session if it is not known; then return True, and call ``again`` afterwards."""
         return self.bus is not None and self.bus.settle(session, again)
 
-    def port(self, worker: int) -> int:
-        """Give the OSC port of a worker."""
-        return self._slots[worker].port
+    def port(self, home: Home) -> int:
+        """Return the OSC port of a session's worker."""
+        return self._slots[home.worker].port
 
     def send(self, worker: int, message: channel.Message, handed: socket.socket | None = None) -> bool:
-        """Send to a worker, with a socket, which is closed here."""
+        """Send a message to a worker, with a socket, which is then closed here."""
         link = self._slots[worker].link
         if link is None and handed is not None:
             handed.close()
         return link is not None and link.put(message, handed)
 
     def send_any(self, message: channel.Message, handed: socket.socket) -> None:
-        """Send to the next worker in turn."""
+        """Send a message to the next worker in turn."""
         alive = sorted(self.placement.workers)
         if not alive:
             handed.close()
@@ -211,20 +205,20 @@ class Workers:
         self._next += 1
         self.send(alive[self._next % len(alive)], message, handed)
 
-    def _tell_owner(self, session: str, home: Home) -> None:
+    def _assign(self, session: str, home: Home) -> None:
         slot = self._slots[home.worker]
         if slot.link is not None:
             slot.epochs[session] = home.epoch
             slot.link.put(channel.Own(session, home.epoch))
 
-    def _tell_lease(self, until_s: float) -> None:
+    def _extend_lease(self, until_s: float) -> None:
         self._until_s = until_s
         for slot in self._slots:
             if slot.link is not None:
                 slot.link.put(channel.Until(until_s))
 
     def _stop_all(self) -> None:
-        """Have all workers end: this machine's lease has run out. Each is started again when it has."""
+        """Stop all workers because this machine's lease has expired. Each is restarted afterwards."""
         self._until_s = None
         for slot in self._slots:
             self.placement.pass_over(slot.number)
@@ -234,7 +228,7 @@ class Workers:
     # Workers --------------------------------------------------------------------------------------------------------
 
     async def _launch(self, slot: _Slot) -> None:
-        """Start a worker, and wait until everything of it is open."""
+        """Start a worker, and wait until it is ready."""
         assert self.front.datagrams is not None
         loop = asyncio.get_running_loop()
         ours, theirs = Channel.pair()
@@ -248,14 +242,14 @@ class Workers:
         config = pickle.dumps(replace(self.config, listen=listen))
         link.put(channel.Begin(config, slot.number, self.osc_address[1]))
         loop.add_reader(link.fileno(), self._read, slot)
+        late = loop.call_later(BEGIN_S, self._settle, slot, f"did not start within {BEGIN_S:.0f} s")
         try:
-            async with asyncio.timeout(BEGIN_S):
-                await slot.ready
-        except (TimeoutError, FapEngineError) as error:
+            await slot.ready
+        except FapEngineError:
             await self._end(slot)
-            if isinstance(error, TimeoutError):
-                raise ResourceError(f"worker {slot.number}: did not begin within {BEGIN_S:.0f} s") from error
             raise
+        finally:
+            late.cancel()
         self.placement.join(slot.number)
         if self.bus is not None:
             if self._until_s is not None:
@@ -263,7 +257,7 @@ class Workers:
             self.bus.step_up()
 
     async def _keep(self, slot: _Slot) -> None:
-        """Start a worker again whenever it has ended."""
+        """Restart a worker whenever it has ended."""
         pause_s = AGAIN_S[0]
         while True:
             assert slot.process is not None
@@ -272,7 +266,7 @@ class Workers:
             self.placement.pass_over(slot.number)
             self.restarts += 1
             log.error(
-                "worker %d has ended (%d); its faces begin again elsewhere: %d",
+                "worker %d has ended (%d); its faces begin again on other workers: %d",
                 slot.number, code, len(slot.open_since_s), extra={"sessions": len(slot.open_since_s)},
             )  # fmt: skip
             await self._bury(slot)
@@ -285,15 +279,15 @@ class Workers:
                     await self._launch(slot)
                     break
                 except FapEngineError as error:
-                    log.error("worker %d does not begin: %s", slot.number, error)
+                    log.error("worker %d does not start: %s", slot.number, error)
 
     async def _bury(self, slot: _Slot) -> None:
-        """Put the faces of a worker that has ended to rest; then others may have them."""
+        """Send neutral frames for the sessions of a worker that has ended; then other workers may have them."""
         if slot.open_since_s:
             sinks, rate_hz = self._sinks, self.config.face.rate_hz
             await asyncio.to_thread(send_neutral, sinks, slot.open_since_s.copy(), rate_hz, slot.epochs.copy())
         await self._end(slot)
-        self.owners.lose(slot.number)
+        self.placement.lose(slot.number)
         if self.bus is not None and not self.placement.workers:
             self._until_s = None
             await self.bus.step_down()
@@ -301,8 +295,8 @@ class Workers:
         slot.epochs.clear()
 
     async def _end(self, slot: _Slot) -> None:
-        """End a process and its channel, if they have not ended."""
-        self._settle(slot, ResourceError(f"worker {slot.number}: was ended before it began"))
+        """Kill a worker's process and close its channel."""
+        self._settle(slot, "was ended before it was ready")
         if slot.link is not None:
             asyncio.get_running_loop().remove_reader(slot.link.fileno())
             slot.link.close()
@@ -314,7 +308,7 @@ class Workers:
             slot.asked.set_result(b"")
 
     def _read(self, slot: _Slot) -> None:
-        """Hear what a worker tells."""
+        """Handle the messages of a worker."""
         link = slot.link
         if link is None:
             return
@@ -323,42 +317,41 @@ class Workers:
             match message:
                 case channel.Ready():
                     slot.port, slot.sinks = message.port, message.sinks
-                    self._settle(slot, None)
+                    self._settle(slot)
                 case channel.Failed():
-                    kind = getattr(errors, message.kind, ResourceError)
-                    self._settle(slot, kind(f"worker {slot.number}: {message.reason}"))
+                    self._settle(slot, message.reason, getattr(errors, message.kind, ResourceError))
                 case channel.Sessions():
-                    self._note_sessions(slot, message)
+                    now_s = time.monotonic()
+                    for session in message.opened:
+                        slot.open_since_s.setdefault(session, now_s)
+                    for session in message.closed:
+                        slot.open_since_s.pop(session, None)
+                    self.placement.opened(slot.number, message.opened)
+                    self.placement.closed(slot.number, message.closed, now_s)
                 case channel.Left():
-                    if self.owners.left(slot.number, message.session):
+                    if self.placement.left(slot.number, message.session):
                         slot.epochs.pop(message.session, None)
                 case channel.Metrics():
-                    self._note_metrics(slot, message.text)
+                    slot.metrics += message.text
+                    if not message.text and slot.asked is not None and not slot.asked.done():
+                        slot.asked.set_result(bytes(slot.metrics))
         if link.is_broken:
             asyncio.get_running_loop().remove_reader(link.fileno())
-            self._settle(slot, ResourceError(f"worker {slot.number}: ended before it began; the log tells why"))
+            self._settle(slot, "ended before it was ready; the log has the reason")
             if not self._stop.is_set():
-                _signal(slot.process, signal.SIGKILL)  # it cannot be reached any more
+                _signal(slot.process, signal.SIGKILL)  # it can no longer be reached
 
-    def _settle(self, slot: _Slot, trouble: FapEngineError | None) -> None:
+    def _settle(self, slot: _Slot, problem: str = "", kind: type[FapEngineError] = ResourceError) -> None:
+        """Report that a worker is ready, or why it cannot be."""
         if slot.ready is None or slot.ready.done():
             return
-        if trouble is None:
-            slot.ready.set_result(None)
+        if problem:
+            slot.ready.set_exception(kind(f"worker {slot.number}: {problem}"))
         else:
-            slot.ready.set_exception(trouble)
-
-    def _note_sessions(self, slot: _Slot, message: channel.Sessions) -> None:
-        now_s = time.monotonic()
-        for session in message.opened:
-            slot.open_since_s.setdefault(session, now_s)
-        for session in message.closed:
-            slot.open_since_s.pop(session, None)
-        self.placement.opened(slot.number, message.opened)
-        self.placement.closed(slot.number, message.closed, now_s)
+            slot.ready.set_result(None)
 
     async def _watch(self) -> None:
-        """Kill workers that hang, send what waits in channels, take back unused sessions."""
+        """Kill hung workers, send what waits in channels, take back unused sessions."""
         while True:
             await asyncio.sleep(TICK_S)
             for slot in self._slots:
@@ -367,13 +360,13 @@ class Workers:
                 slot.link.flush()
                 slot.silent_ticks += slot.number in self.placement.workers
                 if slot.silent_ticks > HUNG_TICKS:
-                    log.error("worker %d hangs, and is ended", slot.number)
+                    log.error("worker %d hangs and is killed", slot.number)
                     _signal(slot.process, signal.SIGKILL)
             for worker, session in self.placement.to_leave(time.monotonic()):
                 self.send(worker, channel.Leave(session))
 
     async def _close(self) -> None:
-        """Let nothing more in; let all faces come to rest; end."""
+        """Close the ports, let the workers return their faces to neutral, and end them."""
         for keeper in self._keepers:
             keeper.cancel()
         await asyncio.gather(*self._keepers, return_exceptions=True)
@@ -396,17 +389,18 @@ class Workers:
     # Metrics --------------------------------------------------------------------------------------------------------
 
     async def metrics(self) -> bytes:
-        """Ask all workers, and write the page that Prometheus reads; who does not answer in time is left out."""
+        """Return the page that Prometheus reads, with all workers that answer in time."""
         alive = [slot for slot in self._slots if slot.number in self.placement.workers]
         texts = await asyncio.gather(*map(self._scrape, alive))
-        told = {slot.number: text for slot, text in zip(alive, texts, strict=True) if text}
-        return page_of_workers(self._families(), told)
+        return page_of_workers(
+            self._families(), {slot.number: text for slot, text in zip(alive, texts, strict=True) if text}
+        )
 
     def _families(self) -> Iterator[Family]:
         yield Family.of("workers", "Workers that live.", len(self.placement.workers), is_gauge=True)
         yield Family.of("worker_restarts", "Workers that had ended.", self.restarts)
         yield Family.of("placed", "Sessions that have a worker.", len(self.placement.homes), is_gauge=True)
-        yield from self.counts.families()
+        yield from self.front.counts.families()
         if self.bus is not None:
             yield from self.bus.families()
 
@@ -421,47 +415,40 @@ class Workers:
         except TimeoutError:
             return b""
 
-    def _note_metrics(self, slot: _Slot, text: bytes) -> None:
-        slot.metrics += text
-        if not text and slot.asked is not None and not slot.asked.done():
-            slot.asked.set_result(bytes(slot.metrics))
-
 
 def _signal(process: Process | None, number: int) -> None:
-    """Send a signal to a process that may have ended; ``Process.kill`` would reap it before the loop does."""
+    """Signal a process that may have ended; ``Process.kill`` would reap it before the loop does."""
     if process is not None and process.returncode is None:
-        with suppress(ProcessLookupError):  # it has ended, and the loop will see that
+        with suppress(ProcessLookupError):  # it has ended, and the loop will notice
             os.kill(process.pid, number)
 
 
 def check_workers(config: ServeConfig) -> None:
-    """Refuse what only a server of one process can do.
+    """Refuse a configuration that requires a single process.
 
     Raises
     ------
     UsageError
-        If a sound device is asked for, or a sink of one face that does not say whose; or the system is not Linux.
+        If it has an audio device, or a sink of one face without a session; or the system is not Linux.
     """
     if sys.platform != "linux":
         raise UsageError(f"workers: got {sys.platform}, expected Linux, whose sockets they share")
-    for what, wish in (("sound", config.sound.session), ("microphone", config.sound.microphone)):
-        if wish:
-            raise UsageError(
-                f"workers: got {what} {wish!r}, expected none: only a server of one process has a sound card"
-            )
+    for what, value in (("sound", config.sound.session), ("microphone", config.sound.microphone)):
+        if value:
+            raise UsageError(f"workers: got {what} {value!r}, expected none: audio devices need a single process")
     for url in config.sinks:
         sink = parse_sink(url)
         kind = kind_of(sink)
         if kind.medium == "connections":
             raise UsageError(
-                f"workers: got sink {url}, expected one that sends datagrams: connections are to one process"
+                f"workers: got sink {url}, expected one that sends datagrams: connections need a single process"
             )
         if not kind.takes_all_sessions and sink.session is None:
             raise UsageError(f"workers: got sink {url}, expected {url}?session=NAME: each worker has a first session")
 
 
 async def serve_with_workers(workers: Workers, ready: Callable[[], None] | None = None) -> None:
-    """Start, run until stopped, and close; as :func:`fapengine.server.server.serve`."""
+    """Start, run until stopped, and close; see :func:`fapengine.server.server.serve`."""
     await workers.start()
     if ready is not None:
         ready()

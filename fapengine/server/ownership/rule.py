@@ -1,30 +1,49 @@
-"""The one rule that says whose a session is.
+"""The rule that assigns each session to one process.
 
-A parent of workers asks :meth:`Owners.owner`, whatever brings a session to it: a datagram, a stream, a page or a call.
-A worker asks :class:`OwnSessions` before it opens one, wherever the request came from: the engine refuses all others.
-Both find a request's session in the same way, packets by :func:`fapengine.wire.speech_osc.routing.session_of`, HTTP by
+Theory of operation
+-------------------
+The parent of a server with workers asks :meth:`Placement.owner` for every request, be it a datagram, a stream, a page
+or a call. A worker asks :class:`OwnSessions` before it opens a session: the engine refuses all others. Both find a
+request's session in the same way, packets by :func:`fapengine.wire.speech_osc.routing.session_of`, HTTP by
 :func:`session_of_request`. Time is an argument.
+
+A session's worker is chosen by rendezvous hashing (Thaler and Ravishankar 1998, doi:10.1109/90.663936): the live worker
+whose hash with the session's name is greatest. When a worker ends, only its own sessions move; a new worker gets its
+part of the sessions that are placed from then on. A placed session stays: no face moves in the middle of a word because
+a worker came back.
+
+A session is in one place at most. It is given to another worker only if
+
+- the process that had it has ended (:meth:`Placement.lose`), or
+- its worker was asked to leave it, and confirmed that (:meth:`Placement.to_leave`, :meth:`Placement.left`). A message
+  that was sent to the worker meanwhile keeps it there, because the channel between the two is ordered.
+
+Each assignment has a higher epoch than the one before, which the session's frames carry.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from hashlib import blake2b
 from typing import Protocol
 from urllib.parse import parse_qsl, unquote
 
 from fapengine.errors import DataError
-from fapengine.server.ownership.partitions import Here, Machine, There
-from fapengine.server.ownership.placement import Home, Placement
+from fapengine.server.ownership.partitions import Here, Machine
 from fapengine.wire.speech_osc.routing import NAMELESS_SESSION
 from fapengine.wire.speech_osc.schema import SESSION_BYTES
 
+UNUSED_S = 10.0
+"""Time after which a placed session that is not open is taken back."""
+MAX_PLACED = 100_000
+"""Maximum number of placed sessions."""
 CALLS = ("/whep/", "/whip/")
-"""Paths of calls that were begun; the query of each, which the answer to its offer names, has its session."""
+"""Paths of running calls; their query, as in the answer to the offer, has the session."""
 WITH_SESSION = ("/ws", "/sound.wav", "/whep", "/whip")
-"""Paths whose ``session`` says which process must answer."""
+"""Paths whose ``session`` determines which process must answer."""
 
 
 def session_of_request(target: str) -> str | None:
-    """Find the session of an HTTP request in its target, the second word of its first line.
+    """Return the session of an HTTP request, given its target, the second word of its first line.
 
     Returns
     -------
@@ -34,7 +53,7 @@ def session_of_request(target: str) -> str | None:
     Raises
     ------
     DataError
-        If it has two sessions, one that no session can be called, or a path that two programs may read differently.
+        If it has two sessions, an invalid one, or a path that two programs may read differently.
 
     Examples
     --------
@@ -43,9 +62,8 @@ def session_of_request(target: str) -> str | None:
     """
     path, _, query = target.partition("?")
     if path not in WITH_SESSION and not path.startswith(CALLS):
-        if (read := unquote(path.partition("#")[0])) == path:
-            return None
-        if read in WITH_SESSION or read.startswith(CALLS):
+        read = unquote(path.partition("#")[0])
+        if read != path and (read in WITH_SESSION or read.startswith(CALLS)):
             raise DataError(f"path: got {path!r:.60}, expected {read!r:.60}")
         return None
     if "#" in target:
@@ -57,28 +75,55 @@ def session_of_request(target: str) -> str | None:
 
 
 def check_name(session: str) -> str:
-    """Check the name of a session.
+    """Check the name of a session, and return it.
 
     Raises
     ------
     DataError
-        If it is empty, too long, or has anything but printable letters.
+        If it is empty, too long, or has unprintable characters.
     """
     if not (session and session.isprintable() and len(session.encode("utf-8", "replace")) <= SESSION_BYTES):
         shown = repr(session) if len(repr(session)) <= 60 else f"{session!r:.57}..."
-        raise DataError(f"session: got {shown}, expected 1..{SESSION_BYTES} bytes of printable letters")
+        raise DataError(f"session: got {shown}, expected 1..{SESSION_BYTES} bytes of printable characters")
     return session
 
 
-class Machines(Protocol):
-    """Knowledge of which machine has which sessions (:class:`fapengine.server.cluster.bus.Bus`)."""
+def worker_of(session: str, workers: Iterable[int]) -> int:
+    """Choose the worker of a session by rendezvous hashing.
 
-    def find(self, session: str) -> Here | There | None:
-        """Find the owner of a session; None: it is not known now."""
+    Examples
+    --------
+    >>> [worker_of(name, [0, 1, 2]) for name in ("anna", "ben", "cleo", "dora")]
+    [0, 0, 2, 1]
+    >>> [worker_of(name, [0, 1]) for name in ("anna", "ben", "cleo", "dora")]  # only the one on 2 has moved
+    [0, 0, 0, 1]
+    """
+    name = session.encode()
+    return max(workers, key=lambda worker: blake2b(name, digest_size=8, salt=worker.to_bytes(8)).digest())
+
+
+@dataclass(slots=True)
+class Home:
+    """The place of a session. Stateful."""
+
+    worker: int
+    epoch: int
+    used_s: float
+    """Time at which something was last sent there, or it was last known to be open."""
+    is_open: bool = False
+    leaves: bool = False
+    """True if its worker was asked to leave it, and nothing was sent there since."""
+
+
+class Machines(Protocol):
+    """The machine of each session (:class:`fapengine.server.cluster.bus.Bus`)."""
+
+    def find(self, session: str) -> Here | Machine | None:
+        """Return the owner of a session, as far as it is known."""
         ...
 
     def placed(self, session: str) -> None:
-        """Note that a session, found here, was given to a worker."""
+        """Note that a session of this machine was given to a worker."""
         ...
 
     def left(self, session: str) -> None:
@@ -87,80 +132,132 @@ class Machines(Protocol):
 
 
 @dataclass(slots=True)
-class Owners:
-    """What a parent knows of whose each session is: another machine's, or one of its workers'. Stateful.
+class Placement:
+    """The owners of all sessions, as the parent knows them: other machines, or its workers. Stateful.
 
     Examples
     --------
-    >>> owners = Owners()
-    >>> owners.workers.join(0)
-    >>> owner = owners.owner("anna", now_s=0.0)
-    >>> owner.worker, owner.epoch
+    >>> table = Placement()
+    >>> table.join(0); table.join(1)
+    >>> home = table.owner("anna", now_s=0.0)
+    >>> home.worker, home.epoch
     (0, 1)
+    >>> table.lose(0)
+    >>> home = table.owner("anna", now_s=1.0)
+    >>> home.worker, home.epoch
+    (1, 2)
     """
 
     machines: Machines | None = None
-    """None: this machine is alone."""
-    tell: Callable[[str, Home], None] = lambda session, home: None
-    """Tells a worker that a session is its own, before anything else about it."""
-    workers: Placement = field(default_factory=Placement)
+    """None: there is only this machine."""
+    assign: Callable[[str, Home], None] = lambda session, home: None
+    """Tells a worker that it owns a session; called before anything else is sent to it for that session."""
+    workers: set[int] = field(default_factory=set)
+    """Workers that accept sessions."""
+    homes: dict[str, Home] = field(default_factory=dict)
+    _epoch: int = 0
+
+    def join(self, worker: int) -> None:
+        """Give a worker sessions from now on."""
+        self.workers.add(worker)
+
+    def pass_over(self, worker: int) -> None:
+        """Give a worker no more sessions; it keeps those that it has."""
+        self.workers.discard(worker)
+
+    def lose(self, worker: int) -> None:
+        """Forget a worker whose process has ended, and its sessions."""
+        self.pass_over(worker)
+        for session in [session for session, home in self.homes.items() if home.worker == worker]:
+            self._remove(session)
 
     def owner(self, session: str, now_s: float) -> Home | Machine | None:
-        """Give the machine or the worker that shows a session, which may begin with that; None: none may, now."""
-        epoch = None
+        """Return the worker or the other machine of a session; a new session is assigned.
+
+        Returns
+        -------
+        Home, Machine or None
+            None: the machine is not known now, no worker lives, or too many sessions are placed.
+        """
+        epoch = self._epoch + 1
         if self.machines is not None:
             found = self.machines.find(session)
             if not isinstance(found, Here):
-                return found.machine if found is not None else None
+                return found
             epoch = found.epoch
-        placed = self.workers.place(session, now_s, epoch)
-        if placed is None:
+        home = self.homes.get(session)
+        if home is not None:
+            home.used_s, home.leaves = now_s, False
+            return home
+        if not self.workers or len(self.homes) >= MAX_PLACED:
             return None
-        home, is_new = placed
-        if is_new:
-            if self.machines is not None:
-                self.machines.placed(session)
-            self.tell(session, home)
+        self._epoch = epoch
+        home = self.homes[session] = Home(worker_of(session, self.workers), epoch, now_s)
+        if self.machines is not None:
+            self.machines.placed(session)
+        self.assign(session, home)
         return home
 
+    def opened(self, worker: int, sessions: Iterable[str]) -> None:
+        """Note the sessions that a worker has opened."""
+        for session in sessions:
+            if (home := self._home(worker, session)) is not None:
+                home.is_open = True
+
+    def closed(self, worker: int, sessions: Iterable[str], now_s: float) -> None:
+        """Note the sessions that a worker has closed; it may open them again until it has left them."""
+        for session in sessions:
+            if (home := self._home(worker, session)) is not None:
+                home.is_open, home.used_s = False, now_s
+
+    def to_leave(self, now_s: float) -> list[tuple[int, str]]:
+        """Return unused sessions, each with its worker, which must be asked to leave it; call it once per second."""
+        unused = [
+            (session, home)
+            for session, home in self.homes.items()
+            if not home.is_open and not home.leaves and now_s - home.used_s > UNUSED_S
+        ]
+        for _, home in unused:
+            home.leaves = True
+        return [(home.worker, session) for session, home in unused]
+
     def left(self, worker: int, session: str) -> bool:
-        """Note that a worker has left a session, as it was asked to; False if something was sent there since."""
-        self.workers.left(worker, session)
-        if session in self.workers.homes:
+        """Take back a session that its worker has left; False if something was sent there since."""
+        home = self._home(worker, session)
+        if home is None or not home.leaves:
             return False
-        if self.machines is not None:
-            self.machines.left(session)
+        self._remove(session)
         return True
 
-    def lose(self, worker: int) -> None:
-        """Note that a worker has ended: its sessions have no owner."""
-        for session in self.workers.lose(worker):
-            if self.machines is not None:
-                self.machines.left(session)
+    def _home(self, worker: int, session: str) -> Home | None:
+        home = self.homes.get(session)
+        return home if home is not None and home.worker == worker else None
+
+    def _remove(self, session: str) -> None:
+        del self.homes[session]
+        if self.machines is not None:
+            self.machines.left(session)
 
 
 @dataclass(slots=True)
 class OwnSessions:
-    """The sessions that a worker may open.
-
-    Stateful.
-    """
+    """The sessions that a worker may open. Stateful."""
 
     front_port: int
-    """Port at which others are asked for, on the same host."""
+    """Port of the parent on the same host, for all other sessions."""
     catch_up: Callable[[], object]
-    """Reads what the parent has said meanwhile."""
+    """Reads the parent's pending messages."""
     epochs: dict[str, int] = field(default_factory=dict)
     """Session to its epoch."""
     until_s: float | None = None
-    """Monotonic time until which they are surely its own, where several machines share them."""
+    """Monotonic time until which they are surely its own, if several machines share sessions."""
 
     def has(self, session: str) -> bool:
-        """Whether a session is this worker's."""
+        """Return whether a session is this worker's."""
         if session not in self.epochs:
             self.catch_up()
         return session in self.epochs
 
     def elsewhere(self, session: str) -> int | None:
-        """Give the port to ask for a session that is not this worker's; None: it is."""
+        """Return the port for a session of another process; None if it is this worker's."""
         return None if self.has(session) else self.front_port

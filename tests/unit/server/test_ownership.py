@@ -13,9 +13,8 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 
 from fapengine.errors import DataError
 from fapengine.server.cluster.front import _target_of
-from fapengine.server.ownership.partitions import Here, Machine, There
-from fapengine.server.ownership.placement import UNUSED_S, Home
-from fapengine.server.ownership.rule import WITH_SESSION, Owners, session_of_request
+from fapengine.server.ownership.partitions import Here, Machine
+from fapengine.server.ownership.rule import UNUSED_S, WITH_SESSION, Home, Placement, session_of_request
 
 WORDS = st.sampled_from(
     ["/ws", "/whep", "/whip/", "/sound.wav", "/", "//", "/.", "?", "&", ";", "=", "#", "+", "session=", "sessio%6e=",
@@ -94,9 +93,9 @@ class Machines:
         self.mine: set[str] = set()
         self.epoch = 0
 
-    def find(self, session: str) -> Here | There | None:
+    def find(self, session: str) -> Here | Machine | None:
         if session == "theirs":
-            return There(Machine("other", "10.0.0.2", 9110))
+            return Machine("other", "10.0.0.2", 9110)
         self.epoch += 1
         return Here(self.epoch)
 
@@ -120,7 +119,7 @@ class Cluster(RuleBasedStateMachine):
         self.now_s, self.machines = 0.0, None if is_alone else Machines()
         self.living: dict[int, Worker] = {}
         self.epochs: dict[str, int] = {}
-        self.owners = Owners(self.machines, self.tell)
+        self.owners = Placement(self.machines, self.tell)
 
     def tell(self, session: str, home: Home) -> None:
         assert home.epoch > self.epochs.get(session, 0)
@@ -131,7 +130,7 @@ class Cluster(RuleBasedStateMachine):
     def a_worker_joins(self, number: int) -> None:
         if number not in self.living:
             self.living[number] = Worker()
-            self.owners.workers.join(number)
+            self.owners.join(number)
 
     @rule(number=NUMBERS)
     def a_worker_ends(self, number: int) -> None:
@@ -151,7 +150,7 @@ class Cluster(RuleBasedStateMachine):
     @rule(pause_s=st.sampled_from([0.1, UNUSED_S + 0.1]))
     def time_passes(self, pause_s: float) -> None:
         self.now_s += pause_s
-        for number, session in self.owners.workers.to_leave(self.now_s):
+        for number, session in self.owners.to_leave(self.now_s):
             self.living[number].inbox.append(("leave", session))
 
     @rule(number=NUMBERS)
@@ -165,7 +164,7 @@ class Cluster(RuleBasedStateMachine):
         elif kind == "use":
             assert session in worker.own
             worker.open.add(session)
-            self.owners.workers.opened(number, [session])
+            self.owners.opened(number, [session])
         elif session not in worker.open:
             worker.own.discard(session)
             worker.outbox.append(session)
@@ -174,7 +173,7 @@ class Cluster(RuleBasedStateMachine):
     def a_session_is_closed(self, number: int, session: str) -> None:
         if number in self.living and session in self.living[number].open:
             self.living[number].open.discard(session)
-            self.owners.workers.closed(number, [session], self.now_s)
+            self.owners.closed(number, [session], self.now_s)
 
     @rule(number=NUMBERS)
     def the_parent_reads(self, number: int) -> None:

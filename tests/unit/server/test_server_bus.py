@@ -15,7 +15,7 @@ from fapengine.server.cluster.bus import Bus
 from fapengine.server.cluster.front import MAX_RELAYS, Relays, copied
 from fapengine.server.config import BusChoice
 from fapengine.server.ownership import partitions
-from fapengine.server.ownership.partitions import Here, Machine, Record, There, partition_of
+from fapengine.server.ownership.partitions import Here, Machine, Record, partition_of
 from tests.live.stage import on_a_loop, until
 
 errors = pytest.importorskip("nats.js.errors", reason="nats-py is absent: pip install fapengine[nats]")
@@ -71,13 +71,12 @@ class Wire:
     is_connected = True
 
     def __init__(self) -> None:
-        self.heard: list[tuple[str, Callable[[Any], Any]]] = []
+        self.heard: list[Callable[[Any], Any]] = []
 
     async def publish(self, subject: str, data: bytes) -> None:
-        message = type("Message", (), {"data": data})
-        for wanted, hear in self.heard:
-            if wanted == subject:
-                await hear(message)
+        message = type("Message", (), {"subject": subject, "data": data})
+        for hear in self.heard:
+            await hear(message)
 
     async def close(self) -> None:
         pass
@@ -89,12 +88,11 @@ def joined(wire: Wire, leases: Bucket, records: Bucket, port: int, fenced: list[
     own: Any = end
     own._nats, own._leases, own._records = wire, leases, records
     own._table = partitions.Partitions(Machine(f"m{port}", "127.0.0.1", port))
-    for kind, hear in (("alive", end._hear_alive), ("gone", end._hear_gone), ("record", end._hear_record)):
-        wire.heard.append((end._subject(kind), hear))
+    wire.heard.append(end._receive)
     return end
 
 
-async def found(end: Bus, session: str) -> Here | There | None:
+async def found(end: Bus, session: str) -> Here | Machine | None:
     settled = asyncio.Event()
     if end.settle(session, settled.set):
         await asyncio.wait_for(settled.wait(), 60.0)
@@ -117,7 +115,7 @@ def test_two_machines_agree_on_every_session_and_one_that_steps_down_hands_over(
         for number, name in enumerate(names):
             answers = [await found(end, name) for end in (ends if number % 2 else ends[::-1])]
             here = [answer for answer in answers if isinstance(answer, Here)]
-            there = [answer.machine.port for answer in answers if isinstance(answer, There)]
+            there = [answer.port for answer in answers if isinstance(answer, Machine)]
             assert len(here) == len(there) == 1
             homes[name] = there[0]
             ends[there[0] - 1].placed(name)
@@ -132,7 +130,7 @@ def test_two_machines_agree_on_every_session_and_one_that_steps_down_hands_over(
             answer = await found(ends[1], name)
             assert isinstance(answer, Here)
             assert answer.epoch > epochs[name] if homes[name] == 1 else answer.epoch == epochs[name]
-            assert isinstance(await found(ends[0], name), There)  # it goes on to tell where
+            assert isinstance(await found(ends[0], name), Machine)  # it goes on to tell where
 
         leases.is_away = True
         await until(lambda: fenced == [2], 10.0)
@@ -175,15 +173,15 @@ def test_a_bus_that_cannot_be_is_refused(wrong: dict[str, Any]) -> None:
 @pytest.mark.parametrize("data", [b"", b"{}", b"[1]", b'{"partition":4096,"owner":"","revision":1}', b"\xff"])
 def test_what_is_no_message_is_refused(data: bytes) -> None:
     with pytest.raises(DataError):
-        partitions.decode_record(data)
+        partitions.decode(data, Record)
     with pytest.raises(DataError):
-        partitions.decode_machine(data)
+        partitions.decode(data, Machine)
 
 
 def test_a_message_comes_back_as_it_was() -> None:
     machine, record = Machine("a", "10.0.0.1", 9110, 8110), Record(7, "a", 3)
-    assert partitions.decode_machine(partitions.encode(machine)) == machine
-    assert partitions.decode_record(partitions.encode(record)) == record
+    assert partitions.decode(partitions.encode(machine), Machine) == machine
+    assert partitions.decode(partitions.encode(record), Record) == record
 
 
 def udp() -> socket.socket:

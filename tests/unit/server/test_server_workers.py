@@ -14,8 +14,7 @@ from fapengine.server.cluster.channel import Channel
 from fapengine.server.cluster.front import FrontCounts, _first_packet, _target_of
 from fapengine.server.cluster.workers import _signal
 from fapengine.server.metrics import page_of_workers
-from fapengine.server.ownership.placement import MAX_PLACED, UNUSED_S, Placement, owner
-from fapengine.server.ownership.rule import OwnSessions
+from fapengine.server.ownership.rule import MAX_PLACED, UNUSED_S, OwnSessions, Placement, worker_of
 from fapengine.wire import osc
 from fapengine.wire.framing import encode_length, encode_slip
 from fapengine.wire.speech_osc import codec, schema
@@ -32,43 +31,44 @@ def table_of(*workers: int) -> Placement:
 
 
 def test_sessions_are_spread_evenly_and_only_those_of_a_lost_worker_move() -> None:
-    before = {name: owner(name, range(8)) for name in NAMES}
+    before = {name: worker_of(name, range(8)) for name in NAMES}
     share = Counter(before.values())
     assert min(share.values()) > 400 < max(share.values()) < 600  # 500, with a deviation of 21
-    after = {name: owner(name, [0, 1, 2, 4, 5, 6, 7]) for name in NAMES}
+    after = {name: worker_of(name, [0, 1, 2, 4, 5, 6, 7]) for name in NAMES}
     assert {name for name in NAMES if before[name] != after[name]} == {name for name in NAMES if before[name] == 3}
 
 
 def test_a_worker_that_comes_back_takes_nothing_that_is_placed() -> None:
     table = table_of(0, 1)
-    homes = {name: table.place(name, 0.0)[0].worker for name in NAMES[:100]}
-    gone = table.lose(0)
-    assert gone == [name for name, worker in homes.items() if worker == 0]
-    epochs = {name: table.place(name, 1.0)[0].epoch for name in gone}
+    homes = {name: table.owner(name, 0.0).worker for name in NAMES[:100]}
+    table.lose(0)
+    gone = [name for name, worker in homes.items() if worker == 0]
+    assert not set(gone) & set(table.homes)
+    epochs = {name: table.owner(name, 1.0).epoch for name in gone}
     table.join(0)
-    assert {table.place(name, 2.0)[0].worker for name in NAMES[:100]} == {1}
+    assert {table.owner(name, 2.0).worker for name in NAMES[:100]} == {1}
     assert min(epochs.values()) > 100  # every epoch before was smaller
-    assert {table.place(name, 2.0)[0].worker for name in NAMES[100:200]} == {0, 1}
+    assert {table.owner(name, 2.0).worker for name in NAMES[100:200]} == {0, 1}
 
 
 def test_a_worker_that_is_passed_over_keeps_what_it_has() -> None:
     table = table_of(0, 1)
-    homes = {name: table.place(name, 0.0)[0].worker for name in NAMES[:100]}
+    homes = {name: table.owner(name, 0.0).worker for name in NAMES[:100]}
     table.pass_over(0)
-    assert {table.place(name, 1.0)[0].worker for name in NAMES[100:200]} == {1}
-    assert {name: table.place(name, 1.0)[0].worker for name in homes} == homes
+    assert {table.owner(name, 1.0).worker for name in NAMES[100:200]} == {1}
+    assert {name: table.owner(name, 1.0).worker for name in homes} == homes
 
 
 def test_a_session_is_given_back_only_when_its_worker_has_left_it() -> None:
     table = table_of(0)
-    home, _ = table.place("anna", 0.0)
+    home = table.owner("anna", 0.0)
     table.opened(0, ["anna"])
     assert table.to_leave(100.0) == []
     table.closed(0, ["anna"], 100.0)
     assert table.to_leave(100.0 + UNUSED_S) == []
     assert table.to_leave(100.1 + UNUSED_S) == [(0, "anna")]
     assert table.to_leave(200.0) == []  # asked once
-    table.place("anna", 200.0)  # something was sent there meanwhile: behind the question, on the same channel
+    table.owner("anna", 200.0)  # something was sent there meanwhile: behind the question, on the same channel
     table.left(0, "anna")
     assert table.homes["anna"] is home
     assert table.to_leave(300.0) == [(0, "anna")]
@@ -76,12 +76,12 @@ def test_a_session_is_given_back_only_when_its_worker_has_left_it() -> None:
     assert "anna" in table.homes
     table.left(0, "anna")
     assert "anna" not in table.homes
-    assert table.place("anna", 301.0)[0].epoch > home.epoch
+    assert table.owner("anna", 301.0).epoch > home.epoch
 
 
 def test_what_another_worker_says_of_a_session_changes_nothing() -> None:
     table = table_of(0)
-    table.place("anna", 0.0)
+    table.owner("anna", 0.0)
     table.opened(1, ["anna", "nobody"])
     assert not table.homes["anna"].is_open
     table.opened(0, ["anna"])
@@ -90,10 +90,10 @@ def test_what_another_worker_says_of_a_session_changes_nothing() -> None:
 
 
 def test_nobody_lives_or_the_table_is_full() -> None:
-    assert table_of().place("anna", 0.0) is None
+    assert table_of().owner("anna", 0.0) is None
     table = table_of(0)
-    table.homes = dict.fromkeys(map(str, range(MAX_PLACED)), table.place("x", 0.0)[0])
-    assert table.place("anna", 0.0) is None
+    table.homes = dict.fromkeys(map(str, range(MAX_PLACED)), table.owner("x", 0.0))
+    assert table.owner("anna", 0.0) is None
 
 
 def test_a_worker_catches_up_before_it_says_that_a_session_is_elsewhere() -> None:
