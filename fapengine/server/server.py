@@ -174,7 +174,7 @@ class Server:
             If the server was not started.
         """
         if self._datagrams is None:
-            raise UsageError("server: it has no address before start()")
+            raise UsageError("server: got a request for its address, expected start() before it")
         return self._datagrams.address
 
     @property

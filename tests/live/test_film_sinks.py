@@ -146,5 +146,5 @@ def test_addresses_that_cannot_be_are_refused(url: str) -> None:
 
 
 def test_where_nothing_draws_there_are_no_pictures() -> None:
-    with pytest.raises(UsageError, match="draws"):
+    with pytest.raises(UsageError, match="renders"):
         asyncio.run(open_sink(Stage().hub, parse_sink("camera://")))

@@ -134,6 +134,6 @@ def test_what_is_wrong_is_named(text: str, where: str, what: str) -> None:
 def test_a_configuration_made_in_python_is_checked_too() -> None:
     with pytest.raises(UsageError, match=r"^rate_hz: got 1000\.0, expected a number, 1 to 240$"):
         Face(rate_hz=1000.0)
-    with pytest.raises(UsageError, match=r"^port: got '9', expected a whole number of"):
+    with pytest.raises(UsageError, match=r"^port: got '9', expected a whole number,"):
         overridden(Listen(), port="9")
     assert overridden(Listen(), port=None, token="") == Listen()
