@@ -24,7 +24,7 @@ from fapengine.host.hub import Hub
 from fapengine.host.pacer import FramePacer
 from fapengine.host.playback import Playback
 from fapengine.profiles import Profile
-from fapengine.server.sinks.kinds import datagram_sink, parse_sink
+from fapengine.server.sinks.kinds import parse_sink
 from fapengine.speaking import DEFAULT_PROFILE
 from fapengine.speech.marks import read_marks
 from fapengine.trajectory.expression import mood_ramps
@@ -121,6 +121,8 @@ class Face(GestureMethods):
         sinks: Sequence[str] = (),
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
+        from fapengine.server.sinks.opening import datagram_sink  # most faces have no sinks
+
         addresses = [parse_sink(url) for url in sinks]
         self._profile = profile if isinstance(profile, Profile) else load_profile(profile)
         engine = Engine(self._profile, rng=np.random.default_rng(seed), style=style or Style())

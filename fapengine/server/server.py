@@ -43,7 +43,8 @@ from fapengine.server.intake.listeners import Stream, TcpListener, UdpListener, 
 from fapengine.server.load import Load
 from fapengine.server.metrics import ServerMetrics, TextCounts, of_sessions, of_sinks, open_metrics
 from fapengine.server.ownership.rule import OwnSessions
-from fapengine.server.sinks.kinds import Sink, kind_of, open_sink, parse_sink
+from fapengine.server.sinks.kinds import Sink, kind_of, parse_sink
+from fapengine.server.sinks.opening import open_sink
 from fapengine.server.web.site import Site, open_site
 from fapengine.voices.espeak import sample_rate_hz
 from fapengine.voices.process import VoiceProcess

@@ -10,7 +10,8 @@ import pytest
 
 from fapengine.errors import ResourceError, UsageError
 from fapengine.server.config import Listen, ServeConfig
-from fapengine.server.sinks.kinds import open_sink, parse_sink
+from fapengine.server.sinks.kinds import parse_sink
+from fapengine.server.sinks.opening import open_sink
 from tests.live.stage import on_a_loop, running, until
 from tests.processes import start
 from tests.unit.server.test_server_sinks import Stage

@@ -16,7 +16,7 @@ import socket
 from collections import OrderedDict
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeVar
+from typing import Protocol, TypeVar
 
 from fapengine._counters import Counts
 from fapengine.errors import DataError
@@ -24,14 +24,11 @@ from fapengine.server.cluster import channel
 from fapengine.server.intake.doors import Door
 from fapengine.server.intake.listeners import FIRST_S, READ_AT_ONCE, RECEIVE_BUFFER, SLIP_FIRST, bound, bound_pair
 from fapengine.server.ownership.partitions import Machine
-from fapengine.server.ownership.rule import session_of_request
+from fapengine.server.ownership.rule import Home, session_of_request
 from fapengine.wire.framing import MAX_PACKET, LengthDecoder, SlipDecoder
 from fapengine.wire.speech_osc import schema
 from fapengine.wire.speech_osc.codec import encode
 from fapengine.wire.speech_osc.routing import hello_of, session_of
-
-if TYPE_CHECKING:
-    from fapengine.server.cluster.workers import Workers
 
 MAX_RELAYS = 256
 """Senders for which a socket is kept; the one that was silent for the longest is dropped first."""
@@ -142,6 +139,16 @@ async def _copy(source: asyncio.StreamReader, target: asyncio.StreamWriter) -> N
         await target.drain()
 
 
+class _Workers(Protocol):
+    """The part of :class:`fapengine.server.cluster.workers.Workers` that the front calls."""
+
+    def owner(self, session: str) -> Home | Machine | None: ...
+    def settle(self, session: str, again: Callable[[], None]) -> bool: ...
+    def port(self, home: Home) -> int: ...
+    def send(self, worker: int, message: channel.Message, handed: socket.socket | None = None) -> bool: ...
+    def send_any(self, message: channel.Message, handed: socket.socket) -> None: ...
+
+
 @dataclass(slots=True)
 class FrontCounts(Counts):
     """Counts of requests at the known ports. Stateful."""
@@ -172,7 +179,7 @@ class Front:
         Limits the connections that are not handed over yet.
     """
 
-    def __init__(self, workers: "Workers", door: Door) -> None:
+    def __init__(self, workers: _Workers, door: Door) -> None:
         self._workers, self._door = workers, door
         self.counts = FrontCounts()
         self._callers: OrderedDict[Address, int | Machine] = OrderedDict()

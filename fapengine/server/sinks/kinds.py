@@ -1,29 +1,18 @@
 """Sinks: their URLs, and one row for each kind. URLs, help, shell completion, errors and documentation follow the rows.
 
-To add a kind, write its encoder (:mod:`.encoders`) or sink, and add a row and a case to :func:`encoder_of` or
-:func:`open_sink`. Libraries are imported when a sink is opened, so that the help does not wait for them.
+To add a kind, write its encoder (:mod:`.encoders`) or sink, and add a row here and a case in :mod:`.opening`, which
+imports the libraries; the help does not wait for them.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal, Protocol
+from typing import Literal, Protocol
 from urllib.parse import parse_qsl, urlsplit
 
 from fapengine._counters import Counts, metric
 from fapengine.errors import UsageError
 
-if TYPE_CHECKING:
-    from fapengine.host.hub import Hub
-    from fapengine.server.film.film import Studio
-    from fapengine.server.sinks.datagrams import DatagramSink
-    from fapengine.server.sinks.encoders import FrameEncoder
-
 LOOPBACK = "127.0.0.1"
 MAX_INTRA_S = 60.0
-PERFORMER_PORT = 39540
-"""Port of VMC programs that move their model themselves and read shapes only; see :mod:`fapengine.wire.vmc`."""
-Epochs = Mapping[str, int] | None
-"""Epoch of each session (:mod:`fapengine.server.ownership.rule`), if several processes show sessions."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,108 +214,3 @@ def parse_sink(url: str) -> SinkAddress:
         allowed = ", ".join(("session", *kind.options))
         raise UsageError(f"sink {kind.name}: got {unknown[0]!r:.40}, expected one of {allowed}")
     return SinkAddress(kind.name, host, port, session, query, parts.path)
-
-
-def encoder_of(address: SinkAddress, rate_hz: float, epochs: Epochs = None) -> "FrameEncoder":
-    """Make the encoder of a sink that sends datagrams.
-
-    Parameters
-    ----------
-    address : SinkAddress
-    rate_hz : float
-        Frame rate.
-    epochs : mapping, optional
-
-    Raises
-    ------
-    UsageError
-        If the kind does not send datagrams, or an option's value is wrong.
-    """
-    from fapengine.server.sinks import encoders
-
-    session, options = address.session, address.options
-    match address.kind:
-        case "osc":
-            return encoders.OscFrameEncoder(session, epochs)
-        case "named":
-            return encoders.named_faps(session)
-        case "vmc":
-            is_performer = address.port == PERFORMER_PORT
-            return encoders.vmc_face(
-                session, spelling=options.get("names", "arkit"), performer=is_performer, rate_hz=rate_hz
-            )
-        case "vrchat":
-            return encoders.vrchat_face(session, prefix=options.get("prefix", ""), rate_hz=rate_hz)
-        case "livelink":
-            from socket import gethostname
-            from uuid import NAMESPACE_DNS, uuid5
-
-            device = options.get("device") or str(uuid5(NAMESPACE_DNS, f"fapengine.{gethostname()}")).upper()
-            return encoders.livelink_face(device, session, name=options.get("name", ""), rate_hz=rate_hz)
-        case "fba":
-            return encoders.FbaFrameEncoder(session, rate_hz=rate_hz, intra_s=address.intra_s)
-        case "rtp":
-            from secrets import randbits
-
-            first = {"ssrc": randbits(32), "sequence": randbits(16), "time": randbits(32)}
-            return encoders.RtpFrameEncoder(session, rate_hz=rate_hz, intra_s=address.intra_s, **first)
-    raise UsageError(
-        f"sinks: got {str(address)!r}, expected one that sends datagrams; `fapengine serve` has the others"
-    )
-
-
-def datagram_sink(hub: "Hub", address: SinkAddress, epochs: Epochs = None) -> "DatagramSink":
-    """Open a sink that sends datagrams.
-
-    Raises
-    ------
-    UsageError
-        If the kind does not send datagrams, or an option's value is wrong.
-    ResourceError
-        If the host is unknown.
-    """
-    from fapengine.server.sinks.datagrams import DatagramSink
-
-    # Before a session is shown here, another worker may show it.
-    waits_for = address.session if epochs is not None else None
-    return DatagramSink(hub, address, encoder_of(address, hub.pacer.rate_hz, epochs), waits_for=waits_for)
-
-
-async def open_sink(
-    hub: "Hub",
-    address: SinkAddress,
-    epochs: Epochs = None,
-    studio: "Studio | None" = None,
-    head: str = "default",
-) -> Sink:
-    """Open a sink of any kind. A studio renders the images of a head.
-
-    Raises
-    ------
-    UsageError
-        If an option's value is wrong.
-    ResourceError
-        If the host is unknown, the port in use, or a library or a device is missing.
-    """
-    if kind_of(address).medium == "video":
-        from fapengine.server.sinks.video import CameraSink, StreamSink
-
-        if studio is None:
-            raise UsageError(f"sink {address}: nothing renders its images here")
-        if address.kind == "camera":
-            return CameraSink(studio, address, head)
-        return await StreamSink.open(studio, address, head)
-    match address.kind:
-        case "fba+tcp":
-            from fapengine.server.sinks.face_streams import FaceStreams
-
-            return await FaceStreams.open(hub, address)
-        case "ws-json":
-            from fapengine.server.sinks.websockets import WeightStreams
-
-            return await WeightStreams.open(hub, address)
-        case "vts":
-            from fapengine.server.sinks.websockets import VtsSink
-
-            return VtsSink(hub, address)
-    return datagram_sink(hub, address, epochs)

@@ -31,16 +31,13 @@ from fapengine.server.sinks import face_streams
 from fapengine.server.sinks.encoders import FbaFrameEncoder, FrameEncoder, OscFrameEncoder, joined
 from fapengine.server.sinks.face_streams import FaceStreams
 from fapengine.server.sinks.kinds import (
-    PERFORMER_PORT,
     SINK_KINDS,
     SINK_NAMES,
     SinkAddress,
-    datagram_sink,
-    encoder_of,
     kind_of,
-    open_sink,
     parse_sink,
 )
+from fapengine.server.sinks.opening import PERFORMER_PORT, datagram_sink, encoder_of, open_sink
 from fapengine.speech.phone_track import Phone
 from fapengine.trajectory.style import Style
 from fapengine.wire import livelink, vmc, vrchat, vts

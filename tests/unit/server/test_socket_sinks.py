@@ -23,7 +23,8 @@ from fapengine.retarget.shape_rows import ARKIT_NAMES
 from fapengine.server.cluster.workers import check_workers
 from fapengine.server.config import Listen, ServeConfig
 from fapengine.server.sinks import websockets as socket_sinks
-from fapengine.server.sinks.kinds import SinkAddress, open_sink, parse_sink
+from fapengine.server.sinks.kinds import SinkAddress, parse_sink
+from fapengine.server.sinks.opening import open_sink
 from fapengine.server.sinks.websockets import VtsSink, WeightStreams
 from fapengine.wire.shapes import VisemeFollower
 from fapengine.wire.vts import VtsDialog, vts_values
