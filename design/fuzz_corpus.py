@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from fapengine.codec.encoder import EncoderOptions, encode
-from fapengine.codec.epf import encode_orders, format_epf, parse_epf
+from fapengine.codec.epf import encode_orders, parse_epf
 from fapengine.codec.fapfile import format_fap
 from fapengine.mpeg4.fapu import Fapu
 from fapengine.mpeg4.track import FapTrack
@@ -28,7 +28,7 @@ def main() -> None:
         values=np.where(few, values, 0), mask=few, visemes=rng.integers(0, 2, (6, 4)),
         expressions=rng.integers(0, 2, (6, 6)), frame_numbers=np.array([0, 1, 4, 5, 30, 31]), rate_hz=29.97,
     )  # fmt: skip
-    orders = parse_epf(
+    epf = (
         b"FBM 1 FFR 0 ISI 1 FRR 12 8 1 TC 1 2 1 3 FMT 3 2" + b" 1 0" * 8 + b" 0 3 0 0 1 1 0 0 0 0 0 FQU 3 FIX"
         + b" 600" * 66 + b" FIN" + b" -600" * 66 + b" FPX" + b" 120" * 66 + b" FPN" + b" -120" * 66
         + b" FBM 1 FFR 4 ISI 0 SKN 31 FBM 1 FFR 5 ISI 1 FQU 0"
@@ -37,13 +37,13 @@ def main() -> None:
         "worked-example.fba": bytes.fromhex(WORKED_EXAMPLE),
         "visual-stream.fba": bytes.fromhex("000001B061000001B523" + WORKED_EXAMPLE),
         "fields.fba": encode(track, EncoderOptions(intra_every=3, plane_start_codes="intra")),
-        "orders.fba": encode_orders(orders, track, clamp=True),
+        "orders.fba": encode_orders(parse_epf(epf), track, clamp=True),
         "fitted.fba": encode(track, EncoderOptions(ranges="fitted", quant=2)),
         "moving.fba": encode(track, EncoderOptions(moving_only=True, plane_start_codes="all", quant=0)),
         "intra.fba": _damaged(encode(track, EncoderOptions(intra_every=1))),
         "near.fba": encode(track, EncoderOptions(max_error_mm=0.5, fapu=FACE)),
         "track.fap": format_fap(track).encode(),
-        "orders.epf": format_epf(orders).encode(),
+        "orders.epf": epf,
     }
     corpus = ROOT / "fuzz" / "corpus"
     corpus.mkdir(parents=True, exist_ok=True)

@@ -1,6 +1,6 @@
-"""Bits and start codes: fields of fixed length, most significant bit first, and what precedes a face object.
+"""Bits and start codes: fields of fixed length, most significant bit first, and the headers before a face object.
 
-Bits are worked on as one bit a byte. Start codes and headers are those of FBA sections 1 and 3.
+Arrays of bits hold one bit per byte. Start codes and headers are those of FBA sections 1 and 3.
 """
 
 import numpy as np
@@ -12,12 +12,12 @@ Bits = NDArray[np.uint8]
 
 
 def unpack(data: bytes) -> Bits:
-    """Spread bytes into bits: (8 * N,) uint8 of 0 and 1."""
+    """Unpack bytes into bits: (8 * N,) uint8 of 0 and 1."""
     return np.unpackbits(np.frombuffer(data, np.uint8))
 
 
 def place(bit: int) -> str:
-    """Spell a bit position for a message.
+    """Format a bit position for an error message.
 
     Examples
     --------
@@ -28,18 +28,18 @@ def place(bit: int) -> str:
 
 
 class BitReader:
-    """A position in an array of bits.
+    """Reads numbers from an array of bits.
 
     Stateful.
 
     Parameters
     ----------
     bits : (N,) uint8
-        One bit a byte.
+        One bit per byte.
     position : int
         Next bit to read.
     origin : int
-        Number of bits of the stream before ``bits``; for messages only.
+        Number of bits of the stream before ``bits``; used in error messages only.
     """
 
     def __init__(self, bits: Bits, position: int = 0, origin: int = 0) -> None:
@@ -66,22 +66,8 @@ class BitReader:
             raise ConformanceError(f"{what}: got marker bit 0, expected 1", where=where, clause=clause)
 
     def where(self) -> str:
-        """Place of the next bit in the whole stream."""
+        """Position of the next bit in the whole stream, as text."""
         return place(self._origin + self.position)
-
-
-class BitWriter:
-    """Collects bits.
-
-    Stateful.
-    """
-
-    def __init__(self) -> None:
-        self.bits: list[int] = []
-
-    def write(self, number: int, count: int) -> None:
-        """Append an unsigned number in ``count`` bits; it must fit."""
-        self.bits.extend((number >> (count - 1 - k)) & 1 for k in range(count))
 
 
 PREFIX = b"\x00\x00\x01"
@@ -92,11 +78,11 @@ OLD_OBJECT_START, OLD_PLANE_START = 0x01, 0x03
 FACE_TYPE = 4
 """visual_object_type of a face or body object (N2202, table 6-4)."""
 MAX_PREAMBLE = 4096
-"""Bytes before the face object; more is no stream of ours."""
+"""Greatest number of bytes before the face object."""
 
 
 def code(last: int) -> bytes:
-    """Spell a start code.
+    """Bytes of a start code.
 
     Examples
     --------
@@ -107,34 +93,29 @@ def code(last: int) -> bytes:
 
 
 def skip_preamble(data: bytes) -> int:
-    """Find the first byte behind the object start code.
+    """Return the position of the first byte after the object start code.
 
-    A sequence header (profile), a visual object header of type face, and user data may stand before it.
+    A sequence header (profile), a visual object header of type face, and user data may precede it.
     """
     at = 0
     while at < MAX_PREAMBLE:
-        head = data[at : at + 4]
+        head, where = data[at : at + 4], f"byte {at}, bit 0"
         if len(head) < 4:
-            raise TruncatedError(f"start code: got {len(head)} bytes, expected 4", where=f"byte {at}, bit 0")
-        if not head.startswith(PREFIX):
-            raise ConformanceError(
-                f"start code: got {head.hex(' ')}, expected 00 00 01 ba", where=f"byte {at}, bit 0",
-                clause="FBA section 1",
-            )  # fmt: skip
-        if head[3] in (OBJECT_START, OLD_OBJECT_START):
+            raise TruncatedError(f"start code: got {len(head)} bytes, expected 4", where=where)
+        last = head[3] if head.startswith(PREFIX) else -1
+        if last in (OBJECT_START, OLD_OBJECT_START):
             return at + 4
-        if head[3] not in (SEQUENCE_START, VISUAL_OBJECT, USER_DATA):
+        if last not in (SEQUENCE_START, VISUAL_OBJECT, USER_DATA):
             raise ConformanceError(
-                f"start code: got {head.hex(' ')}, expected 00 00 01 ba", where=f"byte {at}, bit 0",
-                clause="FBA section 1",
-            )  # fmt: skip
-        if head[3] == VISUAL_OBJECT:
+                f"start code: got {head.hex(' ')}, expected 00 00 01 ba", where=where, clause="FBA section 1"
+            )
+        if last == VISUAL_OBJECT:
             _expect_face(data, at + 4)
         following = data.find(PREFIX, at + 4)
         if following < 0:
             if len(data) > at + MAX_PREAMBLE:
                 break
-            raise TruncatedError("start code: none behind the headers", where=f"byte {len(data)}, bit 0")
+            raise TruncatedError("start code: missing after the headers", where=f"byte {len(data)}, bit 0")
         at = following
     raise DataError(f"no face object in the first {MAX_PREAMBLE} bytes", where=f"byte {at}, bit 0")
 

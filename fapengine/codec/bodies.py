@@ -1,28 +1,26 @@
-"""The body in a face-and-body stream: its bits are read to their end, so that the face behind them can be.
+"""The body in a face-and-body stream: it is decoded to find where it ends, and its values are ignored.
 
 Theory of operation
 -------------------
-Body animation parameters (BAPs) lie behind the FAPs of a plane, or alone in a plane. They have no length of their own:
-where they end is only known when they have been decoded. Their header is laid out as a face's, with 24 groups of BAPs
-instead of 10 of FAPs; their arithmetic data are one segment, coded as a face's low-level FAPs are, group by group.
-Values are not kept, for nothing here moves a body.
+Body animation parameters (BAPs) follow the FAPs of a plane, or are alone in a plane. No length is sent: only decoding
+shows where they end. Their header has the layout of a face's, with 24 groups of BAPs instead of 10 of FAPs; their
+arithmetic data are one segment, coded as a face's low-level FAPs are, group by group.
 
 The default ranges of BAPs are not known. A stream that codes a BAP without having sent its four ranges is refused.
 
 Source of groups, scales and order: a public decoder of the reference family (FBA section 16).
 """
 
-from dataclasses import dataclass
 from itertools import chain
 
 import numpy as np
 
 from fapengine.codec import kernels as k
-from fapengine.codec.bits import BitReader, Bits
-from fapengine.codec.fields import UNIT, Bools, Ints
-from fapengine.codec.header import LIST_MARKER_EVERY, expect_predictive
-from fapengine.codec.planes import INT32_TOP, Models
-from fapengine.errors import ConformanceError, UnsupportedError
+from fapengine.codec.bits import BitReader
+from fapengine.codec.fields import SIGNS, UNIT, Bools, Ints
+from fapengine.codec.header import read_parameter_fields
+from fapengine.codec.planes import FieldState
+from fapengine.errors import UnsupportedError
 
 
 def _span(first: int, last: int) -> tuple[int, ...]:
@@ -52,103 +50,37 @@ SCALES = (
 """Factor of a BAP's quantiser step for each bap_quant; ranges are divided by it too, by 1 for bap_quant 0."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class BodyHeader:
-    """What only I planes carry, for a body."""
-
-    quant: int
-    """bap_quant, 0..31."""
-    mask: Bools
-    """(296,) bool in the order of :data:`CODED_BAPS`: coded BAPs."""
-    ranges: tuple[Ints | None, ...]
-    """I maximum, I minimum, P maximum, P minimum: (296,) magnitudes in units of 60, or None where not sent."""
-
-
-def read_body_header(reader: BitReader) -> BodyHeader:
-    """Read the fields of the body, up to the arithmetic data."""
-    quant = reader.read(5, "bap_quant")
-    mask: list[bool] = []
-    for index, group in enumerate(BODY_GROUPS, start=1):
-        reader.expect_marker(f"mask of body group {index}", "FBA section 16")
-        where = reader.where()
-        kind = reader.read(2, f"mask type of body group {index}")
-        if kind == 2:
-            raise ConformanceError(
-                f"mask type of body group {index}: got 2, expected 0, 1 or 3", where=where, clause="FBA section 16"
-            )
-        mask += [kind == 3 or (kind == 1 and bool(reader.read(1, f"mask of BAP {number}"))) for number in group]
-    reader.read(1, "suggested_gender")
-    expect_predictive(reader)
-    flags = [reader.read(1, f"is_{name}") for name in ("i_new_max", "i_new_min", "p_new_max", "p_new_min")]
-    coded = np.array(mask)
-    return BodyHeader(quant, coded, tuple(_read_list(reader, coded) if flag else None for flag in flags))
-
-
-def _read_list(reader: BitReader, mask: Bools) -> Ints:
-    magnitudes, column = np.zeros(len(CODED_BAPS), np.int64), 0
-    for group in BODY_GROUPS:
-        for nth, number in enumerate(group):
-            if nth % LIST_MARKER_EVERY == 0:
-                reader.expect_marker(f"ranges at BAP {number}", "FBA section 16")
-            if mask[column]:
-                magnitudes[column] = reader.read(5, f"range of BAP {number}")
-            column += 1
-    return magnitudes
-
-
-class BodyState:
-    """What the I planes of a body set and its P planes change.
+class BodyState(FieldState):
+    """State of a body: set by I planes, changed by P planes.
 
     Stateful.
     """
 
+    names = tuple(f"BAP {number}" for number in CODED_BAPS)
+
     def __init__(self) -> None:
-        count = len(CODED_BAPS)
+        super().__init__()
         self.begun = False
         """An I plane with a body has been read."""
-        self.fields: Ints = np.zeros((count, 8), np.int64)
-        self.fields[:, k.STEP] = 1
-        self.fields[:, k.MIN_VALUE], self.fields[:, k.MAX_VALUE] = -INT32_TOP, INT32_TOP
-        self.previous: Ints = np.zeros(count, np.int64)
-        self.models = Models(count)
-        self._ranges: Ints = np.zeros((4, count), np.int64)
-        self._sent: Bools = np.zeros((4, count), bool)
-        self._found: Ints = np.zeros((4, count), np.int64)
+        self._ranges: Ints = np.zeros((4, len(CODED_BAPS)), np.int64)
+        self._sent: Bools = np.zeros(self._ranges.shape, bool)
 
-    def begin_intra(self, header: BodyHeader, where: str) -> None:
-        """Take over mask and ranges, and forget the models."""
-        scale = SCALES[header.quant] or 1
-        for side, magnitudes in enumerate(header.ranges):
-            if magnitudes is not None:
-                bounds = magnitudes * UNIT // scale * (-1 if side % 2 else 1)
-                self._ranges[side, header.mask] = bounds[header.mask]
-                self._sent[side, header.mask] = True
-        unknown = np.flatnonzero(header.mask & ~self._sent.all(0))
+    def begin_intra(self, reader: BitReader) -> None:
+        """Read the fields of a body up to the arithmetic data, set mask and ranges, and reset the models."""
+        section = "FBA section 16"
+        read = read_parameter_fields(
+            reader, BODY_GROUPS, BODY_GROUPS, prefix="body ", name="BAP", clauses=(section, section)
+        )
+        scale = SCALES[read.quant] or 1
+        for side, magnitudes in enumerate(read.ranges):
+            for number, magnitude in (magnitudes or {}).items():
+                place = side, CODED_BAPS.index(number)
+                self._ranges[place], self._sent[place] = magnitude * UNIT // scale * SIGNS[side], True
+        mask = np.array([read.mask[number] for number in CODED_BAPS])
+        unknown = np.flatnonzero(mask & ~self._sent.all(0))
         if len(unknown):
-            raise UnsupportedError(
-                f"BAP {CODED_BAPS[unknown[0]]}: range is missing, and its default range is not known", where=where,
-                clause="FBA section 16",
-            )  # fmt: skip
-        i_max, i_min, p_max, p_min = self._ranges
-        self.fields[:, k.ON] = header.mask
-        self.fields[:, k.I_MIN], self.fields[:, k.I_COUNT] = i_min, i_max - i_min + 1
-        self.fields[:, k.P_MIN], self.fields[:, k.P_COUNT] = p_min, p_max - p_min + 1
-        self.models.reset(self.fields)
+            what = f"{self.names[unknown[0]]}: range is missing, and its default range is not known"
+            raise UnsupportedError(what, where=reader.where(), clause=section)
+        self.fields[:, k.ON] = mask
+        self._set_ranges(slice(None), self._ranges)
         self.begun = True
-
-    def decode(self, intra: bool, bits: Bits, at: int) -> tuple[int, int]:
-        """Decode the arithmetic data of one plane, if the bits at hand settle it; :meth:`keep` makes it count.
-
-        Returns
-        -------
-        status, end : int
-            As :func:`~fapengine.codec.kernels.decode_settled`.
-        """
-        return k.decode_settled(
-            intra, bits, at, self.fields, self.previous, self.models.decoding, self._found, np.zeros(3, np.int64),
-            np.zeros(0),
-        )  # fmt: skip
-
-    def keep(self, intra: bool) -> None:
-        """Take the plane decoded last for good."""
-        k.keep_plane(intra, self._found, self.fields, self.previous, self.models.decoding)

@@ -1,31 +1,32 @@
-"""From bytes to frames: incremental, total, and able to find its way back after damage.
+"""The decoder: bytes to frames, incrementally, and with recovery after damage.
 
 Theory of operation
 -------------------
-Bits wait in a buffer until a plane is *settled*: whatever follows, it decodes the same. So feeding byte by byte gives
-what feeding at once gives. For any bytes at all the decoder returns frames or raises :class:`DataError`; its time and
-memory grow with the length of the data alone.
+Bits stay in a buffer until a plane is *settled*: it decodes the same whatever follows. So feeding byte by byte gives
+the same frames as feeding everything at once. For any bytes the decoder returns frames or raises :class:`DataError`;
+its time and memory are linear in the length of the data.
 
-A body beside the face (:mod:`fapengine.codec.bodies`) is decoded and dropped: planes with BAPs leave the fast loop and
-are taken one by one. A plane with BAPs alone is a frame in which the face stands still, so it counts as a skipped one.
+A body next to the face (:mod:`fapengine.codec.bodies`) is decoded and ignored: planes with BAPs leave the fast loop and
+are decoded one by one. A plane with BAPs only is a frame in which the face does not move; it counts as skipped.
 
-With ``errors="resync"`` an error is noted as a :class:`Loss`, and decoding goes on at the next I plane that proves
-itself (:mod:`fapengine.codec.resync`). Damage is seen a few planes late: each wrong plane header passes for a right one
-with a chance of 1/8. So the last :data:`HELD` frames are held back until what follows them has been decoded, and thrown
-away if it cannot be; the search then begins behind the first of them. Frames from before the damage stay what they
-are, so each damage costs a bounded number of new beginnings.
+With ``errors="resync"`` an error becomes a :class:`Loss`, and decoding continues at the next I plane that can be
+trusted (:mod:`fapengine.codec.resync`). Damage is detected a few planes late: noise passes for a plane header with a
+probability of 1/8. So the last :data:`HELD` frames are held back until the planes after them have been decoded, and
+discarded if that fails; the search then starts after the first of them. Frames from before the damage are kept, so
+each damage causes a bounded number of searches.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fapengine.codec import bits
 from fapengine.codec import kernels as k
 from fapengine.codec.bits import BitReader, Bits, place, unpack
-from fapengine.codec.bodies import BodyState, read_body_header
-from fapengine.codec.fields import FIELD_COUNT, FIELD_FAPS, FIELD_NAMES, Ints, track_of
+from fapengine.codec.bodies import BodyState
+from fapengine.codec.fields import FIELD_COUNT, Ints, track_of
 from fapengine.codec.header import (
     BODY,
     FACE,
@@ -36,38 +37,42 @@ from fapengine.codec.header import (
     read_plane_start,
     read_skip,
 )  # fmt: skip
-from fapengine.codec.planes import Frame, Loss, Planes, PlaneState
+from fapengine.codec.planes import FieldState, Frame, Loss, Planes, PlaneState
 from fapengine.codec.resync import find_intact_intra
 from fapengine.errors import ConformanceError, DataError, TruncatedError
 from fapengine.mpeg4.track import FapTrack
 
 Errors = Literal["strict", "resync"]
-Floats = np.ndarray[tuple[int], np.dtype[np.float64]]
+Floats = NDArray[np.float64]
 HELD = 4
-"""Frames held back while resynchronising is on: a wrong plane passes for a right one that often with chance 8**-4."""
+"""Frames held back with ``errors="resync"``: so many wrong planes pass for right ones with probability 8**-4."""
 DEFAULT_RATE = FrameRate(30)
-"""Frame rate before any was sent (FBA section 10)."""
+"""Frame rate until one is sent (FBA section 10)."""
 AT_ONCE = 256
+"""Greatest number of planes that one call of the fast loop decodes."""
 CODE_BITS = 32
+NO_COSTS: Floats = np.zeros(0)
 SEARCHED_BITS = 1 << 20
-"""Bits of a live stream that are searched for an I plane at most, again with every piece that is fed."""
-CLAUSES = {
-    k.BAD_MASK: "FBA section 2", k.BAD_STUFFING: "FBA section 7",
-    k.BAD_VALUE: "FBA section 9", k.BAD_SKIP: "FBA section 10",
-}  # fmt: skip
+"""Greatest number of bits of a live stream that are searched for an I plane; each piece that is fed repeats it."""
+REASONS = {
+    k.BAD_MASK: ("fba_object_mask: got 0, expected 1 to 3", "FBA section 2"),
+    k.BAD_STUFFING: ("arithmetic data: got 23 zeros, expected a stuffed one", "FBA section 7"),
+    k.BAD_SKIP: (f"frames to skip: got more than {k.SKIP_LIMIT}", "FBA section 10"),
+}
+"""Message and clause for each status of the loops that is an error whatever the field."""
 
 
 class Decoder:
-    """Bytes in, frames out.
+    """Decodes a stream as its bytes arrive.
 
     Stateful.
 
     Parameters
     ----------
     errors : "strict" or "resync"
-        Whether damage ends the stream with an error, or costs frames and is listed in ``losses``.
+        Damage ends the stream with an error, or costs frames and is listed in ``losses``.
     with_costs : bool
-        Count the bits that each field costs, in ``costs``; slower.
+        Count the bits of each field in ``costs``; slower.
 
     Examples
     --------
@@ -81,37 +86,38 @@ class Decoder:
     def __init__(self, *, errors: Errors = "strict", with_costs: bool = False) -> None:
         self.losses: list[Loss] = []
         self.ended = False
-        """The end code was read; whatever follows is ignored."""
+        """The end code was read; bytes after it are ignored."""
         self.rate: FrameRate | None = None
         """First frame rate that was sent."""
         self.costs = np.zeros(FIELD_COUNT if with_costs else 0)
         """(73,) float64, bits: information of all symbols of each field."""
-        self._resync = errors == "resync"
         self.body_planes = 0
-        """Planes that carried body parameters, which were left out."""
+        """Planes with body parameters, which are ignored."""
+        self._resync = errors == "resync"
         self._state = PlaneState()
         self._body = BodyState()
         self._bits: Bits = np.zeros(0, np.uint8)
         self._at = 0
         self._origin = 0
+        """Bits of the stream before ``_bits``."""
         self._begun = False
         self._header: IntraHeader | None = None
         self._fresh = False
+        """A start code was just read."""
         self._searching_from: int | None = None
         self._trouble: DataError | None = None
         self._number = 0
         self._anchor = (0, 0.0)
+        """Frame number and time from which times count."""
         self._rate_hz = DEFAULT_RATE.hz
         self._out: list[Planes] = []
         self._safe: list[Planes] = []
-        """Decoded before the last damage, and far enough from it: nothing takes these back."""
+        """Decoded before the last damage and far enough from it to be certain."""
         self._dropped_to = 0
-        """Bit behind the last plane that was thrown away; planes before it were counted as lost already."""
-        self._found: Ints = np.zeros((4, FIELD_COUNT), np.int64)
-        self._flags: Ints = np.zeros(3, np.int64)
+        """Bit after the last plane that was discarded; planes before it are already counted as lost."""
 
     def feed(self, data: bytes) -> list[Frame]:
-        """Take more bytes, and return the frames that they complete.
+        """Add bytes, and return the frames that they complete.
 
         Raises
         ------
@@ -121,7 +127,7 @@ class Decoder:
         return [frame for planes in self.feed_planes(data) for frame in planes.frames()]
 
     def close(self) -> list[Frame]:
-        """Say that no more bytes come; behind the last one, bits read as 0.
+        """Declare the end of the data: bits after it read as 0. Returns the last frames.
 
         Raises
         ------
@@ -131,7 +137,7 @@ class Decoder:
         return [frame for planes in self.close_planes() for frame in planes.frames()]
 
     def feed_planes(self, data: bytes) -> list[Planes]:
-        """Do as :meth:`feed`, with frames in blocks of arrays."""
+        """Like :meth:`feed`, but returns frames in blocks of arrays."""
         if self._trouble is not None:
             raise self._trouble
         if not self.ended and data:
@@ -143,13 +149,11 @@ class Decoder:
         return ready
 
     def close_planes(self) -> list[Planes]:
-        """Do as :meth:`close`, with frames in blocks of arrays."""
-        if self._trouble is not None:
-            raise self._trouble
-        if not self.ended:
+        """Like :meth:`close`, but returns frames in blocks of arrays."""
+        if self._trouble is None and not self.ended:
             self._run(final=True)
-            if self._trouble is not None and not (self._out or self._safe):
-                raise self._trouble
+        if self._trouble is not None and not (self._out or self._safe):
+            raise self._trouble
         self.ended = True
         return self._hand_out(everything=True)
 
@@ -160,7 +164,7 @@ class Decoder:
 
     @property
     def waiting_bits(self) -> int:
-        """Bits kept for later: what is not yet decoded, and what may have to be searched again."""
+        """Number of bits in the buffer: not yet decoded, or needed if a search starts."""
         return len(self._bits)
 
     @property
@@ -169,37 +173,45 @@ class Decoder:
         return (self.rate or DEFAULT_RATE).hz
 
     def _hand_out(self, *, everything: bool) -> list[Planes]:
-        safe, self._safe = self._safe, []
-        if everything:
-            ready, self._out = self._out, []
-            return safe + ready
-        kept: list[Planes] = []
-        room = HELD
-        while self._out and room:
-            last = self._out.pop()
+        """Return the planes decoded so far, and hold the last frames back unless ``everything`` is wanted."""
+        safe, ready, self._safe, self._out = self._safe, self._out, [], []
+        room = 0 if everything else HELD
+        while ready and room:
+            last = ready.pop()
             head, tail = last.split(max(0, len(last) - room))
-            kept.insert(0, tail)
+            self._out.insert(0, tail)
             room -= len(tail)
             if len(head):
-                self._out.append(head)
-        ready, self._out = self._out, kept
+                ready.append(head)
         return safe + ready
 
     def _run(self, *, final: bool) -> None:
+        """Decode until more bytes are needed; :class:`TruncatedError` says so."""
         while not self.ended and self._trouble is None:
             try:
-                if not (self._search(final=final) if self._searching_from is not None else self._step(final=final)):
+                if self._searching_from is not None:
+                    self._search(final=final)
+                elif not self._begun:
+                    self._at = 8 * bits.skip_preamble(np.packbits(self._bits).tobytes())
+                    self._begun = self._fresh = True
+                elif self._header is None:
+                    self._first_plane(final=final)
+                else:
+                    self._planes(final=final)
+            except TruncatedError as error:
+                if not final:
                     return
+                self._lose(error)
             except DataError as error:
                 self._lose(error)
 
     def _lose(self, error: DataError) -> None:
-        """Note an error; when resynchronising, drop what is held and search from there."""
+        """Record an error; with resynchronisation, drop the frames held back and start a search."""
         if not self._resync:
             self._trouble = error
             return
         start = self._origin + self._at
-        if isinstance(error, TruncatedError):  # nothing speaks against what was decoded
+        if isinstance(error, TruncatedError):  # nothing is wrong with what was decoded
             end = self._origin + len(self._bits)
             self.losses.append(Loss(start_bit=start, end_bit=end, frames_dropped=0, reason=str(error)))
             self.ended = True
@@ -212,78 +224,70 @@ class Decoder:
             start = int(extents[0, 0])
             self._dropped_to = max(self._dropped_to, int(extents[-1, 1]))
         last = self.losses[-1] if self.losses else None
-        if last is not None and last.end_bit is not None and start <= last.end_bit:  # the same damage, met again
+        if last is not None and last.end_bit is not None and start <= last.end_bit:  # the same damage again
             last.end_bit, last.frames_dropped = None, last.frames_dropped + dropped
         else:
             self.losses.append(Loss(start_bit=start, end_bit=None, frames_dropped=dropped, reason=str(error)))
         self._searching_from = max(start + 1 - self._origin, 0)
 
-    def _step(self, *, final: bool) -> bool:
-        """Do one thing; False when more bytes are needed."""
-        if not self._begun:
-            return self._begin(final=final)
-        if self._header is None:
-            return self._first_intra(final=final)
-        return self._planes(final=final)
-
-    def _begin(self, *, final: bool) -> bool:
-        try:
-            self._at = 8 * bits.skip_preamble(np.packbits(self._bits).tobytes())
-        except TruncatedError:
-            if not final:
-                return False
-            raise
+    def _search(self, *, final: bool) -> None:
+        """Look for an I plane from which decoding can continue."""
+        assert self._searching_from is not None
+        intact = find_intact_intra(
+            self._bits, self._searching_from, self._state, self._header, bodies=self._body.begun, final=final
+        )
+        if intact is None and not final:
+            raise TruncatedError("I plane: not found yet")
+        self.losses[-1].end_bit = self._origin + (len(self._bits) if intact is None else intact)
+        if intact is None:
+            self.ended = True
+            return
+        self._searching_from, self._at, self._header = None, intact, None
         self._begun = self._fresh = True
-        return True
 
-    def _first_intra(self, *, final: bool) -> bool:
+    def _first_plane(self, *, final: bool) -> None:
+        """Decode what comes first, or first after damage: an I plane, a body, or a start code."""
         left = len(self._bits) - self._at
         if not left:
-            if final:
-                raise TruncatedError("contains no plane", where=self._where())
-            return False
+            raise TruncatedError("contains no plane", where=self._where())
+        code = k.code_after(self._bits, self._at)
         if self._bits[self._at]:
-            return self._intra(final=final)
-        if self._body.begun and left >= 2 and self._bits[self._at + 1]:
-            return self._with_body(final=final)
-        code = k.code_behind(self._bits, self._at)
-        if code == -2 and not final:
-            return False
-        if code < 0:
+            self._intra()
+        elif self._body.begun and left >= 2 and self._bits[self._at + 1]:
+            self._with_body()
+        elif code == -2 and not final:
+            raise TruncatedError("first plane: cut off", where=self._where())
+        elif code < 0:
             raise ConformanceError("first plane: got a P plane, expected an I plane", where=self._where(),
                                    clause="FBA section 1")  # fmt: skip
-        self._start_code(code)
-        return True
+        else:
+            self._start_code(code)
 
-    def _planes(self, *, final: bool) -> bool:
+    def _planes(self, *, final: bool) -> None:
+        """Decode P planes in the fast loop, and then what stopped it."""
+        state = self._state
         values = np.zeros((AT_ONCE, FIELD_COUNT), np.int64)
         flags, extents = np.zeros((AT_ONCE, 3), np.int64), np.zeros((AT_ONCE, 3), np.int64)
-        state = self._state
         count, self._at, status, detail = k.decode_predicted(
-            self._bits, self._at, self._fresh, final, state.fields, state.previous, state.models.decoding,
-            self._found, self._flags, self.costs, values, flags, extents,
+            self._bits, self._at, self._fresh, final, state.fields, state.previous, state.decoding, state.found,
+            state.flags, self.costs, values, flags, extents,
         )  # fmt: skip
         if count:
             self._fresh = False
             extents[:, :2] += self._origin
             self._emit(values[:count].copy(), flags[:count].copy(), extents[:count].copy(), intra=False)
-        if status == k.NEED_MORE:
-            if not self._resync:
-                self._trim()
-            if final:
-                raise TruncatedError("stream: ends without its end code", where=self._where(), clause="FBA section 1")
-            return False
         if status == k.INTRA_NEXT:
-            return self._intra(final=final)
-        if status == k.WITH_BODY or (status == k.AT_CODE and self._is_body_plane()):
-            return self._with_body(final=final)
-        if status == k.AT_CODE:
+            self._intra()
+        elif status == k.WITH_BODY or (status == k.AT_CODE and self._is_body_plane()):
+            self._with_body()
+        elif status == k.AT_CODE:
             self._start_code(detail)
-        elif status != k.FULL:
-            raise self._error(status, detail)
+        elif status not in (k.FULL, k.NEED_MORE):
+            raise self._error(status, state, detail)
         if not self._resync:
             self._trim()
-        return True
+        if status == k.NEED_MORE:
+            raise TruncatedError("stream: ends without its end code", where=self._where(), clause="FBA section 1")
 
     def _start_code(self, code: int) -> None:
         if code in (bits.PLANE_START, bits.OLD_PLANE_START):
@@ -294,90 +298,58 @@ class Decoder:
         else:
             raise ConformanceError(f"first plane: got start code {code:02x}, expected a plane", where=self._where())
 
-    def _intra(self, *, final: bool) -> bool:
+    def _intra(self) -> None:
+        """Decode an I plane."""
         reader = BitReader(self._bits, self._at + 1, self._origin)
-        try:
-            start = read_plane_start(reader)
-            header = read_face_header(reader, start) if start.objects & FACE else None
-        except TruncatedError:
-            if final:
-                raise
-            return False
-        state = self._state
-        before = None if state.ranges is None else state.ranges.copy()
+        start = read_plane_start(reader)
+        header = read_face_header(reader, start) if start.objects & FACE else None
+        before = None if self._state.ranges is None else self._state.ranges.copy()
         costs = np.zeros_like(self.costs)
-        status, end = k.DONE, reader.position
-        if header is not None:
-            state.begin_intra(header)
-            status, end = self._decode_face(True, end, costs)
-        if status == k.DONE and start.objects & BODY:
-            status, end = self._begin_body(end)
-        if status == k.NEED_MORE:
-            state.ranges = before
-            if final:
-                raise TruncatedError("I plane: cut off", where=self._where(), clause="FBA section 4")
-            return False
-        if status != k.DONE:
-            raise self._error(status, end)
-        self._take_times(start)
-        self._keep(True, start.objects, header, end, start.skip, costs)
-        return True
-
-    def _begin_body(self, at: int) -> tuple[int, int]:
-        """Read the I data of a body; status and end as the loops give them."""
-        reader = BitReader(self._bits, at, self._origin)
         try:
-            header = read_body_header(reader)
+            if header is not None:
+                self._state.begin_intra(header)
+                reader.position = self._decode(self._state, True, reader.position, costs)
+            if start.objects & BODY:
+                self._body.begin_intra(reader)
+                reader.position = self._decode(self._body, True, reader.position)
         except TruncatedError:
-            return k.NEED_MORE, at
-        self._body.begin_intra(header, self._where())
-        return self._body.decode(True, self._bits, reader.position)
+            self._state.ranges = before
+            raise
+        self._take_times(start)
+        self._keep(True, start.objects, header, reader.position, start.skip, costs)
 
     def _is_body_plane(self) -> bool:
-        """Tell a P plane with a body from stuffing before a start code: stuffing is a 0 and ones."""
+        """Distinguish a P plane with a body before a start code from stuffing, which is a 0 and ones."""
         stuffing = self._bits[self._at : (self._at // 8 + 1) * 8]
         return self._body.begun and len(stuffing) > 2 and bool(stuffing[1]) and not stuffing[1:].all()
 
-    def _with_body(self, *, final: bool) -> bool:
-        """Take a P plane that carries BAPs."""
+    def _with_body(self) -> None:
+        """Decode a P plane with BAPs."""
         reader = BitReader(self._bits, self._at + 1, self._origin)
-        try:
-            objects, skip = reader.read(2, "fba_object_mask"), read_skip(reader)
-        except TruncatedError:
-            if final:
-                raise
-            return False
-        if not self._body.begun or (objects & FACE and self._header is None):
+        objects, skip = reader.read(2, "fba_object_mask"), read_skip(reader)
+        header = self._header if objects & FACE else None
+        if not self._body.begun or (objects & FACE and header is None):
             raise ConformanceError(
                 f"P plane: got fba_object_mask {objects}, of which no I plane was sent", where=self._where(),
                 clause="FBA section 2",
             )  # fmt: skip
-        costs = np.zeros_like(self.costs)
-        status, end = k.DONE, reader.position
-        if objects & FACE:
-            status, end = self._decode_face(False, end, costs)
-        if status == k.DONE:
-            status, end = self._body.decode(False, self._bits, end)
-        if status == k.NEED_MORE:
-            if final:
-                raise TruncatedError("P plane: cut off", where=self._where(), clause="FBA section 8")
-            return False
-        if status != k.DONE:
-            raise self._error(status, end)
-        self._keep(False, objects, self._header if objects & FACE else None, end, skip, costs)
-        return True
+        costs, end = np.zeros_like(self.costs), reader.position
+        if header is not None:
+            end = self._decode(self._state, False, end, costs)
+        end = self._decode(self._body, False, end)
+        self._keep(False, objects, header, end, skip, costs)
 
-    def _decode_face(
-        self, intra: bool, at: int, costs: np.ndarray[tuple[int], np.dtype[np.float64]]
-    ) -> tuple[int, int]:
-        state = self._state
-        status, end = k.decode_settled(
-            intra, self._bits, at, state.fields, state.previous, state.models.decoding, self._found, self._flags, costs
-        )
-        return int(status), int(end)
+    def _decode(self, state: FieldState, intra: bool, at: int, costs: Floats = NO_COSTS) -> int:
+        """Decode the arithmetic data of one plane; returns the bit after them."""
+        status, end = state.decode(intra, self._bits, at, costs)
+        if status == k.NEED_MORE:
+            raise TruncatedError(f"{'I' if intra else 'P'} plane: cut off", where=self._where(), clause="FBA section 8")
+        if status != k.DONE:
+            raise self._error(status, state, end)
+        return end
 
     def _keep(self, intra: bool, objects: int, header: IntraHeader | None, end: int, skip: int, costs: Floats) -> None:
-        """Take a plane that is settled for good."""
+        """Keep a plane that is settled; without a ``header`` it has a body only."""
         if objects & BODY:
             self._body.keep(intra)
             self.body_planes += 1
@@ -390,15 +362,16 @@ class Decoder:
         if len(self.costs):
             self.costs += costs
         state = self._state
-        k.keep_plane(intra, self._found, state.fields, state.previous, state.models.decoding)
+        state.keep(intra)
         self._header = header
-        self._emit(self._found[:1].copy(), self._flags[None].copy(), extent, intra=intra)
+        self._emit(state.found[:1].copy(), state.flags[None].copy(), extent, intra=intra)
 
     def _take_times(self, start: PlaneStart) -> None:
+        """Set the clock and the frame rate from an I plane."""
         # Deviation: a time code sets the clock at its plane and time goes on from there; a decoder of the reference
         # family gives all later planes the same time. 1000/1001 is applied exactly, where that decoder gets rate 0.
 
-        now_s = self._time_s(self._number)
+        now_s = self._anchor[1] + (self._number - self._anchor[0]) / self._rate_hz
         if start.time_code is not None:
             now_s = float(start.time_code.total_s)
         if start.rate is not None:
@@ -406,9 +379,6 @@ class Decoder:
             self.rate = self.rate or start.rate
         if start.time_code is not None or start.rate is not None:
             self._anchor = (self._number, now_s)
-
-    def _time_s(self, number: int) -> float:
-        return self._anchor[1] + (number - self._anchor[0]) / self._rate_hz
 
     def _emit(self, values: Ints, flags: Ints, extents: Ints, *, intra: bool) -> None:
         assert self._header is not None
@@ -420,35 +390,15 @@ class Decoder:
                    times_s=times_s)
         )  # fmt: skip
 
-    def _error(self, status: int, detail: int) -> DataError:
-        where, clause = self._where(), CLAUSES[status]
-        if status == k.BAD_MASK:
-            return ConformanceError("fba_object_mask: got 0, expected 1 to 3", where=where, clause=clause)
-        if status == k.BAD_SKIP:
-            return ConformanceError(f"frames to skip: got more than {k.SKIP_LIMIT}", where=where, clause=clause)
-        if status == k.BAD_STUFFING:
-            return ConformanceError("arithmetic data: got 23 zeros, expected a stuffed one", where=where, clause=clause)
-        name = f"FAP {FIELD_FAPS[detail]} ({FIELD_NAMES[detail]})"
-        return ConformanceError(f"{name}: got a value that it cannot have", where=where, clause=clause)
-
-    def _search(self, *, final: bool) -> bool:
-        start = self._searching_from
-        assert start is not None
-        intact = find_intact_intra(self._bits, start, self._state, self._header, bodies=self._body.begun, final=final)
-        if intact is None:
-            if final:
-                self.losses[-1].end_bit = self._origin + len(self._bits)
-                self.ended = True
-            return False
-        self.losses[-1].end_bit = self._origin + intact
-        self._searching_from, self._at = None, intact
-        self._begun = True
-        self._header = None
-        self._fresh = True
-        return True
+    def _error(self, status: int, state: FieldState, field: int) -> DataError:
+        if status in REASONS:
+            message, clause = REASONS[status]
+        else:
+            message, clause = f"{state.names[field]}: got a value that it cannot have", "FBA section 9"
+        return ConformanceError(message, where=self._where(), clause=clause)
 
     def _trim(self) -> None:
-        """Forget what has been decoded; where resynchronising is on, only what can no longer be searched."""
+        """Drop bits that were decoded; with resynchronisation, only those that no search can need."""
         done = self._at
         if self._searching_from is not None:
             done = self._searching_from = max(self._searching_from, len(self._bits) - SEARCHED_BITS)
@@ -471,13 +421,13 @@ class Decoded:
     """A whole stream."""
 
     track: FapTrack
-    """Track as sent: what no mask selects is 0, blends are not clamped."""
+    """Track as sent: FAPs that are not sent are 0, blends are not clamped."""
     planes: tuple[Planes, ...]
-    losses: tuple[Loss, ...] = ()
-    body_planes: int = 0
-    """Planes that carried body parameters, which are left out."""
-    costs: np.ndarray[tuple[int], np.dtype[np.float64]] = field(default_factory=lambda: np.zeros(0))
-    """(73,) float64, bits a field; empty unless asked for."""
+    losses: tuple[Loss, ...]
+    body_planes: int
+    """Planes with body parameters, which are ignored."""
+    costs: Floats
+    """(73,) float64, bits of each field; empty unless asked for."""
 
 
 def decode(data: bytes, *, errors: Errors = "strict", with_costs: bool = False) -> Decoded:
@@ -488,19 +438,20 @@ def decode(data: bytes, *, errors: Errors = "strict", with_costs: bool = False) 
     data : bytes
         From the first start code on.
     errors, with_costs
-        As :class:`Decoder`.
+        See :class:`Decoder`.
     """
     decoder = Decoder(errors=errors, with_costs=with_costs)
-    planes = decoder.feed_planes(data)
-    planes += decoder.close_planes()
+    planes = decoder.feed_planes(data) + decoder.close_planes()
     if decoder.trouble is not None:
         raise decoder.trouble
     if not planes:
-        raise DataError("contains no frame", where=place(0))
-    values = np.concatenate([part.values for part in planes])
-    flags = np.concatenate([part.flags for part in planes])
-    numbers = np.concatenate([part.numbers for part in planes])
-    mask = np.concatenate([np.broadcast_to(part.header.mask, (len(part), 68)) for part in planes])
+        raise DataError("contains no frames", where=place(0))
+    values, flags, numbers, mask = (
+        np.concatenate(parts)
+        for parts in zip(
+            *((p.values, p.flags, p.numbers, np.broadcast_to(p.header.mask, (len(p), 68))) for p in planes), strict=True
+        )
+    )
     track = track_of(values, flags, mask, numbers, rate_hz=decoder.rate_hz)
     return Decoded(
         track=track, planes=tuple(planes), losses=tuple(decoder.losses), body_planes=decoder.body_planes,

@@ -1,9 +1,10 @@
-"""A face stream as a visual elementary stream: its headers, its access units, the level it fits.
+"""A face stream as a visual elementary stream: its headers, its access units, and its level.
 
-MP4 files and RTP carry a stream plane by plane, each plane in bytes of its own behind a start code, with its time. A
-stream whose planes share bytes cannot be carried so; encode it with a start code before every plane.
+MP4 files and RTP carry a stream plane by plane. Each plane has its time, and whole bytes that begin with a start code.
+So such a stream must be encoded with a start code before every plane.
 """
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,28 +24,28 @@ class Level:
     profile: int
     """Byte of the sequence header."""
     max_bit_s: int
-    """Bits in any second."""
+    """Greatest number of bits in any second."""
     max_rate_hz: float
-    """Frames a second."""
+    """Greatest frame rate."""
 
 
 LEVELS = (Level(1, 0x61, 16_000, 72.0), Level(2, 0x62, 32_000, 72.0))
-"""[MEM] bounds of bits and frames; the bytes are FBA section 1's."""
+"""[MEM] bounds of bits and frames; the bytes are those of FBA section 1."""
 
 
 @dataclass(frozen=True, slots=True)
 class AccessUnit:
-    """One plane in bytes of its own."""
+    """One plane in whole bytes."""
 
     data: bytes
-    """Its start code and what follows, up to the next one. The first unit begins with the object start code."""
+    """From its start code up to the next one. The first unit begins with the object start code."""
     frame: int
-    """Its frame number: its time is this divided by the rate."""
+    """Frame number: its time is this divided by the frame rate."""
     intra: bool
 
 
 def visual_headers(profile: int) -> bytes:
-    """Write what stands before a face object in a visual elementary stream (FBA section 1; fields [MEM]).
+    """Return the headers before a face object in a visual elementary stream (FBA section 1; fields [MEM]).
 
     Examples
     --------
@@ -58,42 +59,38 @@ def visual_headers(profile: int) -> bytes:
 
 
 def access_units(stream: bytes, decoded: Decoded | None = None) -> list[AccessUnit]:
-    """Cut a stream into its planes.
+    """Split a stream into its planes.
 
     Parameters
     ----------
     stream : bytes
         A face stream with a start code before every plane.
     decoded : Decoded, optional
-        The same stream decoded, where that has been done.
+        The same stream, if it was already decoded.
     """
     decoded = decode(stream) if decoded is None else decoded
     extents = np.concatenate([part.extents for part in decoded.planes])
     frames = np.concatenate([part.numbers for part in decoded.planes]).tolist()
     intra = [part.intra for part in decoded.planes for _ in range(len(part))]
-    firsts = extents[:, 0]
-    starts = (firsts // 8 - START_CODE_BYTES).tolist()
+    starts = (extents[:, 0] // 8 - START_CODE_BYTES).tolist()
     first_object = stream.find(code(OBJECT_START), 0, starts[0] + START_CODE_BYTES)
     codes = [stream[start : start + START_CODE_BYTES] for start in starts[1:]]
-    if (firsts % 8).any() or any(found != code(PLANE_START) for found in codes):
+    if (extents[:, 0] % 8).any() or any(found != code(PLANE_START) for found in codes):
         raise DataError("planes share bytes: expected a start code before every plane", clause="FBA section 3")
     cuts = [max(first_object, 0), *starts[1:], len(stream)]
-    return [
-        AccessUnit(stream[cuts[n] : cuts[n + 1]], frames[n], intra[n]) for n in range(len(starts))
-    ]  # fmt: skip
+    parts = (stream[start:end] for start, end in itertools.pairwise(cuts))
+    return list(map(AccessUnit, parts, frames, intra))
 
 
 def level_of(decoded: Decoded) -> Level | None:
-    """Find the lowest level that holds a stream; None where none does.
+    """Return the lowest level whose bounds a stream keeps, or None.
 
-    The bits of every second that begins with a frame are counted, as they are sent.
+    Bits are counted in every second that begins with a frame.
     """
     track = decoded.track
     bits = np.concatenate([part.extents[:, 1] - part.extents[:, 0] for part in decoded.planes])
     times_s = track.frame_numbers / track.rate_hz
     sums = np.concatenate([[0], np.cumsum(bits)])
     busiest = int((sums[np.searchsorted(times_s, times_s + 1.0 - 1e-9)] - sums[:-1]).max())
-    for level in LEVELS:
-        if busiest <= level.max_bit_s and track.rate_hz <= level.max_rate_hz:
-            return level
-    return None
+    fitting = (level for level in LEVELS if busiest <= level.max_bit_s and track.rate_hz <= level.max_rate_hz)
+    return next(fitting, None)

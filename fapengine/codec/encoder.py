@@ -1,11 +1,11 @@
-"""Tracks and live frames to streams, with every choice that the format leaves to the encoder.
+"""The encoder: tracks and live frames to streams, with every choice that the format leaves open.
 
 Theory of operation
 -------------------
-A stream falls into groups: an I plane and the P planes up to the next one. Whole tracks are coded group by group, and
-each group may be coded several times on trial: ranges from the table against ranges fitted to it, coarser against finer
-quantisers; the shortest one that keeps the promises is written. Live frames cannot be tried twice: their ranges come
-from a sliding window, and the quantiser follows the bits of the last group. A plain decoder reads all of it.
+A stream consists of groups: an I plane and the P planes up to the next one. Whole tracks are coded group by group. Each
+group may be coded several times: with ranges from the table or fitted to it, with coarser or finer quantisers; the
+shortest result within the limits is written. Live frames are coded once: their ranges come from a sliding window, and
+the quantiser follows the size of the last group. Every decoder can read the result.
 """
 
 import copy
@@ -18,56 +18,62 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fapengine.codec import kernels as k
-from fapengine.codec.choices import MAX_QUANT, coarsest_quant, fit_ranges, guaranteed_quant, moving, quantise
-from fapengine.codec.choices import table_ranges as table_as_sent
-from fapengine.codec.fields import FIELD_COUNT, LOW_LEVEL_FIELDS, Bools, Ints, SentRanges, rows_of
+from fapengine.codec.choices import (
+    MAX_QUANT,
+    coarsest_quant,
+    fit_ranges,
+    guaranteed_quant,
+    moving,
+    quantise,
+    table_ranges,
+)
+from fapengine.codec.fields import FIELD_COUNT, LOW_LEVEL_FIELDS, Bools, Ints, SentRanges, default_ranges, rows_of
 from fapengine.codec.header import FrameRate, IntraHeader, mask_types_of
-from fapengine.codec.planes import PlaneState
+from fapengine.codec.planes import BLENDS, PlaneState
 from fapengine.codec.writer import StreamWriter, check_selects
 from fapengine.errors import UsageError
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import Fapu
 from fapengine.mpeg4.track import FapTrack
 
-BLENDS = (2, 4, 6)
 SECONDS_A_GROUP = 10.0
-"""I plane period for rate control where none is given: short enough to react, long enough for the models to learn."""
+"""Default I plane period of rate control: short enough to react, long enough for the models to adapt."""
 SOONEST_S, PATIENCE_S = 1.0, 3.0
-"""Shortest live group, s, and the seconds' worth of bits by which it must have overspent to end early."""
+"""Shortest live group; and a live group ends early when it exceeds its bits by this many seconds' worth."""
 WINDOW_S = 20.0
-"""Seconds of the past whose values live ranges hold, times :data:`MARGIN`."""
+"""Live ranges contain the values of this time before now."""
 MARGIN = 1.5
-"""Factor by which live ranges are wider than the values of the last :data:`WINDOW_S` needed."""
+"""Factor by which live ranges are wider than those values."""
 FIRST_QUANT = 12
-"""Quantiser of the first live group under rate control, before anything is known."""
+"""Quantiser of the first live group with rate control."""
 FLOOR = 3
-"""Live ranges of P planes are at least the table's by this: nothing lags more than a few frames."""
+"""Live ranges of P planes are at least the table's divided by this, so that no FAP lags by more than a few frames."""
 FAR = 10_000
-"""Symbol beyond every real one."""
+"""Greater than every symbol."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EncoderOptions:
-    """Choices of the encoder; the defaults are the plain one."""
+    """Options of the encoder."""
 
     quant: int = 1
     """fap_quant, 0 (off) to 31."""
     intra_every: int = 0
-    """Frames from I plane to I plane; 0: only where masks change."""
+    """Frames from one I plane to the next; 0: only where masks change."""
     ranges: Literal["table", "fitted"] = "table"
-    """Fitted ranges are sent where they make a group shorter than the table's do."""
+    """``fitted``: ranges are sent where that makes a group shorter than the table's ranges do."""
     kbit_s: float | None = None
-    """Target rate; the quantiser is then chosen for each group, and ``quant`` is the finest one allowed."""
+    """Target rate: the quantiser is chosen for each group, and ``quant`` is the finest one allowed."""
     moving_only: bool = False
-    """Leave out FAPs that keep the value which the decoder shows."""
+    """Do not send FAPs that keep the value which the decoder shows."""
     max_error_mm: float | None = None
-    """Choose the coarsest quantiser that keeps every feature point so near; needs ``fapu``. Goes before ``quant``."""
+    """Greatest error of a feature point: the coarsest quantiser that keeps it replaces ``quant``; requires ``fapu``."""
     fapu: Fapu | None = None
-    """Face for which ``max_error_mm`` holds."""
+    """Units of the face for which ``max_error_mm`` holds."""
     plane_start_codes: Literal["none", "intra", "all"] = "none"
-    """``all`` costs 40 bits a plane, but then each live frame is complete in its own bytes."""
+    """``all`` costs 40 bits per plane; each live frame then has whole bytes."""
     unsent: Literal["keep", "interpolate"] = "keep"
-    """Behaviour of decoders for FAPs that are not sent: mask types 0 and 1, or 2."""
+    """What decoders do with FAPs that are not sent: mask types 0 and 1, or 2."""
 
     def __post_init__(self) -> None:
         if not 0 <= self.quant <= MAX_QUANT:
@@ -82,7 +88,7 @@ class EncoderOptions:
             raise UsageError("max_error_mm and kbit_s: got both, expected one")
 
     def group_frames(self, rate_hz: float) -> int:
-        """Frames from I plane to I plane, with the default of rate control."""
+        """Frames from one I plane to the next, with the default of rate control."""
         if self.intra_every == 0 and self.kbit_s is not None:
             return max(1, round(SECONDS_A_GROUP * rate_hz))
         return self.intra_every
@@ -106,67 +112,50 @@ def encode(track: FapTrack, options: EncoderOptions | None = None) -> bytes:
     check_selects(values[track.mask[:, 1]], False, True)
     skips = np.append(np.diff(track.frame_numbers) - 1, 0)
     writer = StreamWriter(clamp=True)
-    rate = _Budget(options, track.rate_hz)
-    for first, behind in _groups(track.mask, options.group_frames(track.rate_hz)):
-        group = _Group(values[first:behind], flags[first:behind], skips[first:behind], track.mask[first], options)
-        frame_rate = FrameRate.nearest(track.rate_hz) if first == 0 else None
-        before = writer.bits
+    budget = None if options.kbit_s is None else 0.0
+    for first, end in _groups(track.mask, options.group_frames(track.rate_hz)):
+        group = _Group(values[first:end], flags[first:end], skips[first:end], track.mask[first], options)
         if options.plane_start_codes != "none" and first:
             writer.plane_start_code()
-        group.code(writer, frame_rate, rate.bits_for(behind - first + int(skips[first:behind].sum())))
-        rate.spend(writer.bits - before)
+        if budget is not None and options.kbit_s is not None:  # bits that a group leaves over go to the next one
+            budget += 1000 * options.kbit_s / track.rate_hz * (end - first + int(skips[first:end].sum()))
+        before = writer.bits
+        group.code(writer, FrameRate.nearest(track.rate_hz) if first == 0 else None, budget)
+        if budget is not None:
+            budget -= writer.bits - before
     writer.finish()
     return writer.take()
 
 
 def _groups(mask: Bools, every: int) -> list[tuple[int, int]]:
-    """Cut where masks change, and every so many frames."""
+    """First frame and end of each group: a new one starts where masks change, and after ``every`` frames."""
     changes = 1 + np.flatnonzero((mask[1:] != mask[:-1]).any(1))
-    cuts = [0, *changes.tolist(), len(mask)]
-    pieces = []
-    for start, end in itertools.pairwise(cuts):
-        marks = [*range(start, end, every or end - start), end]
-        pieces += list(itertools.pairwise(marks))
+    pieces: list[tuple[int, int]] = []
+    for start, end in itertools.pairwise([0, *changes.tolist(), len(mask)]):
+        pieces += itertools.pairwise([*range(start, end, every or end - start), end])
     return pieces
 
 
-class _Budget:
-    """Bits that may be spent. What a group leaves over, the next one may use.
-
-    Stateful.
-    """
-
-    def __init__(self, options: EncoderOptions, rate_hz: float) -> None:
-        self._bits_a_frame = None if options.kbit_s is None else 1000 * options.kbit_s / rate_hz
-        self._left = 0.0
-
-    def bits_for(self, frames: int) -> float | None:
-        if self._bits_a_frame is None:
-            return None
-        self._left += self._bits_a_frame * frames
-        return self._left
-
-    def spend(self, bits: int) -> None:
-        self._left -= bits
-
-
+@dataclass(frozen=True, slots=True, eq=False)
 class _Group:
     """One I plane and its P planes, not yet coded."""
 
-    def __init__(self, values: Ints, flags: Ints, skips: Ints, mask: Bools, options: EncoderOptions) -> None:
-        self._values, self._flags, self._skips = values, flags, skips
-        self._mask, self._options = mask, options
+    values: Ints
+    flags: Ints
+    skips: Ints
+    mask: Bools
+    options: EncoderOptions
 
     def code(self, writer: StreamWriter, rate: FrameRate | None, budget: float | None) -> None:
-        options = self._options
-        mask = self._mask.copy()
+        """Write the group in the shortest way; with a budget, with the finest quantiser that fits."""
+        options = self.options
+        mask = self.mask.copy()
         if options.moving_only:
-            mask &= moving(self._values, writer.state.previous)
-        low_level = self._values[:, LOW_LEVEL_FIELDS]
+            mask &= moving(self.values, writer.state.previous)
+        quant = options.quant
         if options.max_error_mm is not None and options.fapu is not None:
+            low_level = self.values[:, LOW_LEVEL_FIELDS]
             quant = coarsest_quant(low_level, mask[2:], options.fapu, options.max_error_mm)
-        else:
-            quant = options.quant
         best = self._shortest(writer.state, mask, quant, rate, count=budget is not None)
         if budget is not None and best[1] > budget:
             low, high = max(quant, 1), MAX_QUANT
@@ -183,13 +172,15 @@ class _Group:
     def _shortest(
         self, state: PlaneState, mask: Bools, quant: int, rate: FrameRate | None, *, count: bool = True
     ) -> tuple[IntraHeader, int]:
-        """Try the ways to give ranges; those in which a value had to be clamped come last."""
-        types = mask_types_of(mask, 2 if self._options.unsent == "interpolate" else 1)
-        header = IntraHeader(quant, mask, types, rate=rate, skip=int(self._skips[0]))
-        unchanged = state.ranges is None or (state.quant == quant and not _was_fitted(state))
-        choices = [SentRanges()] if unchanged else [SentRanges(), table_as_sent()]
-        if self._options.ranges == "fitted":
-            levels, _ = quantise(self._values[:, LOW_LEVEL_FIELDS], quant)
+        """Try the choices of ranges; returns the best header and its bits. Choices that clamp a value come last."""
+        types = mask_types_of(mask, 2 if self.options.unsent == "interpolate" else 1)
+        header = IntraHeader(quant, mask, types, rate=rate, skip=int(self.skips[0]))
+        is_from_table = state.ranges is None or (
+            state.quant == quant and np.array_equal(state.ranges, default_ranges(quant))
+        )
+        choices = [SentRanges()] if is_from_table else [SentRanges(), table_ranges()]
+        if self.options.ranges == "fitted":
+            levels, _ = quantise(self.values[:, LOW_LEVEL_FIELDS], quant)
             choices += [fit_ranges(levels, quant), fit_ranges(levels, quant, predicted_only=True)]
         if len(choices) == 1 and not count:
             return header, 0
@@ -209,44 +200,30 @@ class _Group:
         return chosen, bits
 
     def _write(self, writer: StreamWriter, header: IntraHeader) -> None:
-        writer.intra(header, self._values[0], self._flags[0])
-        if self._options.plane_start_codes != "all":
-            writer.predicted(self._values[1:], self._flags[1:], self._skips[1:])
+        writer.intra(header, self.values[0], self.flags[0])
+        if self.options.plane_start_codes != "all":
+            writer.predicted(self.values[1:], self.flags[1:], self.skips[1:])
             return
-        for t in range(1, len(self._values)):
+        for t in range(1, len(self.values)):
             writer.plane_start_code()
-            writer.predicted(self._values[t : t + 1], self._flags[t : t + 1], self._skips[t : t + 1])
-
-
-def _was_fitted(state: PlaneState) -> bool:
-    fresh = PlaneState()
-    fresh.begin_intra(IntraHeader(state.quant, state.mask, (0,) * 10))
-    return fresh.ranges is None or state.ranges is None or not np.array_equal(fresh.ranges, state.ranges)
-
-
-def _no_narrower(fitted: SentRanges, table: SentRanges) -> SentRanges:
-    """Keep the table's I ranges, which hold any pose, and a part of its P ranges."""
-    sides = [
-        None if mine is None or wide is None else np.maximum(mine, -(-wide // FLOOR))
-        for mine, wide in ((fitted.p_max, table.p_max), (fitted.p_min, table.p_min))
-    ]
-    return SentRanges(table.i_max, table.i_min, *sides)
+            writer.predicted(self.values[t : t + 1], self.flags[t : t + 1], self.skips[t : t + 1])
 
 
 class Encoder:
-    """Live frames in, bytes out.
+    """Encodes live frames.
 
     Stateful.
 
     Parameters
     ----------
     rate_hz : float
-        Frames a second.
+        Frame rate.
     faps : sequence of int
         FAP numbers to send; all low-level ones by default.
     options : EncoderOptions
-        ``kbit_s`` and fitted ranges act from the second I plane on: they need frames to look back at. A FAP left out
-        that begins to move brings an I plane at once; a value that leaves a fitted range, after a second.
+        ``kbit_s`` and fitted ranges have an effect from the second I plane on, since they need past frames. An I plane
+        is sent at once when a FAP that is not sent begins to move, and within a second when a value leaves a fitted
+        range.
 
     Examples
     --------
@@ -278,7 +255,7 @@ class Encoder:
             self._ranges_quant = self.quant
 
     def request_intra(self) -> None:
-        """Make the next frame an I plane that tells the frame rate, so that a newcomer can begin there."""
+        """Make the next frame an I plane with the frame rate, so that a new viewer can start with it."""
         self._intra_wanted, self._rate = True, self._rate_sent
 
     def frame(
@@ -289,7 +266,7 @@ class Encoder:
         expression: Sequence[int] = (0, 0, 0, 0, 0, 0),
         skip: int = 0,
     ) -> bytes:
-        """Code one frame.
+        """Encode one frame.
 
         Parameters
         ----------
@@ -298,17 +275,17 @@ class Encoder:
         viseme, expression : sequence of 4 and of 6 int
             As in :class:`FapTrack`; used where FAP 1 and 2 are sent.
         skip : int
-            Frames left out behind this one.
+            Number of frames skipped after this one.
 
         Returns
         -------
         bytes
-            Whole bytes that are ready; up to 7 bits wait for the next call, unless start codes are set to "all".
+            Whole bytes; up to 7 bits are kept for the next call, unless ``plane_start_codes`` is "all".
 
         Raises
         ------
         UsageError
-            For wrong shapes, and visemes or expressions that do not exist.
+            If shapes are wrong, or a viseme or expression does not exist.
         """
         row, flags = self._lay_out(values, viseme, expression)
         if skip < 0:
@@ -337,7 +314,7 @@ class Encoder:
         return self._writer.take()
 
     def finish(self) -> bytes:
-        """End the stream; only if a frame was coded."""
+        """End the stream; at least one frame must have been encoded."""
         self._writer.finish()
         return self._writer.take()
 
@@ -361,17 +338,21 @@ class Encoder:
         ranges = SentRanges()
         if options.ranges == "fitted" and len(self._window) > 1:
             levels, _ = quantise(seen[:, LOW_LEVEL_FIELDS], quant)
-            wide = table_as_sent()  # an I plane must hold any pose
-            ranges = _no_narrower(fit_ranges(levels, quant, margin=MARGIN), wide)
+            fitted, table = fit_ranges(levels, quant, margin=MARGIN), table_ranges()
+            predicted = (
+                None if mine is None or wide is None else np.maximum(mine, -(-wide // FLOOR))
+                for mine, wide in zip(fitted[2:], table[2:], strict=True)
+            )
+            ranges = SentRanges(*table[:2], *predicted)  # an I plane must hold any pose
         elif state.ranges is not None and quant != self._ranges_quant:
-            ranges, self._ranges_quant = table_as_sent(), quant
+            ranges, self._ranges_quant = table_ranges(), quant
         self.quant = quant
         rate, self._rate = self._rate, None
         types = mask_types_of(mask, 2 if options.unsent == "interpolate" else 1)
         return IntraHeader(quant, mask, types, ranges=ranges, rate=rate, skip=skip)
 
     def _needs_intra(self, row: Ints) -> bool:
-        """Tell whether P planes would lag behind: a fitted range is too narrow, or a FAP left out begins to move."""
+        """Check for values that P planes cannot follow: outside a fitted range, or of a FAP that is not sent."""
         state, fields = self._writer.state, self._writer.state.fields
         if self.options.ranges == "table" and not self.options.moving_only:
             return False
@@ -389,7 +370,7 @@ class Encoder:
         return bool((late & sent).any() or left_out.any() or (new_viseme & moved).any())
 
     def _overspent(self) -> bool:
-        """Tell whether this group must end early, for its quantiser is far too fine for the target rate."""
+        """Check for a group that must end early, because its quantiser is far too fine for the target rate."""
         if self.options.kbit_s is None or self.quant >= MAX_QUANT or self._since_intra < SOONEST_S * self._rate_hz:
             return False
         allowed = 1000 * self.options.kbit_s * (self._group_planes / self._rate_hz + PATIENCE_S)

@@ -1,13 +1,11 @@
-"""The 73 coded fields of a plane, in the order of the stream; tracks laid out in them; and their symbol ranges.
+"""The 73 coded fields of a plane, in the order of the stream; conversion from and to tracks; symbol ranges.
 
 Three fields of FAP 1 (select1, select2, blend), four of FAP 2 (select1, intensity1, select2, intensity2), then FAP 3 to
-68 (FBA section 8). Beside them are three plain bits: viseme_def, init_face, expression_def. Ranges of the 66 low-level
-FAPs are the table's or sent ones (FBA section 5).
+68 (FBA section 8). Three flags are sent uncoded: viseme_def, init_face, expression_def. The ranges of the 66 low-level
+FAPs come from the table of FAPs or from the stream (FBA section 5).
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,7 +36,7 @@ GROUPS = fap.GROUPS
 
 
 def rows_of(track: FapTrack) -> tuple[Ints, Ints]:
-    """Lay a track out in fields.
+    """Convert a track to fields.
 
     Returns
     -------
@@ -54,98 +52,85 @@ def rows_of(track: FapTrack) -> tuple[Ints, Ints]:
     return values, flags
 
 
-def track_of(
-    values: Ints, flags: Ints, mask: Bools, frame_numbers: Ints, *, rate_hz: float, name: str = "decoded"
-) -> FapTrack:
-    """Undo :func:`rows_of`; what ``mask`` (T, 68) does not select becomes 0."""
-    count = len(values)
-    out: NDArray[Any] = np.zeros((count, fap.FAP_COUNT), np.int64)
-    out[:, fap.column(3) :] = np.where(mask[:, fap.column(3) :], values[:, LOW_LEVEL_FIELDS], 0)
+def track_of(values: Ints, flags: Ints, mask: Bools, frame_numbers: Ints, *, rate_hz: float) -> FapTrack:
+    """Convert fields back to a track: the inverse of :func:`rows_of`. Values outside ``mask`` (T, 68) become 0."""
+    low_level = slice(fap.column(3), None)
+    out: NDArray[Any] = np.zeros(mask.shape, np.int64)
+    out[:, low_level] = np.where(mask[:, low_level], values[:, LOW_LEVEL_FIELDS], 0)
     visemes: NDArray[Any] = np.column_stack([values[:, VISEME_FIELDS], flags[:, :1]]) * mask[:, :1]
     expressions: NDArray[Any] = np.column_stack([values[:, EXPRESSION_FIELDS], flags[:, 1:]]) * mask[:, 1:2]
     return FapTrack(
         values=out, mask=mask, visemes=visemes, expressions=expressions, frame_numbers=frame_numbers,
-        rate_hz=rate_hz, name=name,
+        rate_hz=rate_hz, name="decoded",
     )  # fmt: skip
 
 
 UNIT = 60
-"""A sent bound is a number of 5 bits times 60 quantiser steps at q = 1."""
+"""A sent bound is a 5-bit number times 60 quantiser steps at q = 1."""
 MAX_SENT = 31
 LISTS = ("i_max", "i_min", "p_max", "p_min")
 """Lists of ranges in the order in which they are sent."""
 SIGNS = (1, -1, 1, -1)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SentRanges:
-    """New ranges of one I plane; None where a list is not sent."""
+class SentRanges(NamedTuple):
+    """New ranges of one I plane, in the order of :data:`LISTS`.
 
-    i_max: NDArray[np.int64] | None = None
-    """(66,) magnitudes in units of 60, 0..31; FAPs that are masked out are not sent."""
-    i_min: NDArray[np.int64] | None = None
-    p_max: NDArray[np.int64] | None = None
-    p_min: NDArray[np.int64] | None = None
+    Each is (66,) int64 magnitudes in units of 60, 0 to 31, or None where not sent. Only those of coded FAPs are sent.
+    """
 
-    @property
-    def lists(self) -> tuple[NDArray[np.int64] | None, ...]:
-        """The four lists, each (66,) or None, in the order of the stream."""
-        return self.i_max, self.i_min, self.p_max, self.p_min
+    i_max: Ints | None = None
+    i_min: Ints | None = None
+    p_max: Ints | None = None
+    p_min: Ints | None = None
 
     @classmethod
-    def covering(
-        cls, i_max: ArrayLike | None, i_min: ArrayLike | None, p_max: ArrayLike | None, p_min: ArrayLike | None
-    ) -> "SentRanges":
-        """Round wanted bounds outwards.
+    def covering(cls, *bounds: ArrayLike | None) -> "SentRanges":
+        """Round bounds outwards.
 
         Parameters
         ----------
-        i_max, i_min, p_max, p_min : (66,) array_like of int, quantiser steps at q = 1, or None
-            Maxima 0..1860, minima -1860..0.
+        bounds : four of (66,) array_like of int, quantiser steps at q = 1, or None
+            Maxima 0 to 1860, minima -1860 to 0.
         """
-        wanted = (i_max, i_min, p_max, p_min)
         return cls(
             *(
-                None if bounds is None else _magnitudes(name, np.asarray(bounds, np.int64) * sign)
-                for name, bounds, sign in zip(LISTS, wanted, SIGNS, strict=True)
+                None if wanted is None else _magnitudes(name, np.asarray(wanted, np.int64) * sign)
+                for name, wanted, sign in zip(LISTS, bounds, SIGNS, strict=True)
             )
         )
 
 
 def _magnitudes(name: str, bounds: Ints) -> Ints:
+    """(66,) bounds in units of 60, rounded up."""
     if bounds.shape != (LOW_LEVEL_COUNT,):
         raise UsageError(f"{name}: got shape {bounds.shape}, expected ({LOW_LEVEL_COUNT},)")
     sent: Ints = -(-bounds // UNIT)
-    if sent.min() < 0 or sent.max() > MAX_SENT:
-        worst = int(np.argmax(np.where(sent < 0, MAX_SENT - sent, sent)))
-        raise UsageError(
-            f"{name} of FAP {worst + 3}: must be 0 to {MAX_SENT * UNIT} with its sign, got magnitude {bounds[worst]}"
-        )
+    bad = np.flatnonzero((sent < 0) | (sent > MAX_SENT))
+    if len(bad):
+        limits = f"must be 0 to {MAX_SENT * UNIT} with its sign"
+        raise UsageError(f"{name} of FAP {bad[0] + 3}: {limits}, got magnitude {bounds[bad[0]]}")
     return sent
 
 
 def default_ranges(quant: int) -> Ints:
-    """Bounds from the table of FAPs, in symbols at ``quant``.
+    """Ranges of the table of FAPs, in symbols at ``quant``.
 
     Returns
     -------
     (4, 66) int64
         Rows in the order of :data:`LISTS`.
     """
-    limits: Sequence[Sequence[int]] = [
-        [row.intra_limit for row in fap.FAPS],
-        [row.intra_limit for row in fap.FAPS],
-        [row.predicted_limit for row in fap.FAPS],
-        [row.predicted_limit for row in fap.FAPS],
-    ]
-    rounded = -(-np.array(limits, np.int64) // UNIT) * UNIT  # only FAP 63's 680 changes
+    intra, predicted = [row.intra_limit for row in fap.FAPS], [row.predicted_limit for row in fap.FAPS]
+    limits = np.array([intra, intra, predicted, predicted], np.int64)
+    rounded = -(-limits // UNIT) * UNIT  # only FAP 63's 680 changes
     divided: Ints = rounded // max(quant, 1) * np.array(SIGNS)[:, None]
     return divided
 
 
 def apply_sent(ranges: Ints, sent: SentRanges, mask: Bools, quant: int) -> None:
-    """Change the rows of ``ranges`` that are sent, only for FAPs whose ``mask`` (66,) is on."""
-    for row, (magnitudes, sign) in enumerate(zip(sent.lists, SIGNS, strict=True)):
+    """Replace the rows of ``ranges`` that are sent, for FAPs whose ``mask`` (66,) is on."""
+    for row, (magnitudes, sign) in enumerate(zip(sent, SIGNS, strict=True)):
         if magnitudes is not None:
             bounds = sign * (UNIT * magnitudes // max(quant, 1))
             ranges[row] = np.where(mask, bounds, ranges[row])

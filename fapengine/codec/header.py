@@ -1,12 +1,13 @@
-"""The plane header: values, and their bits both ways (FBA sections 2, 4 and 5)."""
+"""The plane header: its values, and reading and writing its bits (FBA sections 2, 4 and 5)."""
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
 
-from fapengine.codec.bits import BitReader, BitWriter
-from fapengine.codec.fields import GROUPS, LOW_LEVEL_COUNT, Bools, SentRanges
+from fapengine.codec.bits import BitReader
+from fapengine.codec.fields import GROUPS, LISTS, Bools, SentRanges
 from fapengine.codec.kernels import SKIP_LIMIT
 from fapengine.errors import ConformanceError, UnsupportedError, UsageError
 from fapengine.mpeg4 import fap
@@ -14,11 +15,12 @@ from fapengine.mpeg4 import fap
 FACE, BODY = 1, 2
 """Bits of the object mask."""
 LIST_MARKER_EVERY = 4
+"""Ranges of a group after which a marker bit follows."""
 
 
 @dataclass(frozen=True, slots=True)
 class FrameRate:
-    """Frames a second: ``whole + sixteenths / 16``, times 1000/1001 where ``ntsc``."""
+    """Frames per second: ``whole + sixteenths / 16``, times 1000/1001 where ``ntsc``."""
 
     whole: int
     sixteenths: int = 0
@@ -30,13 +32,13 @@ class FrameRate:
 
     @property
     def hz(self) -> float:
-        """Frames a second."""
+        """Frames per second."""
         rate = self.whole + Fraction(self.sixteenths, 16)
         return float(rate * Fraction(1000, 1001) if self.ntsc else rate)
 
     @classmethod
     def nearest(cls, rate_hz: float) -> "FrameRate":
-        """Find the rate that can be sent nearest to ``rate_hz``.
+        """Return the codable rate nearest to ``rate_hz``.
 
         Examples
         --------
@@ -74,7 +76,7 @@ class TimeCode:
 
 @dataclass(frozen=True, slots=True)
 class PlaneStart:
-    """What an I plane begins with, whatever it carries."""
+    """First fields of an I plane, before those of the face or the body."""
 
     objects: int
     """:data:`FACE`, :data:`BODY` or both."""
@@ -83,25 +85,28 @@ class PlaneStart:
     skip: int
 
 
+NOTHING_SENT = SentRanges()
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class IntraHeader:
-    """What only I planes carry, for a face."""
+    """Header of an I plane with a face."""
 
     quant: int
-    """fap_quant, 0..31."""
+    """fap_quant, 0 to 31."""
     mask: Bools
     """(68,) bool: coded FAPs."""
     mask_types: tuple[int, ...]
-    """(10,) 0..3, one a group."""
+    """(10,) 0 to 3, one per group."""
     gender: int = 0
-    ranges: SentRanges = field(default_factory=SentRanges)
+    ranges: SentRanges = NOTHING_SENT
     rate: FrameRate | None = None
     time_code: TimeCode | None = None
     skip: int = 0
 
 
 def mask_types_of(mask: Bools, unsent: int = 1) -> tuple[int, ...]:
-    """Choose the shortest mask types: 3 for whole groups, 0 for empty ones (values kept), else ``unsent``."""
+    """Return the shortest mask types: 3 for whole groups, 0 for empty ones (values kept), else ``unsent``."""
     types = []
     for group in GROUPS:
         coded = [bool(mask[fap.column(number)]) for number in group]
@@ -109,63 +114,39 @@ def mask_types_of(mask: Bools, unsent: int = 1) -> tuple[int, ...]:
     return tuple(types)
 
 
-def write_intra_header(header: IntraHeader, out: BitWriter) -> None:
-    """Append everything from ``is_intra`` to the ranges."""
-    out.write(1, 1)
-    out.write(FACE, 2)
-    out.write(header.rate is not None, 1)
-    if header.rate is not None:
-        out.write(header.rate.whole, 8)
-        out.write(header.rate.sixteenths, 4)
-        out.write(header.rate.ntsc, 1)
-    out.write(header.time_code is not None, 1)
-    if header.time_code is not None:
-        out.write(header.time_code.hours, 5)
-        out.write(header.time_code.minutes, 6)
-        out.write(1, 1)
-        out.write(header.time_code.seconds, 6)
-    write_skip(header.skip, out)
-    out.write(header.quant, 5)
+def intra_header_bits(header: IntraHeader) -> list[int]:
+    """Bits of a header, from ``is_intra`` to the ranges."""
+    rate, time_code, mask = header.rate, header.time_code, header.mask
+    fields: list[tuple[int, int]] = [(1, 1), (FACE, 2), (rate is not None, 1)]  # value, width in bits
+    if rate is not None:
+        fields += [(rate.whole, 8), (rate.sixteenths, 4), (rate.ntsc, 1)]
+    fields.append((time_code is not None, 1))
+    if time_code is not None:
+        fields += [(time_code.hours, 5), (time_code.minutes, 6), (1, 1), (time_code.seconds, 6)]
+    fields.append((header.skip > 0, 1))
+    if header.skip > 0:  # 15 means that another number follows (FBA section 10)
+        fields += [(15, 4)] * (header.skip // 15) + [(header.skip % 15, 4)]
+    fields.append((header.quant, 5))
     for group, kind in zip(GROUPS, header.mask_types, strict=True):
-        out.write(1, 1)
-        out.write(kind, 2)
+        fields += [(1, 1), (kind, 2)]
         if kind in (1, 2):
-            for number in group:
-                out.write(header.mask[fap.column(number)], 1)
-    out.write(header.gender, 1)
-    out.write(0, 1)  # predictive, not DCT
-    lists = header.ranges.lists
-    for magnitudes in lists:
-        out.write(magnitudes is not None, 1)
-    for magnitudes in lists:
+            fields += [(mask[fap.column(number)], 1) for number in group]
+    fields += [(header.gender, 1), (0, 1)]  # predictive, not DCT
+    fields += [(magnitudes is not None, 1) for magnitudes in header.ranges]
+    for magnitudes in header.ranges:
         if magnitudes is not None:
-            for index, marker in _list_places():
-                if marker:
-                    out.write(1, 1)
-                if header.mask[index + 2]:
-                    out.write(int(magnitudes[index]), 5)
+            for number, has_marker in list_places(GROUPS[1:]):
+                fields += [(1, 1)] * has_marker + [(magnitudes[number - 3], 5)] * int(mask[fap.column(number)])
+    return [int(value) >> shift & 1 for value, width in fields for shift in reversed(range(width))]
 
 
-def write_skip(skip: int, out: BitWriter) -> None:
-    """Append the skip flag and its numbers: 15 means that another follows (FBA section 10)."""
-    out.write(skip > 0, 1)
-    while skip >= 15:
-        out.write(15, 4)
-        skip -= 15
-        if skip < 15:
-            out.write(skip, 4)
-            return
-    if skip:
-        out.write(skip, 4)
-
-
-def _list_places() -> list[tuple[int, bool]]:
-    """Index 0..65 of each FAP, and whether a marker bit comes before it."""
-    return [(number - 3, nth % LIST_MARKER_EVERY == 0) for group in GROUPS[1:] for nth, number in enumerate(group)]
+def list_places(groups: Sequence[Sequence[int]]) -> list[tuple[int, bool]]:
+    """Numbers in the order of a list of ranges, each with whether a marker bit precedes it."""
+    return [(number, nth % LIST_MARKER_EVERY == 0) for group in groups for nth, number in enumerate(group)]
 
 
 def read_skip(reader: BitReader) -> int:
-    """Read the skip flag and its numbers."""
+    """Read the skip flag and its numbers (FBA section 10)."""
     if not reader.read(1, "skip_frames"):
         return 0
     total, part = 0, 15
@@ -188,22 +169,75 @@ def read_plane_start(reader: BitReader) -> PlaneStart:
     return PlaneStart(objects, rate, time_code, read_skip(reader))
 
 
-def read_face_header(reader: BitReader, start: PlaneStart) -> IntraHeader:
-    """Read the fields of the face, up to the arithmetic data."""
-    quant = reader.read(5, "fap_quant")
-    mask, types = _read_masks(reader)
+@dataclass(frozen=True, slots=True)
+class ParameterFields:
+    """Quantiser, masks and ranges in an I plane. Faces and bodies have them in the same order."""
+
+    quant: int
+    mask: dict[int, bool]
+    """For each FAP or BAP number, whether it is coded."""
+    mask_types: tuple[int, ...]
+    gender: int
+    ranges: tuple[dict[int, int] | None, ...]
+    """Magnitude of each coded number in units of 60, in the order of :data:`LISTS`; None where not sent."""
+
+
+def read_parameter_fields(
+    reader: BitReader,
+    groups: Sequence[Sequence[int]],
+    ranged_groups: Sequence[Sequence[int]],
+    *,
+    prefix: str = "",
+    name: str = "FAP",
+    clauses: tuple[str, str] = ("FBA section 4", "FBA section 5"),
+) -> ParameterFields:
+    """Read the fields of a face or a body, up to the arithmetic data.
+
+    Parameters
+    ----------
+    groups, ranged_groups : sequences of numbers
+        Those with a mask, and those with ranges.
+    prefix, name, clauses : str
+        For error messages; the clauses of masks and of ranges.
+    """
+    quant = reader.read(5, f"{name.lower()}_quant")
+    mask: dict[int, bool] = {}
+    types = []
+    for index, group in enumerate(groups, start=1):
+        reader.expect_marker(f"mask of {prefix}group {index}", clauses[0])
+        where = reader.where()
+        kind = reader.read(2, f"mask type of {prefix}group {index}")
+        if kind == 2 and prefix:
+            what = f"mask type of {prefix}group {index}: got 2, expected 0, 1 or 3"
+            raise ConformanceError(what, where=where, clause=clauses[0])
+        for number in group:
+            mask[number] = kind == 3 or (kind > 0 and bool(reader.read(1, f"mask of {name} {number}")))
+        types.append(kind)
     gender = reader.read(1, "suggested_gender")
-    expect_predictive(reader)
-    flags = [reader.read(1, f"is_{name}") for name in ("i_new_max", "i_new_min", "p_new_max", "p_new_min")]
-    ranges = SentRanges(*[_read_list(reader, mask) if flag else None for flag in flags])
-    return IntraHeader(quant, mask, types, gender, ranges, start.rate, start.time_code, start.skip)
-
-
-def expect_predictive(reader: BitReader) -> None:
-    """Read the coding type, which must not be DCT."""
     where = reader.where()
     if reader.read(1, "coding type"):
         raise UnsupportedError("coding type: got 1, DCT mode", where=where, clause="FBA section 13")
+    ranges: list[dict[int, int] | None] = []
+    for is_sent in [reader.read(1, f"is_{side[0]}_new_{side[2:]}") for side in LISTS]:
+        magnitudes: dict[int, int] = {}
+        for number, has_marker in list_places(ranged_groups) if is_sent else ():
+            if has_marker:
+                reader.expect_marker(f"ranges at {name} {number}", clauses[1])
+            if mask[number]:
+                magnitudes[number] = reader.read(5, f"range of {name} {number}")
+        ranges.append(magnitudes if is_sent else None)
+    return ParameterFields(quant, mask, tuple(types), gender, tuple(ranges))
+
+
+def read_face_header(reader: BitReader, start: PlaneStart) -> IntraHeader:
+    """Read the fields of the face, up to the arithmetic data."""
+    read = read_parameter_fields(reader, GROUPS, GROUPS[1:])
+    numbers = range(1, fap.FAP_COUNT + 1)
+    ranges = SentRanges(
+        *(None if sent is None else np.array([sent.get(number, 0) for number in numbers[2:]]) for sent in read.ranges)
+    )
+    mask = np.array([read.mask[number] for number in numbers])
+    return IntraHeader(read.quant, mask, read.mask_types, read.gender, ranges, start.rate, start.time_code, start.skip)
 
 
 def _read_rate(reader: BitReader) -> FrameRate:
@@ -223,25 +257,3 @@ def _read_time_code(reader: BitReader) -> TimeCode:
         return TimeCode(hours, minutes, reader.read(6, "seconds"))
     except UsageError as error:
         raise ConformanceError(str(error), where=where, clause="FBA section 2") from error
-
-
-def _read_masks(reader: BitReader) -> tuple[Bools, tuple[int, ...]]:
-    mask = np.zeros(fap.FAP_COUNT, bool)
-    types = []
-    for index, group in enumerate(GROUPS, start=1):
-        reader.expect_marker(f"mask of group {index}", "FBA section 4")
-        kind = reader.read(2, f"mask type of group {index}")
-        for number in group:
-            mask[fap.column(number)] = kind == 3 or (kind in (1, 2) and reader.read(1, f"mask of FAP {number}"))
-        types.append(kind)
-    return mask, tuple(types)
-
-
-def _read_list(reader: BitReader, mask: Bools) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
-    magnitudes = np.zeros(LOW_LEVEL_COUNT, np.int64)
-    for index, marker in _list_places():
-        if marker:
-            reader.expect_marker(f"ranges at FAP {index + 3}", "FBA section 5")
-        if mask[index + 2]:
-            magnitudes[index] = reader.read(5, f"range of FAP {index + 3}")
-    return magnitudes

@@ -1,7 +1,7 @@
-"""What a face shows for FAPs that are not sent: held, or filled from their partners (FBA section 9).
+"""FAPs that are not sent: they keep their last value, or are filled from their partners (FBA section 9).
 
-Deviation: the standard's formula for mask type 2 is not known here. The rules are: inner and outer lips stand for each
-other, then left and right; what is left keeps its last value. The values of FIT tables are not used.
+Deviation: the standard's formula for mask type 2 is not known here. The rules are: inner and outer lips replace each
+other, then left and right; the others keep their last value. The values of FIT tables are not used.
 """
 
 from dataclasses import replace
@@ -15,7 +15,7 @@ from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack
 
 LIP_PARTNERS = tuple(zip(range(4, 14), range(51, 61), strict=True))
-"""Inner and outer lip FAPs. Both ways."""
+"""Inner and outer lip FAPs; each fills the other."""
 SIDE_PARTNERS = (
     (6, 7), (8, 9), (10, 11), (12, 13), (19, 20), (21, 22), (23, 24), (25, 26), (27, 28), (29, 30), (31, 32), (33, 34),
     (35, 36), (37, 38), (39, 40), (41, 42), (53, 54), (55, 56), (57, 58), (59, 60), (61, 62), (65, 66), (67, 68),
@@ -31,54 +31,42 @@ for _row, _pairs in enumerate((LIP_PARTNERS, SIDE_PARTNERS)):
 _GROUP_OF = np.array([next(k for k, group in enumerate(GROUPS) if number in group) for number in range(3, 69)])
 
 
-class Filler:
-    """Keeps the last shown value of every low-level FAP; neutral at first.
+def fill(values: Ints, mask: Bools, mask_types: tuple[int, ...], shown: Ints) -> Ints:
+    """Low-level FAPs that a face shows in one frame.
 
-    Stateful.
+    Parameters
+    ----------
+    values : (66,) int64, FAPU
+        FAP 3 to 68; used where ``mask`` is on.
+    mask : (66,) bool
+        FAPs that were sent.
+    mask_types : (10,) int
+        Types in the I plane in force.
+    shown : (66,) int64, FAPU
+        The frame before; 0 at first.
+
+    Returns
+    -------
+    (66,) int64, FAPU
     """
-
-    def __init__(self) -> None:
-        self._shown: Ints = np.zeros(LOW_LEVEL_COUNT, np.int64)
-
-    def fill(self, values: Ints, mask: Bools, mask_types: tuple[int, ...]) -> Ints:
-        """Fill one frame.
-
-        Parameters
-        ----------
-        values : (66,) int64, FAPU
-            FAP 3 to 68; only where ``mask`` is on do they count.
-        mask : (66,) bool
-            FAPs that were sent.
-        mask_types : (10,) int
-            Of the I plane in force.
-
-        Returns
-        -------
-        (66,) int64, FAPU
-        """
-        shown = np.where(mask, values, self._shown)
-        sent = mask.copy()
-        wanted = ~mask & (np.array(mask_types)[_GROUP_OF] == INTERPOLATED)
-        for partners in (
-            *_PARTNERS,
-            _PARTNERS[0],
-        ):  # lips, sides, and lips once more: 7 may come from 6, then 54 from 7
-            take = wanted & ~sent & (partners >= 0) & sent[partners]
-            shown[take] = shown[partners[take]]
-            sent |= take
-        self._shown = shown
-        return shown
+    filled = np.where(mask, values, shown)
+    sent = mask.copy()
+    wanted = ~mask & (np.array(mask_types)[_GROUP_OF] == INTERPOLATED)
+    for partners in (*_PARTNERS, _PARTNERS[0]):  # lips, sides, and lips again: 7 may come from 6, then 54 from 7
+        take = wanted & ~sent & (partners >= 0) & sent[partners]
+        filled[take] = filled[partners[take]]
+        sent |= take
+    return filled
 
 
 def fill_track(decoded: Decoded) -> FapTrack:
-    """Make the track that a face shows: every low-level FAP of every frame, held or filled where it was not sent."""
-    filler = Filler()
+    """Return the track that a face shows: every low-level FAP of every frame, held or filled where it was not sent."""
     low_level = slice(fap.column(3), None)
-    shown = [
-        filler.fill(row[LOW_LEVEL_FIELDS], part.header.mask[low_level], part.header.mask_types)
-        for part in decoded.planes
-        for row in part.values
-    ]
+    shown = [np.zeros(LOW_LEVEL_COUNT, np.int64)]
+    for part in decoded.planes:
+        mask, types = part.header.mask[low_level], part.header.mask_types
+        for row in part.values:
+            shown.append(fill(row[LOW_LEVEL_FIELDS], mask, types, shown[-1]))
     values, mask = decoded.track.values.copy(), decoded.track.mask.copy()
-    values[:, low_level], mask[:, low_level] = shown, True
+    values[:, low_level], mask[:, low_level] = shown[1:], True
     return replace(decoded.track, values=values, mask=mask)

@@ -1,18 +1,18 @@
-"""The adaptive arithmetic coder and the plane loops around it: everything that touches every bit.
+"""The adaptive arithmetic coder and the loops over fields and planes: all code that runs for every bit.
 
 Theory of operation
 -------------------
-A symbol ``y`` of an alphabet of ``n`` owns an interval of the sums ``c[j] = f[j] + ... + f[n-1]``, symbol 0 the
-topmost. Counted from the other end, ``r = n - 1 - y``, the interval is ``[prefix(r), prefix(r) + f[r])``, and prefix
-sums of changing counts are what a Fenwick tree keeps: coding, finding and counting a symbol cost log2(n) steps, not n.
-A plane is 73 fields at most (:mod:`fapengine.codec.fields`) in up to three segments, each flushed on its own. A table
-of another length is a body's (:mod:`fapengine.codec.bodies`): one segment, and no plain bits.
+A symbol ``y`` of an alphabet of ``n`` has an interval of the sums ``c[j] = f[j] + ... + f[n-1]``; symbol 0 is at the
+top. Counted from the other end, with rank ``r = n - 1 - y``, the interval is ``[prefix(r), prefix(r) + f[r])``. A
+Fenwick tree keeps the prefix sums of changing counts: coding, finding and counting a symbol take log2(n) steps, not n.
+A plane has up to 73 fields (:mod:`fapengine.codec.fields`) in up to three segments, each with its own flush. A table of
+another length belongs to a body (:mod:`fapengine.codec.bodies`), which has one segment and no flags.
 
-Invariants: ``low <= V <= high``; every model's tree holds the prefix sums of its counts; models change only when a
-whole plane has been decoded, so a plane that turns out to be incomplete can be decoded again.
+Invariants: ``low <= V <= high``; the tree of every model contains the prefix sums of its counts; models change only
+after a whole plane was decoded, so that an incomplete plane can be decoded again.
 
-With Numba installed (``fapengine[fast]``) these functions are compiled and kept on disk; without it they run as they
-stand. :func:`~fapengine.codec.warmup.warm_up` loads or compiles all of them, so that no live stream waits.
+With Numba (``fapengine[fast]``) these functions are compiled and cached on disk; without it they run as Python.
+:func:`~fapengine.codec.warmup.warm_up` loads or compiles all of them, so that no live stream waits.
 """
 
 from collections.abc import Callable
@@ -44,33 +44,33 @@ HALF, QUARTER, THREE_QUARTERS, TOP = 32768, 16384, 49152, 65535
 LIMIT = 16383
 """Largest total of a model's counts (FBA section 7)."""
 ZERO_RUN = 22
-"""Number of zeros of the coder in a row that are followed by a stuffed one (FBA section 7)."""
+"""Number of consecutive zeros of the coder after which a one is stuffed (FBA section 7)."""
 SKIP_LIMIT = 100_000
-"""Deviation: more skipped frames than this in one plane (over an hour at 25 Hz) count as damage; it bounds the time
-that a decoder fed byte by byte can be made to spend."""
+"""Deviation: more skipped frames than this in one plane (over an hour at 25 Hz) count as damage; it limits the
+time of a decoder that is fed byte by byte."""
 MIN_PLANE_BITS = 5
-"""Bits of a P plane: three fixed, one of the frames skipped, and the least that one coded bit takes."""
+"""Least number of bits of a P plane: three fixed, one for skipped frames, and one of data."""
 LOOK_AHEAD = 14
-"""Data bits that the decoder is ahead at the end of a segment."""
+"""Number of data bits that the decoder has read too far at the end of a segment."""
 
 GROUP_SIZES = tuple(len(group) for group in GROUPS)
 A_END, B_END = VISEME_FIELDS.stop, EXPRESSION_FIELDS.stop
 
 ON, STEP, I_MIN, I_COUNT, P_MIN, P_COUNT, MIN_VALUE, MAX_VALUE = range(8)
-"""Columns of the (73, 8) table of fields: coded or not, quantiser step, first symbol and alphabet of I and P planes,
-and what the reconstruction must lie between."""
+"""Columns of the (F, 8) table of fields: coded or not, quantiser step, first symbol and alphabet size of I and of P
+planes, and the limits of the reconstruction."""
 
 LOW, HIGH, PENDING, ZEROS, VALUE, READ, TAKEN, BAD = range(8)
-"""Slots of the coder's registers; encoding uses the first four."""
+"""Registers of the coder; encoding uses the first four."""
 
 DONE, NEED_MORE, AT_CODE, INTRA_NEXT, FULL = 0, 1, 2, 3, 4
 BAD_MASK, BAD_STUFFING, BAD_VALUE, WITH_BODY, BAD_SKIP = 5, 6, 7, 8, 9
-"""Reasons for which a decoding loop stopped."""
+"""Reasons why a decoding loop stopped."""
 
 
 @_compiled
 def reset_models(fields: Any, base: Any, counts: Any, tree: Any, totals: Any) -> None:
-    """Make the P models of all fields that are on uniform (FBA section 8)."""
+    """Make the P models of all coded fields uniform (FBA section 8)."""
     for field in range(fields.shape[0]):
         size = fields[field, P_COUNT] if fields[field, ON] else 0
         start = base[field]
@@ -169,12 +169,12 @@ def _flush(out: Any, at: int, coder: Any) -> int:
 def encode_plane(
     intra: bool, target: Any, flags: Any, fields: Any, previous: Any, models: Any, clamp: bool, out: Any, at: int
 ) -> int:
-    """Append the arithmetic data of one plane (FBA sections 6 to 8) to ``out``, one bit a byte.
+    """Write the arithmetic data of one plane (FBA sections 6 to 8) to ``out``, one bit per byte.
 
     Parameters
     ----------
     target : (F,) int64
-        Values in the order of the fields: 73 of a face, 296 of a body.
+        Values of the 73 fields of a face.
     flags : (3,) int64
         viseme_def, init_face, expression_def.
     previous : (F,) int64
@@ -185,7 +185,7 @@ def encode_plane(
     Returns
     -------
     int
-        Bits in ``out``; or ``-1 - field`` where a symbol is out of range and ``clamp`` is off. Then models are spoilt.
+        Bits in ``out``; or ``-1 - field`` if a symbol is out of range and ``clamp`` is off. Models are then invalid.
     """
     base, counts, tree, totals, coder = models
     coder[LOW], coder[HIGH], coder[PENDING], coder[ZEROS] = 0, TOP, 0, 0
@@ -233,7 +233,7 @@ def encode_plane(
 def encode_predicted(
     targets: Any, flags: Any, skips: Any, fields: Any, previous: Any, models: Any, clamp: bool, out: Any, at: int
 ) -> int:
-    """Append a run of P planes with their headers; ``-1 - field`` as :func:`encode_plane`."""
+    """Write P planes with their headers to ``out``; returns like :func:`encode_plane`."""
     for t in range(targets.shape[0]):
         out[at], out[at + 1], out[at + 2] = 0, 0, 1
         out[at + 3] = 1 if skips[t] else 0
@@ -257,7 +257,7 @@ def _raw(bits: Any, position: int, pad: int) -> int:
 
 
 @_compiled
-def _take(bits: Any, pad: int, coder: Any, behind: Any) -> int:
+def _take(bits: Any, pad: int, coder: Any, positions: Any) -> int:
     position = coder[READ]
     if coder[ZEROS] == ZERO_RUN:
         if _raw(bits, position, pad):
@@ -268,29 +268,29 @@ def _take(bits: Any, pad: int, coder: Any, behind: Any) -> int:
     bit = _raw(bits, position, pad)
     coder[READ] = position + 1
     coder[ZEROS] = 0 if bit else coder[ZEROS] + 1
-    behind[coder[TAKEN] & 15] = position + 1
+    positions[coder[TAKEN] & 15] = position + 1
     coder[TAKEN] += 1
     return bit
 
 
 @_compiled
-def _open_segment(bits: Any, position: int, pad: int, coder: Any, behind: Any) -> None:
+def _open_segment(bits: Any, position: int, pad: int, coder: Any, positions: Any) -> None:
     coder[LOW], coder[HIGH], coder[VALUE] = 0, TOP, 0
     coder[READ], coder[TAKEN], coder[ZEROS], coder[BAD] = position, 0, 0, -1
     for _ in range(16):
-        coder[VALUE] = 2 * coder[VALUE] + _take(bits, pad, coder, behind)
+        coder[VALUE] = 2 * coder[VALUE] + _take(bits, pad, coder, positions)
 
 
 @_compiled
-def _close_segment(coder: Any, behind: Any) -> int:
+def _close_segment(coder: Any, positions: Any) -> int:
     end = coder[TAKEN] - LOOK_AHEAD
     if 0 <= coder[BAD] < end:
         return -1
-    return int(behind[(end - 1) & 15])
+    return int(positions[(end - 1) & 15])
 
 
 @_compiled
-def _narrow(under: int, over: int, total: int, bits: Any, pad: int, coder: Any, behind: Any) -> None:
+def _narrow(under: int, over: int, total: int, bits: Any, pad: int, coder: Any, positions: Any) -> None:
     low, high, value = coder[LOW], coder[HIGH], coder[VALUE]
     length = high - low + 1
     high = low - 1 + length * over // total
@@ -306,32 +306,32 @@ def _narrow(under: int, over: int, total: int, bits: Any, pad: int, coder: Any, 
             break
         low = 2 * (low - shift)
         high = 2 * (high - shift) + 1
-        value = 2 * (value - shift) + _take(bits, pad, coder, behind)
+        value = 2 * (value - shift) + _take(bits, pad, coder, positions)
     coder[LOW], coder[HIGH], coder[VALUE] = low, high, value
 
 
 @_compiled
 def decode_plane(
-    intra: bool, bits: Any, at: int, pad: int, fields: Any, previous: Any, models: Any, symbols: Any, flags: Any,
+    intra: bool, bits: Any, at: int, pad: int, fields: Any, previous: Any, models: Any, found: Any, flags: Any,
     costs: Any,
 ) -> tuple[int, int, int]:  # fmt: skip
-    """Decode the arithmetic data of one plane; nothing but ``found``, ``flags`` and the registers is changed.
+    """Decode the arithmetic data of one plane; only ``found``, ``flags``, ``costs`` and the registers change.
 
     Parameters
     ----------
     bits : (N,) uint8
-        One bit a byte; behind its end every bit reads as ``pad``.
+        One bit per byte; every bit after its end reads as ``pad``.
     found : (2, F) int64
         Receives the reconstruction and the ranks of the symbols.
     costs : (F,) float64, or empty
-        Receives the bits that each field cost.
+        The bits of each field are added to it.
 
     Returns
     -------
     status, end, read : int
-        Bit behind the plane, or the field that was wrong; and the furthest bit looked at.
+        Why it stopped; the bit after the plane, or the wrong field; and the furthest bit that was read.
     """
-    base, counts, tree, totals, coder, behind = models
+    base, counts, tree, totals, coder, positions = models
     furthest = at
     opened = False
     count = fields.shape[0]
@@ -339,8 +339,8 @@ def decode_plane(
     for field in range(count + 1):
         if field == count or (face and ((field == A_END and fields[0, ON]) or (field == B_END and fields[A_END, ON]))):
             if not opened:
-                _open_segment(bits, at, pad, coder, behind)
-            at = _close_segment(coder, behind)
+                _open_segment(bits, at, pad, coder, positions)
+            at = _close_segment(coder, positions)
             furthest = max(furthest, coder[READ])
             opened = False
             if at < 0:
@@ -355,7 +355,7 @@ def decode_plane(
         if field == count or not fields[field, ON]:
             continue
         if not opened:
-            _open_segment(bits, at, pad, coder, behind)
+            _open_segment(bits, at, pad, coder, positions)
             opened = True
         length = coder[HIGH] - coder[LOW] + 1
         if intra:
@@ -372,42 +372,42 @@ def decode_plane(
                     under += tree[start + rank]
                 jump >>= 1
             over = under + counts[start + rank + 1]
-        _narrow(under, over, total, bits, pad, coder, behind)
+        _narrow(under, over, total, bits, pad, coder, positions)
         first = fields[field, I_MIN] if intra else fields[field, P_MIN]
         value = (size - 1 - rank + first) * fields[field, STEP]
         if not intra:
             value += previous[field]
         if value < fields[field, MIN_VALUE] or value > fields[field, MAX_VALUE]:
             return BAD_VALUE, field, max(furthest, coder[READ])
-        symbols[0, field] = value
-        symbols[1, field] = rank
+        found[0, field] = value
+        found[1, field] = rank
         if costs.shape[0]:
             costs[field] += np.log2(total / (over - under))
     return DONE, at, max(furthest, at)
 
 
 @_compiled
-def keep_plane(intra: bool, symbols: Any, fields: Any, previous: Any, models: Any) -> None:
-    """Take a decoded plane for good: it predicts the next one, and its symbols are counted."""
+def keep_plane(intra: bool, found: Any, fields: Any, previous: Any, models: Any) -> None:
+    """Keep a decoded plane: the next one is predicted from it, and its symbols are counted."""
     for field in range(fields.shape[0]):
         if fields[field, ON]:
-            previous[field] = symbols[0, field]
+            previous[field] = found[0, field]
             if not intra:
-                _count(field, symbols[1, field], fields, models[0], models[1], models[2], models[3])
+                _count(field, found[1, field], fields, models[0], models[1], models[2], models[3])
 
 
 @_compiled
-def code_behind(bits: Any, at: int) -> int:
-    """Look for a start code behind a plane (FBA section 3): at the next byte boundary, one byte on if already there.
+def code_after(bits: Any, at: int) -> int:
+    """Look for a start code after a plane (FBA section 3): at the next byte boundary, one byte later if already there.
 
-    The stuffing itself is not checked, as the reference family does not; but where the bits before the code begin as a
-    P plane does (0 0 1) and have room for the shortest, they are a plane: stuffing is a 0 and ones. (Decoders of the
-    reference family take it for stuffing, and lose the last frame of a face that stands still.)
+    Like the reference family, this does not check the stuffing. But if the bits before the code begin like a P plane
+    (0 0 1) and have room for the shortest one, they are a plane: stuffing is a 0 and ones. (Decoders of the reference
+    family take it for stuffing, and lose the last frame of a face that does not move.)
 
     Returns
     -------
     int
-        The last byte of the code; -1 where there is none; -2 where more bits are needed to know.
+        The last byte of the code; -1 if there is no code; -2 if more bits are needed to decide.
     """
     n = bits.shape[0]
     start = (at // 8 + 1) * 8
@@ -428,55 +428,56 @@ def code_behind(bits: Any, at: int) -> int:
 
 @_compiled
 def decode_settled(
-    intra: bool, bits: Any, at: int, fields: Any, previous: Any, models: Any, symbols: Any, flags: Any, costs: Any
+    intra: bool, bits: Any, at: int, fields: Any, previous: Any, models: Any, found: Any, flags: Any, costs: Any
 ) -> tuple[int, int]:  # fmt: skip
-    """Decode a plane if the bits at hand settle it: whatever follows them, the outcome is the same.
+    """Decode a plane if the given bits settle it: the result is the same whatever follows them.
 
-    Both paddings bound every continuation, for the coder is monotone in its code value. ``found`` is (4, F).
+    Paddings of zeros and of ones bound every continuation, because the coder is monotone in its code value. ``found``
+    is (4, F).
 
     Returns
     -------
     status, end : int
-        ``NEED_MORE`` where the plane is not settled.
+        ``NEED_MORE`` if the plane is not settled.
     """
     n = bits.shape[0]
-    status, end, read = decode_plane(intra, bits, at, 0, fields, previous, models, symbols, flags, costs)
+    status, end, read = decode_plane(intra, bits, at, 0, fields, previous, models, found, flags, costs)
     if read <= n:
         return status, end
     if status != DONE or end > n:
         return NEED_MORE, end
-    status, other, read = decode_plane(intra, bits, at, 1, fields, previous, models, symbols[2:], flags, costs)
+    status, other, read = decode_plane(intra, bits, at, 1, fields, previous, models, found[2:], flags, costs)
     if status != DONE or other != end:
         return NEED_MORE, end
     for field in range(fields.shape[0]):
-        if fields[field, ON] and symbols[0, field] != symbols[2, field]:
+        if fields[field, ON] and found[0, field] != found[2, field]:
             return NEED_MORE, end
     return DONE, end
 
 
 @_compiled
 def decode_predicted(
-    bits: Any, at: int, fresh: bool, final: bool, fields: Any, previous: Any, models: Any, symbols: Any, flags: Any,
+    bits: Any, at: int, fresh: bool, final: bool, fields: Any, previous: Any, models: Any, found: Any, flags: Any,
     costs: Any, values: Any, value_flags: Any, extents: Any,
 ) -> tuple[int, int, int, int]:  # fmt: skip
-    """Decode P planes until something else comes or the room is full.
+    """Decode P planes until something else follows or ``values`` is full.
 
     Parameters
     ----------
     fresh : bool
-        A start code has just been read: none is looked for before the first plane.
+        A start code was just read, so no other is expected before the first plane.
     values, value_flags, extents : (N, 73), (N, 3), (N, 3) int64
-        Receive reconstruction, plain bits, and first bit, bit behind, frames skipped.
+        Receive the reconstruction, the flags, and the first bit, the bit after the last, and the frames skipped.
 
     Returns
     -------
     count, at, status, detail : int
-        Planes decoded, the bit behind them, why it stopped.
+        Number of planes decoded, the bit after them, why it stopped, and the start code or the wrong field.
     """
     count = 0
     n = bits.shape[0]
     while count < values.shape[0]:
-        code = -1 if fresh and count == 0 else code_behind(bits, at)
+        code = -1 if fresh and count == 0 else code_after(bits, at)
         if code == 0xBB or code == 0x03 or 0xB0 <= code <= 0xBF:
             return count, at, AT_CODE, code
         if (code == -2 and not final) or at + 4 > n:
@@ -498,12 +499,12 @@ def decode_predicted(
             more = part == 15
             if skip > SKIP_LIMIT:
                 return count, at, BAD_SKIP, skip
-        status, end = decode_settled(False, bits, data, fields, previous, models, symbols, flags, costs)
+        status, end = decode_settled(False, bits, data, fields, previous, models, found, flags, costs)
         if status != DONE:
             return count, at, NEED_MORE if code == -2 else status, end
-        keep_plane(False, symbols, fields, previous, models)
+        keep_plane(False, found, fields, previous, models)
         for field in range(FIELD_COUNT):
-            values[count, field] = symbols[0, field]
+            values[count, field] = found[0, field]
         for k in range(3):
             value_flags[count, k] = flags[k]
         extents[count, 0], extents[count, 1], extents[count, 2] = at, end, skip
@@ -514,9 +515,9 @@ def decode_predicted(
 
 @_compiled
 def find_intra(bits: Any, start: int, bodies: bool) -> int:
-    """Find the next bit from which an I plane header could be read, by its fixed bits; -1 where none is left.
+    """Find the next bit at which the fixed bits of an I plane header are right; -1 if there is none.
 
-    Headers cut off by the end do not count. A face may have a body behind it only where ``bodies`` says so.
+    Headers cut off by the end do not count. Planes may have a body only if ``bodies`` is on.
     """
     n = bits.shape[0]
     for first in range(start, n - 40):

@@ -1,9 +1,9 @@
 """Planes: the state that encoder and decoder share, and what the decoder returns (frames, blocks of planes, losses).
 
-The state is ranges, steps, predictors and models of the 73 fields.
+The state holds the ranges, steps, predictions and adaptive models of the fields.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,9 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.codec import kernels as k
+from fapengine.codec.bits import Bits
 from fapengine.codec.fields import (
     EXPRESSION_FIELDS,
-    FIELD_COUNT,
+    FIELD_FAPS,
+    FIELD_NAMES,
     LOW_LEVEL_FIELDS,
     VISEME_FIELDS,
     Bools,
@@ -26,71 +28,101 @@ from fapengine.errors import UsageError
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.visemes import FAP_2_EXPRESSIONS, VISEMES
 
-VISEME_TOP, EXPRESSION_TOP = len(VISEMES) - 1, len(FAP_2_EXPRESSIONS) - 1
+SELECTS = ((len(VISEMES) - 1, (0, 1)), (len(FAP_2_EXPRESSIONS) - 1, (3, 5)))
+"""Greatest value of viseme and expression selects, and their fields."""
+BLENDS = (2, 4, 6)
+"""Fields of blends and intensities."""
 BLEND_TOP = 63
 INT32_TOP = 2**31 - 1
 STEPS = np.array([row.quantiser_step for row in fap.FAPS], np.int64)
 
 
-class Models:
-    """The adaptive models of a table of fields, and the registers of the coder that uses them.
+class FieldState:
+    """A table of coded fields, the last value of each, their adaptive models, and the registers of the coder.
 
     Stateful.
     """
 
-    def __init__(self, fields: int) -> None:
-        self._base: Ints = np.zeros(fields, np.int64)
-        self._counts = np.zeros(1, np.int32)
-        self._tree = np.zeros(1, np.int32)
-        self._totals: Ints = np.zeros(fields, np.int64)
+    names: Sequence[str]
+    """Name of each field, for error messages."""
+
+    def __init__(self) -> None:
+        count = len(self.names)
+        self.fields: Ints = np.zeros((count, 8), np.int64)
+        """(count, 8); the columns are named in :mod:`fapengine.codec.kernels`."""
+        self.fields[:, k.STEP] = 1
+        self.fields[:, k.MIN_VALUE], self.fields[:, k.MAX_VALUE] = -INT32_TOP, INT32_TOP
+        self.previous: Ints = np.zeros(count, np.int64)
+        self.found: Ints = np.zeros((4, count), np.int64)
+        """The plane decoded last: values, ranks of symbols, and room for a second attempt."""
+        self.flags: Ints = np.zeros(3, np.int64)
+        """viseme_def, init_face, expression_def of that plane."""
+        self._base: Ints = np.zeros(count, np.int64)
+        self._counts, self._tree = np.zeros((2, 1), np.int32)
+        self._totals: Ints = np.zeros(count, np.int64)
         self._coder: Ints = np.zeros(8, np.int64)
-        self._behind: Ints = np.zeros(16, np.int64)
+        self._positions: Ints = np.zeros(16, np.int64)
 
     @property
     def encoding(self) -> tuple[Any, ...]:
-        """Arrays that the encoding loops want."""
+        """Arrays for the encoding loops."""
         return self._base, self._counts, self._tree, self._totals, self._coder
 
     @property
     def decoding(self) -> tuple[Any, ...]:
-        """Arrays that the decoding loops want."""
-        return *self.encoding, self._behind
+        """Arrays for the decoding loops."""
+        return *self.encoding, self._positions
 
-    def reset(self, fields: Ints) -> None:
-        """Make the P models of all fields that are on uniform."""
-        sizes = np.where(fields[:, k.ON] != 0, fields[:, k.P_COUNT] + 1, 0)
+    def decode(self, intra: bool, bits: Bits, at: int, costs: NDArray[np.float64]) -> tuple[int, int]:
+        """Decode the arithmetic data of one plane into ``found``; call :meth:`keep` to keep it.
+
+        Returns
+        -------
+        status, end : int
+            As :func:`~fapengine.codec.kernels.decode_settled`.
+        """
+        status, end = k.decode_settled(
+            intra, bits, at, self.fields, self.previous, self.decoding, self.found, self.flags, costs
+        )
+        return int(status), int(end)
+
+    def keep(self, intra: bool) -> None:
+        """Keep the plane decoded last: the next plane is predicted from it."""
+        k.keep_plane(intra, self.found, self.fields, self.previous, self.decoding)
+
+    def _set_ranges(self, fields: slice, ranges: Ints) -> None:
+        """Set the ranges of fields, (4, N) in symbols, and make the P models of all coded fields uniform."""
+        i_max, i_min, p_max, p_min = ranges
+        table = self.fields
+        table[fields, k.I_MIN], table[fields, k.I_COUNT] = i_min, i_max - i_min + 1
+        table[fields, k.P_MIN], table[fields, k.P_COUNT] = p_min, p_max - p_min + 1
+        sizes = np.where(table[:, k.ON] != 0, table[:, k.P_COUNT] + 1, 0)
         self._base[1:] = np.cumsum(sizes)[:-1]
         room = int(sizes.sum()) + 1
         if room > len(self._counts):
-            self._counts, self._tree = np.zeros(room, np.int32), np.zeros(room, np.int32)
-        k.reset_models(fields, self._base, self._counts, self._tree, self._totals)
+            self._counts, self._tree = np.zeros((2, room), np.int32)
+        k.reset_models(table, self._base, self._counts, self._tree, self._totals)
 
 
-class PlaneState:
-    """What an I plane sets and P planes change.
+class PlaneState(FieldState):
+    """State of a face: set by I planes, changed by P planes.
 
     Stateful.
     """
 
+    names = tuple(f"FAP {number} ({name})" for number, name in zip(FIELD_FAPS, FIELD_NAMES, strict=True))
+
     def __init__(self) -> None:
-        self.fields: Ints = np.zeros((FIELD_COUNT, 8), np.int64)
-        self.fields[:, k.MIN_VALUE], self.fields[:, k.MAX_VALUE] = -INT32_TOP, INT32_TOP
-        for start, top in ((VISEME_FIELDS.start, VISEME_TOP), (EXPRESSION_FIELDS.start, EXPRESSION_TOP)):
-            for select in self._selects(start):
-                self.fields[select, k.MIN_VALUE], self.fields[select, k.MAX_VALUE] = 0, top
-        self.previous: Ints = np.zeros(FIELD_COUNT, np.int64)
+        super().__init__()
+        for top, selects in SELECTS:
+            self.fields[selects, k.MIN_VALUE], self.fields[selects, k.MAX_VALUE] = 0, top
         self.mask: Bools = np.zeros(fap.FAP_COUNT, bool)
         self.quant = 1
         self.ranges: Ints | None = None
         """(4, 66) in symbols; None before the first I plane."""
-        self.models = Models(FIELD_COUNT)
-
-    @staticmethod
-    def _selects(start: int) -> tuple[int, int]:
-        return (0, 1) if start == 0 else (start, start + 2)
 
     def begin_intra(self, header: IntraHeader) -> None:
-        """Take over mask, quantiser and ranges, and forget the models (FBA sections 5 and 8)."""
+        """Set mask, quantiser and ranges, and reset the models (FBA sections 5 and 8)."""
         # Deviation: a decoder of the reference family loads the table again when FAP 4's I range was set to 0..0; here
         # ranges once set persist, and our encoder never sends 0..0 for FAP 4.
 
@@ -99,24 +131,15 @@ class PlaneState:
         apply_sent(self.ranges, header.ranges, header.mask[2:], header.quant)
         self.mask, self.quant = header.mask, header.quant
         f = self.fields
-        f[VISEME_FIELDS, k.ON] = header.mask[0]
-        f[EXPRESSION_FIELDS, k.ON] = header.mask[1]
-        f[LOW_LEVEL_FIELDS, k.ON] = header.mask[2:]
-        for select in self._selects(0):
-            self._fixed(select, VISEME_TOP, 1)
-        for select in self._selects(EXPRESSION_FIELDS.start):
-            self._fixed(select, EXPRESSION_TOP, 1)
-        step = max(header.quant, 1)
-        for blended in (2, 4, 6):
-            self._fixed(blended, blend_limit(header.quant), step)
+        f[:, k.ON] = header.mask[np.array(FIELD_FAPS) - 1]
+        for top, selects in SELECTS:
+            f[selects, k.STEP] = 1
+            f[selects, k.I_MIN : k.MIN_VALUE] = 0, top + 1, -top, 2 * top + 1
+        top = blend_limit(header.quant)
+        f[BLENDS, k.STEP] = max(header.quant, 1)
+        f[BLENDS, k.I_MIN : k.MIN_VALUE] = 0, top + 1, -top, 2 * top + 1
         f[LOW_LEVEL_FIELDS, k.STEP] = STEPS * header.quant if header.quant else 1
-        i_max, i_min, p_max, p_min = self.ranges
-        f[LOW_LEVEL_FIELDS, k.I_MIN], f[LOW_LEVEL_FIELDS, k.I_COUNT] = i_min, i_max - i_min + 1
-        f[LOW_LEVEL_FIELDS, k.P_MIN], f[LOW_LEVEL_FIELDS, k.P_COUNT] = p_min, p_max - p_min + 1
-        self.models.reset(f)
-
-    def _fixed(self, field: int, top: int, step: int) -> None:
-        self.fields[field, [k.STEP, k.I_MIN, k.I_COUNT, k.P_MIN, k.P_COUNT]] = step, 0, top + 1, -top, 2 * top + 1
+        self._set_ranges(LOW_LEVEL_FIELDS, self.ranges)
 
 
 def blend_limit(quant: int) -> int:
@@ -135,9 +158,9 @@ class Frame:
     """One decoded plane."""
 
     number: int
-    """Frame number from 0; grows by 1 and by the frames skipped."""
+    """Frame number from 0; skipped frames count."""
     time_s: float
-    """Time by the frame rates and time codes sent; from 0 where there is no time code."""
+    """Time according to the frame rates and time codes sent; from 0 without a time code."""
     intra: bool
     header: IntraHeader
     """Header of the I plane in force: masks, quantiser."""
@@ -147,7 +170,7 @@ class Frame:
     """(3,) viseme_def, init_face, expression_def."""
 
     def fap(self, number: int) -> int:
-        """Value of a low-level FAP, 3..68, in FAPU."""
+        """Value of a low-level FAP, 3 to 68, in FAPU."""
         if not 3 <= number <= 68:
             raise UsageError(f"FAP: must be 3 to 68, got {number}")
         return int(self.row[LOW_LEVEL_FIELDS.start + number - 3])
@@ -164,7 +187,7 @@ class Frame:
 
     @property
     def expression(self) -> tuple[int, ...]:
-        """Select1, intensity1, select2, intensity2, init_face, def; likewise."""
+        """Select1, intensity1, select2, intensity2, init_face, def; zeros where FAP 2 is not sent."""
         if not self.header.mask[1]:
             return (0,) * 6
         return (*self.row[EXPRESSION_FIELDS].tolist(), *self.flags[1:].tolist())
@@ -181,7 +204,7 @@ class Planes:
     flags: Ints
     """(N, 3) int64."""
     extents: Ints
-    """(N, 3) int64: first bit, bit behind, frames skipped after it."""
+    """(N, 3) int64: first bit, bit after the last, frames skipped after it."""
     numbers: Ints
     """(N,) int64, frame numbers."""
     times_s: NDArray[np.float64]
@@ -190,13 +213,13 @@ class Planes:
         return len(self.values)
 
     def split(self, at: int) -> "tuple[Planes, Planes]":
-        """Cut in two."""
+        """Split before plane ``at``."""
         names = ("values", "flags", "extents", "numbers", "times_s")
         head = replace(self, **{name: getattr(self, name)[:at] for name in names})
         return head, replace(self, **{name: getattr(self, name)[at:] for name in names})
 
     def frames(self) -> Iterator[Frame]:
-        """One :class:`Frame` a plane."""
+        """One :class:`Frame` per plane."""
         for n in range(len(self)):
             yield Frame(
                 int(self.numbers[n]), float(self.times_s[n]), self.intra, self.header, self.values[n], self.flags[n]
@@ -205,14 +228,14 @@ class Planes:
 
 @dataclass(slots=True)
 class Loss:
-    """A stretch of the stream that could not be decoded; its end is filled in when it is found.
+    """A part of the stream that could not be decoded; its end is filled in when it is found.
 
     Stateful.
     """
 
     start_bit: int
     end_bit: int | None
-    """First bit that could be decoded again; None while it is sought."""
+    """First bit that could be decoded again; None while the search goes on."""
     frames_dropped: int
-    """Frames that had been decoded and were thrown away, since damage is seen late."""
+    """Frames that had been decoded and were discarded, since damage is detected late."""
     reason: str

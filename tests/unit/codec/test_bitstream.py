@@ -7,7 +7,7 @@ import pytest
 
 from fapengine.codec import bits
 from fapengine.codec.decoder import Decoder, decode
-from fapengine.codec.epf import PlaneOrder, encode_orders, format_epf, parse_epf
+from fapengine.codec.epf import PlaneOrder, encode_orders, parse_epf
 from fapengine.codec.fapfile import parse_fap
 from fapengine.codec.fields import SentRanges, default_ranges
 from fapengine.codec.header import FrameRate, TimeCode, mask_types_of
@@ -208,7 +208,7 @@ def test_mask_types_are_the_shortest() -> None:
     ("text", "message"),
     [
         (b"", "no frame"),
-        (b"\xff\xfe", "no text"),
+        (b"\xff\xfe", "is not UTF-8 text"),
         (b"FFR 0", "expected FBM first"),
         (b"FBM 1 ISI 1", "FFR is missing"),
         (b"FBM 1 FFR 0 ISI 1", "FMT is missing"),
@@ -230,14 +230,18 @@ def test_bad_parameter_files_are_refused(text: bytes, message: str) -> None:
         parse_epf(text)
 
 
-def test_parameter_files_survive_writing() -> None:
+def test_tags_of_a_parameter_file_reach_the_header() -> None:
     text = EXAMPLE_EPF.replace(
         b"FQU 1", b"# comment\nFQU 3 TC 1 2 1 3 GDR 1\r\nFIX" + b" 600" * 66 + b" FPN" + b" -61" * 66
     )
-    orders = parse_epf(text)
-    again = parse_epf(format_epf(orders).encode())
-    assert encode_orders(orders, example_track()) == encode_orders(again, example_track())
-    assert "FPN -120 " in format_epf(orders)
+    header = parse_epf(text)[0].header
+    assert header is not None
+    assert (header.quant, header.gender, header.time_code) == (3, 1, TimeCode(1, 2, 3))
+    i_max, i_min, p_max, p_min = header.ranges
+    assert i_min is None
+    assert p_max is None
+    np.testing.assert_array_equal(i_max, [10] * 66)
+    np.testing.assert_array_equal(p_min, [2] * 66)
 
 
 def test_orders_that_cannot_be_carried_out() -> None:

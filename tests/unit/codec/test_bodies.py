@@ -181,3 +181,12 @@ def test_every_bap_is_in_one_group() -> None:
     assert sorted(CODED_BAPS) == list(range(1, 297))
     assert len(SCALES) == 32
     assert list(SCALES) == sorted(SCALES)
+
+
+def test_a_bap_that_leaves_32_bits_is_an_error_that_names_it() -> None:
+    decoder = Decoder()
+    stream = with_body(face(6, 0), Body())
+    decoder.feed(stream[: len(stream) // 2])
+    decoder._body.previous[:] = 2**31 - 1  # as after some million planes that all add to it
+    with pytest.raises(ConformanceError, match=r"BAP \d+: got a value that it cannot have .*FBA section 9"):
+        decoder.feed(stream[len(stream) // 2 :]), decoder.feed(b"\0")

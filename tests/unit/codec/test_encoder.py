@@ -7,7 +7,7 @@ from fapengine.codec import kernels
 from fapengine.codec.choices import coarsest_quant, fit_ranges, guaranteed_quant, point_errors_mm, quantise
 from fapengine.codec.decoder import Decoder, decode
 from fapengine.codec.encoder import Encoder, EncoderOptions, encode
-from fapengine.codec.interpolate import Filler
+from fapengine.codec.interpolate import fill
 from fapengine.codec.kernels import SKIP_LIMIT
 from fapengine.codec.warmup import warm_up
 from fapengine.errors import UsageError
@@ -208,11 +208,10 @@ def test_what_is_not_sent_is_held_or_taken_from_its_partner() -> None:
     values, mask = np.zeros(66, np.int64), np.zeros(66, bool)
     for number, value in ((4, 11), (6, 22), (19, 33)):
         values[number - 3], mask[number - 3] = value, True
-    filler = Filler()
-    shown = filler.fill(values, mask, (2,) * 10)
+    shown = fill(values, mask, (2,) * 10, np.zeros(66, np.int64))
     expected = {4: 11, 51: 11, 6: 22, 53: 22, 7: 22, 54: 22, 19: 33, 20: 33, 3: 0, 31: 0}
     assert {number: int(shown[number - 3]) for number in expected} == expected
-    held = filler.fill(values * 0, mask, (1,) * 10)
+    held = fill(values * 0, mask, (1,) * 10, shown)
     assert held[51 - 3] == 11
     assert held[4 - 3] == 0
 

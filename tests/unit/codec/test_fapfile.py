@@ -106,7 +106,7 @@ def test_the_single_number_form_keeps_the_first_select() -> None:
 def test_refuses(text: str, error: type[DataError], message: str) -> None:
     with pytest.raises(error, match=message):
         parse_fap(text.encode())
-    with pytest.raises(DataError, match="no text"):
+    with pytest.raises(DataError, match="is not UTF-8 text"):
         parse_fap(b"\xff\xfe")
 
 
