@@ -208,6 +208,13 @@ def _line_distance(
     return np.where(hit, (v * q).sum(-1) / safe, np.inf)
 
 
+def sphere_directions(count: int) -> NDArray[np.float64]:
+    """(count, 3): unit vectors spread evenly over a sphere, along a spiral."""
+    index = np.arange(count) + 0.5
+    polar, azimuth = np.arccos(1 - 2 * index / count), np.pi * (1 + 5**0.5) * index
+    return np.stack([np.cos(azimuth) * np.sin(polar), np.cos(polar), np.sin(azimuth) * np.sin(polar)], axis=-1)
+
+
 def ambient_light(
     points_mm: NDArray[np.float64], normals: NDArray[np.float64], *, directions: int = 60, cell_mm: float = 5.0
 ) -> NDArray[np.float64]:
@@ -216,11 +223,8 @@ def ambient_light(
     For each direction the vertices are sorted into the cells of a map; a vertex more than two cells behind the nearest
     one of its cell is in shadow. Cosine-weighted over the vertex's hemisphere.
     """
-    index = np.arange(directions) + 0.5
-    polar, azimuth = np.arccos(1 - 2 * index / directions), np.pi * (1 + 5**0.5) * index
-    rays = np.stack([np.cos(azimuth) * np.sin(polar), np.cos(polar), np.sin(azimuth) * np.sin(polar)], axis=-1)
     light, total = np.zeros(len(points_mm)), np.zeros(len(points_mm))
-    for ray in rays:
+    for ray in sphere_directions(directions):
         side = unit_vectors(np.cross(ray, [0.3, 0.8, 0.52]))
         cells = np.floor(np.stack([points_mm @ side, points_mm @ np.cross(ray, side)]) / cell_mm).astype(np.int64)
         cells -= cells.min(axis=1, keepdims=True)

@@ -1,1 +1,1 @@
-"""Edge: OpenGL. FAP frames to pictures."""
+"""FAP frames to images, by OpenGL."""

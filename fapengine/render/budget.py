@@ -15,6 +15,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isnan
+from statistics import median_high
 
 from fapengine.errors import UsageError
 from fapengine.render.drawing import Shading
@@ -57,10 +58,10 @@ class Quality:
         parts = [
             "every pixel" if self.scale == 1 else f"{100 * self.scale:.0f} % of the resolution",
             "the finest head" if self.level == 0 else f"head {self.level + 1}",
-            *(["light at vertices"] if self.shading == "vertices" else []),
-            *([] if self.samples > 1 else [EDGE_WORDS[self.samples]]),
+            "light at vertices" if self.shading == "vertices" else "",
+            EDGE_WORDS.get(self.samples, ""),
         ]
-        return ", ".join(parts)
+        return ", ".join(filter(None, parts))
 
 
 def ladder(vertices: Sequence[float], *, lit_at_pixels: bool) -> tuple[Quality, ...]:
@@ -85,10 +86,9 @@ def ladder(vertices: Sequence[float], *, lit_at_pixels: bool) -> tuple[Quality, 
         choices.append((0, 1.0, "vertices", 0))
     shading = choices[-1][2]
     coarsest = len(vertices) - 1
-    for step, scale in enumerate(SCALES[1:], start=1):
-        choices.append((min(step - 1, coarsest), scale, shading, 0))
-        if min(step, coarsest) != min(step - 1, coarsest):
-            choices.append((min(step, coarsest), scale, shading, 0))
+    for step, scale in enumerate(SCALES[1:]):
+        levels = dict.fromkeys((min(step, coarsest), min(step + 1, coarsest)))
+        choices += [(level, scale, shading, 0) for level in levels]
     choices.append((coarsest, SCALES[-1], shading, 1))
     costs = [_cost(*choice, vertices, lit_at_pixels=lit_at_pixels) for choice in choices]
     return tuple(Quality(*choice, relative_cost=cost / costs[0]) for choice, cost in zip(choices, costs, strict=True))
@@ -171,14 +171,16 @@ class FrameBudget:
             recent = [cost for _, cost in self._costs][-MIN_FRAMES:]
         stays_s = now_s - self._since_s
         if len(recent) >= MIN_FRAMES and (stays_s >= WINDOW_S or sum(recent) >= WINDOW_S):
-            median = _median(recent)
+            median = median_high(recent)
             self._learn(median)
             if median > self.budget_s and self.rung + 1 < len(self.qualities):
                 return self._fall(median, now_s)
         if now_s - self._fell_s > FORGIVEN_S:
             self._wait_s = MIN_WAIT_S
         if self.rung and stays_s >= self._wait_s:
-            return self._climb(_median([cost for _, cost in self._costs]), now_s)
+            median = median_high(cost for _, cost in self._costs)
+            if self._estimate(self.rung - 1, median) <= MAX_CLIMB_SHARE * self.budget_s:
+                return self._move(self.rung - 1, median, now_s)
         return None
 
     def _estimate(self, rung: int, median: float) -> float:
@@ -192,12 +194,6 @@ class FrameBudget:
             self._wait_s = min(2 * self._wait_s, MAX_WAIT_S)
         self._fell_s = now_s
         return self._move(chosen, median, now_s)
-
-    def _climb(self, median: float, now_s: float) -> Change | None:
-        """Go up by one rung, if it is estimated to fit with a margin."""
-        if self._estimate(self.rung - 1, median) > MAX_CLIMB_SHARE * self.budget_s:
-            return None
-        return self._move(self.rung - 1, median, now_s)
 
     def _move(self, rung: int, median: float, now_s: float) -> Change:
         change = Change(now_s, self.rung, rung, median, self.budget_s)
@@ -215,7 +211,3 @@ class FrameBudget:
         measured = self._relative[rung] * median / max(cost, 1e-9)
         nominal = self.qualities[self.rung].relative_cost
         self._relative[self.rung] = min(max((self._relative[self.rung] + measured) / 2, nominal / 2), nominal * 2)
-
-
-def _median(values: Sequence[float]) -> float:
-    return sorted(values)[len(values) // 2]

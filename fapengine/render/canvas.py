@@ -11,21 +11,15 @@ so neither waits for the other. An image may be rendered smaller than its final 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
-from fapengine._late import Late
 from fapengine._signals import signals_kept
+from fapengine.render.context import moderngl
 from fapengine.render.drawing import Drawing, Picture
 from fapengine.render.model import Programs
 from fapengine.render.programs import PICTURE
-
-if TYPE_CHECKING:
-    import moderngl
-else:
-    moderngl = Late("moderngl", "moderngl", "OpenGL")
-
 
 Rectangle: TypeAlias = tuple[int, int, int, int]
 """Left, top, width and height in pixels."""
@@ -46,10 +40,11 @@ class Backdrop:
     def __init__(self, programs: Programs, drawing: Drawing) -> None:
         background = drawing.background
         self._texture: moderngl.Texture | None = None
-        self.is_there = drawing.components == 3
+        self._array: moderngl.VertexArray | None = None
+        """None for a transparent background."""
         self.is_smooth = not isinstance(background, np.ndarray)
         """False: it may have edges of its own."""
-        if not self.is_there:
+        if drawing.components == 4:
             return
         if isinstance(background, np.ndarray):
             shown = cut_to_aspect(background, drawing.aspect)
@@ -58,16 +53,16 @@ class Backdrop:
             self._texture.repeat_x = self._texture.repeat_y = False
         else:
             self._program = programs.get("backdrop")
-            self._wall: tuple[float, ...] = WALL
-            self._falloff = 1.0
+            self._wall, self._falloff = WALL, 1.0
             if isinstance(background, tuple):
-                self._wall, self._falloff = tuple((part / 255) ** 2 for part in background), 0.0
+                red, green, blue = ((part / 255) ** 2 for part in background)
+                self._wall, self._falloff = (red, green, blue), 0.0
         with signals_kept():
             self._array = programs.context.vertex_array(self._program, [])
 
     def draw(self) -> None:
         """Fill every pixel without content, by depth."""
-        if not self.is_there:
+        if self._array is None:
             return
         if self._texture is not None:
             self._texture.use(0)
@@ -78,7 +73,7 @@ class Backdrop:
 
     def release(self) -> None:
         """Free the GPU memory."""
-        if self.is_there:
+        if self._array is not None:
             self._array.release()
         if self._texture is not None:
             self._texture.release()
@@ -90,6 +85,11 @@ def cut_to_aspect(picture: Picture, aspect: float) -> Picture:
     new_width, new_height = min(width, max(1, round(height * aspect))), min(height, max(1, round(width / aspect)))
     top, left = (height - new_height) // 2, (width - new_width) // 2
     return picture[top : top + new_height, left : left + new_width]
+
+
+def _empty(target: moderngl.Framebuffer) -> None:
+    target.use()
+    target.clear(0.0, 0.0, 0.0, 0.0)
 
 
 class Canvas:
@@ -127,21 +127,17 @@ class Canvas:
             Whether the ground is drawn; multisampled images begin empty.
         """
         if draw is None or self._samples > 1:
-            self._empty(self._canvas)
+            _empty(self._canvas)
             return False
         if self._ground is None:
             self._ground = self._framebuffer(self.drawn, 0)
         if ground != self._ground_is:
-            self._empty(self._ground)
+            _empty(self._ground)
             draw()
             self._ground_is = ground
         self._context.copy_framebuffer(self._canvas, self._ground)  # and its depth
         self._canvas.use()
         return True
-
-    def _empty(self, target: moderngl.Framebuffer) -> None:
-        target.use()
-        target.clear(0.0, 0.0, 0.0, 0.0)
 
     def suits(self, drawing: Drawing) -> bool:
         """Whether images of a drawing can be made on this canvas."""
@@ -149,15 +145,14 @@ class Canvas:
         return mine == (drawing.size, drawing.drawn_size, drawing.samples, drawing.components)
 
     def _framebuffer(self, size: tuple[int, int], samples: int) -> moderngl.Framebuffer:
-        context = self._context
-        colour: moderngl.Renderbuffer | moderngl.Texture
+        colour: Any
         if samples:
-            colour = context.renderbuffer(size, 4, samples=samples)
+            colour = self._context.renderbuffer(size, 4, samples=samples)
         else:
-            colour = context.texture(size, 4)
+            colour = self._context.texture(size, 4)
             colour.repeat_x = colour.repeat_y = False
-        depth = context.depth_renderbuffer(size, samples=samples)
-        made = context.framebuffer([colour], depth)
+        depth = self._context.depth_renderbuffer(size, samples=samples)
+        made = self._context.framebuffer([colour], depth)
         self._resources += [colour, depth, made]
         return made
 
@@ -177,8 +172,8 @@ class Canvas:
         waiting: moderngl.Buffer | None = None
         for number, draw in enumerate(draws):
             target = self._buffers[number % 2]
-            with self._context:  # others may have drawn since
-                self._paint(draw)
+            with self._context:  # others may have drawn since; to enter it twice would leave it
+                self._finish(draw())
                 self._output.read_into(target, components=self._components, alignment=1)
             if waiting is not None:
                 yield self._picture(waiting)
@@ -189,14 +184,10 @@ class Canvas:
     def paint(self, draw: Draw) -> moderngl.Texture:
         """Draw one image into a texture on the GPU, top row first, valid until the next one."""
         with self._context:
-            self._paint(draw)
+            self._finish(draw())
         painted = self._output.color_attachments[0]
         assert isinstance(painted, moderngl.Texture)
         return painted
-
-    def _paint(self, draw: Draw) -> None:
-        """Draw one image; the context is current and stays so (entering it twice would leave it)."""
-        self._finish(draw())
 
     def _picture(self, buffer: moderngl.Buffer) -> Picture:
         width, height = self.size

@@ -5,15 +5,14 @@ from __future__ import annotations
 import sys
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, Protocol, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from fapengine._late import Late
 from fapengine._signals import signals_kept
 from fapengine.errors import ResourceError
 
 if TYPE_CHECKING:
-    import moderngl
+    import moderngl as moderngl
 else:
     moderngl = Late("moderngl", "moderngl", "OpenGL")
 
@@ -22,7 +21,7 @@ REQUIRED = 330
 """OpenGL 3.3 core."""
 BACKENDS = {"linux": "egl"}
 """Backend by system where moderngl's own choice (WGL, CGL) would need a window or a display."""
-MENDS = {
+FIXES = {
     "linux": "on Debian or Ubuntu: sudo apt-get install -y libegl1 libgl1",
     "win32": "install the graphics card's driver, or Mesa's opengl32.dll beside python.exe",
     "darwin": "it needs a session with a screen",
@@ -37,24 +36,15 @@ def create_context() -> moderngl.Context:
     ResourceError
         If OpenGL 3.3 is not available; the message says what to install.
     """
-    backend = BACKENDS.get(sys.platform)
-    settings: dict[str, Any] = {"backend": backend} if backend else {}
+    settings: dict[str, Any] = {"backend": BACKENDS[sys.platform]} if sys.platform in BACKENDS else {}
     try:
         with signals_kept():
             return moderngl.create_context(standalone=True, require=REQUIRED, **settings)
     except ResourceError:
         raise
     except Exception as error:
-        raise ResourceError(
-            f"OpenGL: no context ({error}); {MENDS.get(sys.platform, 'expected OpenGL 3.3')}"
-        ) from error
-
-
-class Resource(Protocol):
-    """An object that holds GPU memory."""
-
-    def release(self) -> None:
-        """Free the memory."""
+        fix = FIXES.get(sys.platform, "expected OpenGL 3.3")
+        raise ResourceError(f"OpenGL: no context ({error}); {fix}") from error
 
 
 class Renderer(ABC):
@@ -70,19 +60,17 @@ class Renderer(ABC):
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.release()
 
     def release(self) -> None:
         """Free all GPU memory."""
-        for resource in self._resources():
-            with self._context:
+        with self._context:
+            for resource in self._resources():
                 resource.release()
         if self._owns_context:
             self._context.release()
 
     @abstractmethod
-    def _resources(self) -> Iterable[Resource]:
+    def _resources(self) -> Iterable[Any]:
         """Everything to release, in this order."""

@@ -1,30 +1,24 @@
-"""Several faces in one picture: one context, one target, one reading back."""
+"""Several faces in one image: one context, one render target, one readback."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import fields, replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fapengine._late import Late
 from fapengine.errors import UsageError
 from fapengine.mesh.deform import Pose
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.render.camera import Camera
 from fapengine.render.canvas import Backdrop, Canvas
-from fapengine.render.context import Renderer, Resource
+from fapengine.render.context import Renderer, moderngl
 from fapengine.render.drawing import DEFAULT_DRAWING, Drawing, Picture
 from fapengine.render.model import Model, Programs
 from fapengine.render.packing import FrameUniforms, frame_uniforms, pack, pose_uniforms
-
-if TYPE_CHECKING:
-    import moderngl
-else:
-    moderngl = Late("moderngl", "moderngl", "OpenGL")
 
 
 class CrowdRenderer(Renderer):
@@ -35,11 +29,11 @@ class CrowdRenderer(Renderer):
     Parameters
     ----------
     meshes : sequence of FaceMesh
-        Head of each tile; a mesh that comes again is uploaded once.
+        Head of each tile; a repeated mesh is uploaded once.
     drawing : Drawing
-        Way in which each tile is drawn; its size is that of a tile, and it is drawn at scale 1.
+        Options for each tile; its size is that of a tile, and its scale is ignored.
     columns : int, optional
-        By default as many as make the picture about as wide as high.
+        By default as many as make the image about as wide as high.
     cameras : sequence of Camera, optional
         Camera of each tile; by default that of the drawing.
     context : moderngl.Context, optional
@@ -48,9 +42,9 @@ class CrowdRenderer(Renderer):
     Raises
     ------
     UsageError
-        If there is no mesh, not one camera a tile, or the picture's sides are not in 16..4096 pixels.
+        If there is no mesh, not one camera per tile, or a side of the image is not 16 to 4096 pixels.
     ResourceError
-        If there is no OpenGL.
+        If OpenGL is not available.
     """
 
     def __init__(
@@ -82,11 +76,11 @@ class CrowdRenderer(Renderer):
             self._backdrop = Backdrop(self._programs, drawing)
             self._canvas = Canvas(self._programs, whole)
 
-    def _resources(self) -> Iterable[Resource]:
+    def _resources(self) -> Iterable[Any]:
         return *self._models.values(), self._canvas, self._backdrop, self._programs
 
     def corner(self, number: int) -> tuple[int, int]:
-        """Column and row of pixels at the top left of a tile, counted from 0."""
+        """Column and row of the pixel at the top left of a tile, counted from 0."""
         width, height = self.drawing.size
         return number % self.columns * width, number // self.columns * height
 
@@ -95,45 +89,38 @@ class CrowdRenderer(Renderer):
 
         Parameters
         ----------
-        faps : (faces, 68) array_like, FAPU, or a Pose a face
+        faps : (faces, 68) array_like, FAPU, or one Pose per face
 
         Returns
         -------
         (height, width, 3) uint8
-            sRGB, top row first; 4 components without a background. Tiles without a face are black or clear.
+            sRGB, top row first; 4 components without a background. Tiles without a face are black or transparent.
 
         Raises
         ------
         UsageError
-            If there is not one row a face.
+            If there is not one row per face.
         """
         return next(self.frames([faps]))
 
     def frames(self, faps: Iterable[ArrayLike | Sequence[Pose]]) -> Iterator[Picture]:
-        """Draw frames in turn; see :meth:`draw`. The picture before is read while the next is drawn."""
+        """Draw frames one after the other; see :meth:`draw`. Each image is read while the next is drawn."""
         return self._canvas.frames(partial(self._draw, frame) for frame in faps)
 
     def _draw(self, faps: ArrayLike | Sequence[Pose]) -> None:
-        uniforms, drawing = self._uniforms(faps), self.drawing
         self._canvas.begin()
-        for number, mesh in enumerate(self.meshes):
-            self._context.viewport = (*self.corner(number), *drawing.size)
-            model, camera = self._models[id(mesh)], self.cameras[number]
-            model.draw(
-                uniforms[number],
-                camera,
-                drawing.size,
-                draw_behind=self._backdrop.draw,
-                shading=drawing.shading,
-                wire=drawing.wire,
-            )
+        tiles = zip(self.meshes, self.cameras, self._uniforms(faps), strict=True)
+        for number, (mesh, camera, uniforms) in enumerate(tiles):
+            tile = replace(self.drawing, camera=camera, scale=1.0)
+            self._context.viewport = (*self.corner(number), *tile.size)
+            self._models[id(mesh)].draw(uniforms, tile, draw_behind=self._backdrop.draw)
 
     def _uniforms(self, faps: ArrayLike | Sequence[Pose]) -> list[FrameUniforms]:
-        """Return what each face sets; the faces of one mesh are worked out at once."""
+        """Return the uniforms of each face; those of all faces of one mesh are computed at once."""
         poses = [pose for pose in faps if isinstance(pose, Pose)] if isinstance(faps, Sequence) else []
         if poses:
             if len(poses) != len(self.meshes):
-                raise UsageError(f"poses: got {len(poses)}, expected {len(self.meshes)}, one a face")
+                raise UsageError(f"poses: got {len(poses)}, expected {len(self.meshes)}, one per face")
             return [pose_uniforms(mesh, pose) for mesh, pose in zip(self.meshes, poses, strict=True)]
         values = np.asarray(faps, dtype=np.float64)
         if values.shape[:1] != (len(self.meshes),):

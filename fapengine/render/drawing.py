@@ -6,7 +6,7 @@ No OpenGL is imported here: describing an image does not need it.
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,7 +61,9 @@ class Drawing:
     """Fraction of each side that is rendered, 0.1 to 1; the result is enlarged to full size."""
 
     def __post_init__(self) -> None:
-        check_size(self.size)
+        if len(self.size) != 2 or not all(MIN_SIDE_PX <= side <= MAX_SIDE_PX for side in self.size):
+            shown = "x".join(map(str, self.size))
+            raise UsageError(f"size: got {shown}, expected two sides of {MIN_SIDE_PX}..{MAX_SIDE_PX} pixels")
         if not isinstance(self.camera, Camera):
             raise UsageError(f"camera: got {self.camera!r}, expected a Camera; Drawing.parse() takes its name")
         if self.samples not in SAMPLES:
@@ -121,19 +123,6 @@ class Drawing:
         return max(1, round(self.size[0] * self.scale)), max(1, round(self.size[1] * self.scale))
 
 
-def check_size(size: tuple[int, int]) -> None:
-    """Reject an image that is too small or too large.
-
-    Raises
-    ------
-    UsageError
-        If a side is not 16 to 4096 pixels.
-    """
-    if len(size) != 2 or not all(MIN_SIDE_PX <= side <= MAX_SIDE_PX for side in size):
-        shown = "x".join(map(str, size))
-        raise UsageError(f"size: got {shown}, expected two sides of {MIN_SIDE_PX}..{MAX_SIDE_PX} pixels")
-
-
 def parse_size(text: str) -> tuple[int, int]:
     """Parse ``"640x480"``, or ``"512"`` for a square, into width and height.
 
@@ -167,10 +156,8 @@ def parse_background(text: str) -> Background:
     >>> parse_background("#f0e8d8"), parse_background("none")
     ((240, 232, 216), 'transparent')
     """
-    if text == "studio":
-        return "studio"
-    if text in ("transparent", "none"):
-        return "transparent"
+    if text in ("studio", "transparent", "none"):
+        return "studio" if text == "studio" else "transparent"
     if not text.startswith("#"):
         raise UsageError(f"background: got {text!r}, expected studio, none, a colour such as #f0e8d8, or a picture")
     digits = text[1:] if len(text) == 7 else "".join(2 * digit for digit in text[1:])
@@ -201,10 +188,8 @@ def _checked_background(background: Any) -> Background:
         if len(shape) != 3 or shape[2] != 3 or dtype != np.uint8 or not background.size:
             raise UsageError(f"background: got {dtype} of shape {shape}, expected (H, W, 3) uint8")
         return frozen(background, "background", ("H", "W", 3), np.uint8) if background.flags.writeable else background
-    if isinstance(background, str) and background == "studio":
-        return "studio"
-    if isinstance(background, str) and background == "transparent":
-        return "transparent"
+    if isinstance(background, str) and background in ("studio", "transparent"):
+        return cast(Background, background)
     if isinstance(background, tuple) and len(background) == 3:
         red, green, blue = background
         if all(isinstance(part, int | np.integer) and 0 <= part <= 255 for part in background):

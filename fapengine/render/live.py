@@ -5,23 +5,16 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, TypeAlias
+from typing import Any, TypeAlias
 
 from numpy.typing import ArrayLike
 
-from fapengine._late import Late
 from fapengine.errors import UsageError
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.render.budget import FrameBudget, Quality, ladder
-from fapengine.render.context import Renderer, Resource
+from fapengine.render.context import Renderer, moderngl
 from fapengine.render.drawing import DEFAULT_DRAWING, Drawing, Picture
 from fapengine.render.renderer import FaceRenderer
-
-if TYPE_CHECKING:
-    import moderngl
-else:
-    moderngl = Late("moderngl", "moderngl", "OpenGL")
-
 
 LevelOfDetail: TypeAlias = "FaceMesh | Callable[[], FaceMesh]"
 """A head, or a function that loads it when it is first drawn."""
@@ -72,11 +65,14 @@ class LiveRenderer(Renderer):
         if not meshes:
             raise UsageError("live renderer: got no mesh, expected one or more")
         super().__init__(context)
-        self.drawing, self._meshes = drawing, list(meshes)
+        self.drawing, self._meshes = drawing, tuple(meshes)
         self._on_change, self._clock = on_change, clock
         self._renderers: dict[int, FaceRenderer] = {}
-        lit_at_pixels = not self._renderer(0, self._drawing_at(Quality())).is_lit_at_vertices
-        self.budget = FrameBudget(ladder(_vertex_counts(self._meshes), lit_at_pixels=lit_at_pixels), rate_hz)
+        counts: list[float] = []
+        for mesh in meshes:
+            counts.append(len(mesh.vertices_mm) if isinstance(mesh, FaceMesh) else COARSER * counts[-1])
+        lit_at_pixels = not self._renderer(Quality()).is_lit_at_vertices
+        self.budget = FrameBudget(ladder(counts, lit_at_pixels=lit_at_pixels), rate_hz)
 
     def release(self) -> None:
         """Free all GPU memory."""
@@ -84,7 +80,7 @@ class LiveRenderer(Renderer):
             self._renderers.popitem()[1].release()
         super().release()
 
-    def _resources(self) -> Iterable[Resource]:
+    def _resources(self) -> Iterable[Any]:
         return ()  # the renderers have released theirs: a context must not be entered twice
 
     @property
@@ -95,30 +91,26 @@ class LiveRenderer(Renderer):
     def draw(self, faps: ArrayLike) -> Picture:
         """Draw one frame: FAPs (68,), FAPU, to (height, width, 3 or 4) uint8."""
         started = self._clock()
-        picture = self._ready().draw(faps)
+        picture = self._renderer(self.quality).draw(faps)
         self._account(started)
         return picture
 
     def paint(self, faps: ArrayLike) -> moderngl.Texture:
         """Draw FAPs, (68,) FAPU, into a texture on the GPU, top row first, valid until the next frame."""
         started = self._clock()
-        texture = self._ready().paint(faps)
+        texture = self._renderer(self.quality).paint(faps)
         with self._context:
             self._context.finish()  # or its cost would fall on whoever waits for it
         self._account(started)
         return texture
 
-    def _ready(self) -> FaceRenderer:
-        return self._renderer(self.quality.level, self._drawing_at(self.quality))
-
-    def _drawing_at(self, quality: Quality) -> Drawing:
-        return replace(self.drawing, scale=quality.scale, shading=quality.shading, samples=quality.samples)
-
-    def _renderer(self, level: int, drawing: Drawing) -> FaceRenderer:
+    def _renderer(self, quality: Quality) -> FaceRenderer:
+        """Return the renderer of a quality, with its options set; its mesh is loaded if necessary."""
+        level = quality.level
+        drawing = replace(self.drawing, scale=quality.scale, shading=quality.shading, samples=quality.samples)
         if level not in self._renderers:
             mesh = self._meshes[level]
-            if not isinstance(mesh, FaceMesh):
-                mesh = self._meshes[level] = mesh()
+            mesh = mesh if isinstance(mesh, FaceMesh) else mesh()
             self._renderers[level] = FaceRenderer(mesh, drawing, context=self._context)
         self._renderers[level].drawing = drawing
         return self._renderers[level]
@@ -131,11 +123,3 @@ class LiveRenderer(Renderer):
                 f"{self.quality}: a frame took {1000 * change.cost_s:.1f} ms,"
                 f" {1000 * change.budget_s:.1f} ms are there ({self.budget.rate_hz:g} Hz)"
             )
-
-
-def _vertex_counts(meshes: Sequence[LevelOfDetail]) -> list[float]:
-    """Count the vertices of each level; estimated for levels not yet loaded."""
-    counts: list[float] = []
-    for mesh in meshes:
-        counts.append(len(mesh.vertices_mm) if isinstance(mesh, FaceMesh) else COARSER * counts[-1])
-    return counts

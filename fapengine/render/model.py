@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fapengine._arrays import Mask
-from fapengine._late import Late
 from fapengine._signals import signals_kept
-from fapengine.render.camera import Camera
-from fapengine.render.drawing import Shading
+from fapengine.render.context import moderngl
+from fapengine.render.drawing import Drawing
 from fapengine.render.packing import ATTRIBUTE_SIZES, FrameUniforms, PackedMesh, halved, wire_edges
 from fapengine.render.programs import (
     FACE_ATTRIBUTES,
@@ -24,12 +23,6 @@ from fapengine.render.programs import (
     Part,
     build_program,
 )
-
-if TYPE_CHECKING:
-    import moderngl
-else:
-    moderngl = Late("moderngl", "moderngl", "OpenGL")
-
 
 UNITS = {"u_displacements": 0, "u_normal_deltas": 1, "u_skin": 2}
 """Texture units."""
@@ -87,27 +80,18 @@ class Model:
 
     def release(self) -> None:
         """Free the GPU memory."""
-        for _, array in self._arrays.values():
-            array.release()
-        resources: list[Any] = [
-            self._vertices,
-            *self._indices.values(),
-            self._displacements,
-            self._normal_deltas,
-            *self._skins.values(),
-        ]
+        arrays = [array for _, array in self._arrays.values()]
+        textures = [self._displacements, self._normal_deltas, *self._skins.values()]
+        resources: list[Any] = [*arrays, self._vertices, *self._indices.values(), *textures]
         for resource in resources:
             resource.release()
 
     def draw(
         self,
         uniforms: FrameUniforms,
-        camera: Camera,
-        size: tuple[int, int],
+        drawing: Drawing,
         *,
         draw_behind: Callable[[], None] | None = None,
-        shading: Shading = "auto",
-        wire: bool = False,
         moving: bool = True,
         still: bool = True,
     ) -> None:
@@ -117,7 +101,7 @@ class Model:
         ``moving`` and ``still`` select the parts that FAPs move and those that they do not; the wireframe is in the
         first.
         """
-        context = self._context
+        context, camera, size = self._context, drawing.camera, drawing.drawn_size
         values: dict[str, NDArray[Any]] = {
             "u_channels": uniforms.channels,
             "u_bones": uniforms.bones,
@@ -132,15 +116,15 @@ class Model:
         if self.packed.skin is not None:
             self._skin(camera.pixels_per_mm(size[1])).use(UNITS["u_skin"])
         context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
-        context.front_face = "cw"  # the picture is drawn upside down
-        context.polygon_offset = (1.0, 1.0) if wire else (0.0, 0.0)
-        at_vertices = self.is_lit_at_vertices(camera, size, shading)
+        context.front_face = "cw"  # the image is drawn upside down
+        context.polygon_offset = (1.0, 1.0) if drawing.wire else (0.0, 0.0)
+        at_vertices = self.is_lit_at_vertices(drawing)
         whole = [part for part in self.packed.parts if not PARTS[part].covers_in_part]
         for part in whole:
             for key, is_wanted in ((STILL + part, still), (part, moving)):
                 if is_wanted and key in self._indices:
                     self._render(key, at_vertices and PARTS[part].may_be_lit_at_vertices, values)
-        if wire and moving:
+        if drawing.wire and moving:
             self._draw_wire(values)
         context.disable(moderngl.CULL_FACE)
         if draw_behind is not None:
@@ -155,11 +139,11 @@ class Model:
         context.fbo.depth_mask = True
         context.disable(moderngl.BLEND)
 
-    def is_lit_at_vertices(self, camera: Camera, size: tuple[int, int], shading: Shading) -> bool:
-        """Whether ``shading`` results in light at vertices."""
-        if shading == "auto":
-            return self.packed.edge_mm * camera.pixels_per_mm(size[1]) <= MAX_FINE_EDGE_PX
-        return shading == "vertices"
+    def is_lit_at_vertices(self, drawing: Drawing) -> bool:
+        """Whether :attr:`Drawing.shading` results in light at vertices."""
+        if drawing.shading == "auto":
+            return self.packed.edge_mm * drawing.camera.pixels_per_mm(drawing.drawn_size[1]) <= MAX_FINE_EDGE_PX
+        return drawing.shading == "vertices"
 
     def _draw_wire(self, values: dict[str, NDArray[Any]]) -> None:
         context = self._context
@@ -182,7 +166,7 @@ class Model:
         array.render(mode)
 
     def _array(self, part: str, at_vertices: bool) -> tuple[list[tuple[str, Any]], moderngl.VertexArray]:
-        """Bind a part to its program; returns it with the uniforms that change per frame."""
+        """Bind a part to its program; returns the uniforms that change per frame, and the vertex array."""
         kind = PARTS.get(part.removeprefix(STILL), Part(part))
         painted = kind.may_be_painted and self.packed.skin is not None
         defined = (*(PAINTED,) * painted, *kind.definitions, *(LIT_AT_VERTICES,) * at_vertices)
@@ -225,9 +209,7 @@ class Model:
 
 
 def still_vertices(packed: PackedMesh) -> Mask:
-    """(V,): whether no entry, no bone and not the head moves a vertex."""
-    first, columns = 0, {}
-    for name, size in ATTRIBUTE_SIZES.items():
-        columns[name] = packed.vertices[:, first : first + size]
-        first += size
-    return np.asarray((columns["a_bones"][:, 1:] == 0).all(axis=1) & (columns["a_entries"][:, 1] == 0))
+    """(V,): vertices that no entry and no bone moves, the head's included."""
+    starts = np.cumsum(list(ATTRIBUTE_SIZES.values()))[:-1]
+    columns = dict(zip(ATTRIBUTE_SIZES, np.split(packed.vertices, starts, axis=1), strict=True))
+    return (columns["a_bones"][:, 1:] == 0).all(axis=1) & (columns["a_entries"][:, 1] == 0)

@@ -1,15 +1,15 @@
-"""A mesh as the GPU takes it: one buffer, index lists, two textures; and what a frame of FAPs sets.
+"""A mesh for the GPU: one buffer, index lists, two textures; and the uniforms of a frame of FAPs.
 
 Theory of operation
 -------------------
-Nothing here knows a graphics library: a desktop context and a browser upload the same bytes. A mesh is packed once. The
-vertex buffer has one row of floats a vertex; :data:`fapengine.render.programs.FACE_ATTRIBUTES` says what they are, in
+No graphics library is used here: a desktop context and a browser upload the same bytes. A mesh is packed once. The
+vertex buffer has one row of floats per vertex, the attributes of :data:`fapengine.render.programs.FACE_ATTRIBUTES` in
 that order and without gaps. Each vertex owns a run of entries in two textures of equal size, ``displacements`` and
-``normal_deltas`` (an entry is a texel, counted along rows); ``a_entries`` holds where its run begins and how long it
-is. An entry moves the vertex and changes its normal by so much per FAPU of one channel, whose number is the fourth
-component in ``displacements``. Triangles are sorted by how they are shaded: ``face``; ``eye``, eyes with iris and pupil
-drawn by the shader; ``eyeball``, eyes that are painted, whose highlight is too small to be worked out at vertices;
-``cutout``, whose painting has holes; and ``strand``, single hairs, which are drawn last.
+``normal_deltas`` (an entry is a texel, counted along rows); ``a_entries`` holds the start and the length of its run. An
+entry holds the displacement of the vertex and the change of its normal per FAPU of one channel; the channel's number is
+the fourth component in ``displacements``. Triangles are sorted by shading: ``face``; ``eye``, eyes with iris and pupil
+drawn by the shader; ``eyeball``, eyes with a texture, whose highlight is too small for light at vertices; ``cutout``,
+with holes in the texture; and ``strand``, single hairs, which are drawn last.
 """
 
 from collections.abc import Mapping
@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fapengine._arrays import Array, Indices, Mask, frozen
 from fapengine.errors import UsageError
+from fapengine.geometry.surface import edges_of, vertex_normals
 from fapengine.mesh.deform import Pose, bone_transforms, channel_weights
 from fapengine.mesh.face_mesh import Bone, Channel, DeformationBasis, FaceMesh, Material
 from fapengine.mpeg4 import fap
@@ -48,18 +49,18 @@ PUPIL_SHARE = 0.42
 PUPIL_RANGE = (0.15, 0.85)
 LID_COLUMNS = [fap.column(number) for number in (19, 21, 20, 22)]
 LID_SIGNS = np.array([1.0, -1.0, 1.0, -1.0])
-"""FAPs of the lids, and the side of the iris that each lid touches in the neutral face; 1024 is the iris diameter."""
+"""FAPs of the lids, and the side of the iris that each lid touches in the neutral face; 1024 FAPU are its diameter."""
 TEXTURE_WIDTH = 1024
 PROBE_FAPU = 1.0
 """Step of a channel for measuring its change of normals.
 
-It is small, so that changes of several channels add up as their displacements do: in speech normals are 0.7 degrees
-off; with 300 they are 2.8.
+It is small, so that changes of several channels add up as their displacements do: in speech the error of the normals is
+0.7 degrees; with a step of 300 it is 2.8.
 """
 JAW_FAP = 3
-"""Its bone turns normals; entries of this FAP's channels add the change of the bone's weight."""
+"""FAP whose bone rotates normals; the entries of its channels add the effect of changes of the bone's weight."""
 SAME_NORMAL = 1e-3
-"""Vertices at one position with normals that agree to this are one point of the surface, split by a texture seam."""
+"""Vertices at one position whose normals differ by less are one point of the surface, split by a texture seam."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -107,16 +108,17 @@ class FrameUniforms:
     channels: NDArray[np.float32]
     """(..., 128) float32: ``u_channels``, FAPU."""
     bones: NDArray[np.float32]
-    """(..., 5, 4, 4) float32: ``u_bones``, moved from rest, column by column as OpenGL wants it."""
+    """(..., 5, 4, 4) float32: ``u_bones``, from neutral to current pose, in OpenGL's column order."""
     iris: NDArray[np.float32]
-    """(..., 2) float32: ``u_iris``, radius of iris and pupil."""
+    """(..., 2) float32: ``u_iris``, radius of iris and pupil, relative to the eyeball."""
     lids: NDArray[np.float32]
-    """(..., 4) float32: ``u_lids``, height of the lids' margins above the eyeball's middle, as shares of its radius:
-    upper and lower of the left eye, then of the right."""
+    """(..., 4) float32: ``u_lids``, height of the lids' margins above the eyeball's centre, relative to its radius:
+    upper and lower of the left eye, then of the right.
+    """
 
 
 ATTRIBUTE_SIZES: dict[str, int] = {name: int(form[0]) for name, form in FACE_ATTRIBUTES.items()}
-"""Attribute to its number of floats, in the order of the vertex buffer."""
+"""Number of floats of each attribute, in the order of the vertex buffer."""
 
 
 def pack(mesh: FaceMesh) -> PackedMesh:
@@ -174,22 +176,19 @@ def iris_share(mesh: FaceMesh) -> float:
 def frame_uniforms(mesh: FaceMesh, faps: ArrayLike) -> FrameUniforms:
     """Convert FAPs (..., 68), FAPU, to the uniforms of ``face.vert`` and ``eye.frag``."""
     values = np.asarray(faps, dtype=np.float64)
+    return _uniforms(mesh, Pose(channel_weights(mesh.basis, values), bone_transforms(mesh, values)), values)
+
+
+def _uniforms(mesh: FaceMesh, pose: Pose, values: Array) -> FrameUniforms:
+    """Uniforms of poses (...), with irises and lids from FAPs (..., 68)."""
     channels = np.zeros((*values.shape[:-1], MAX_CHANNELS), dtype="f4")
-    channels[..., : mesh.basis.width] = channel_weights(mesh.basis, values)
-    bones = np.ascontiguousarray(bone_transforms(mesh, values).swapaxes(-1, -2), dtype="f4")
-    return _with_eyes(mesh, values, channels, bones)
-
-
-def _with_eyes(
-    mesh: FaceMesh, values: Array, channels: NDArray[np.float32], bones: NDArray[np.float32]
-) -> FrameUniforms:
-    """Add irises and lids from FAPs."""
+    channels[..., : mesh.basis.width] = pose.weights
     iris = np.full(values.shape[:-1], iris_share(mesh))
     dilation = values[..., fap.column(29)] + values[..., fap.column(30)]
     pupil = iris * np.clip(PUPIL_SHARE + dilation / 2 / 1024, *PUPIL_RANGE)
     return FrameUniforms(
         channels=channels,
-        bones=bones,
+        bones=np.ascontiguousarray(pose.bones.swapaxes(-1, -2), dtype="f4"),
         iris=np.stack([iris, pupil], axis=-1).astype("f4"),
         lids=(LID_SIGNS * iris[..., None] * (1 - 2 * values[..., LID_COLUMNS] / 1024)).astype("f4"),
     )
@@ -205,14 +204,11 @@ def pose_uniforms(mesh: FaceMesh, pose: Pose) -> FrameUniforms:
     """
     if pose.weights.shape != (mesh.basis.width,):
         raise UsageError(f"weights: got shape {pose.weights.shape}, expected ({mesh.basis.width},)")
-    channels = np.zeros(MAX_CHANNELS, dtype="f4")
-    channels[: mesh.basis.width] = pose.weights
-    bones = np.ascontiguousarray(pose.bones.swapaxes(-1, -2), dtype="f4")
-    return _with_eyes(mesh, np.zeros(fap.FAP_COUNT), channels, bones)
+    return _uniforms(mesh, pose, np.zeros(fap.FAP_COUNT))
 
 
 def halved(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Half as many rows and columns, at least 1, of (H, W, 4) uint8: means of four, of squares as in the shader."""
+    """Scale an image, (H, W, 4) uint8, to half its sides, at least 1: means of four, of squares as in the shader."""
     height, width = picture.shape[:2]
     padded = np.pad(picture, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
     power = np.array([2.0, 2.0, 2.0, 1.0])
@@ -223,9 +219,8 @@ def halved(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 def wire_edges(packed: PackedMesh) -> NDArray[np.uint32]:
     """(E, 2) uint32: every edge of every triangle, once."""
-    triangles = np.concatenate(list(packed.parts.values()))
-    edges = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
-    return np.unique(edges, axis=0)
+    edges = edges_of(np.concatenate(list(packed.parts.values())))
+    return np.unique(np.sort(edges, axis=1), axis=0)
 
 
 def _with_alpha(texture: NDArray[np.uint8] | None) -> NDArray[np.uint8] | None:
@@ -235,38 +230,36 @@ def _with_alpha(texture: NDArray[np.uint8] | None) -> NDArray[np.uint8] | None:
 
 
 def _is_folded(mesh: FaceMesh) -> bool:
-    """Tell whether the light of folds can lie beside the painting."""
+    """Whether the light of the folds fits into the texture's fourth component."""
     return mesh.folds is not None and mesh.texture is not None and mesh.texture.shape == (*mesh.folds.map.shape, 3)
 
 
 def _resting_folds(mesh: FaceMesh) -> NDArray[np.float32]:
-    """(V,): as :attr:`~fapengine.mesh.face_mesh.Folds.rest`; 0, where there is no painting with folds."""
+    """(V,): as :attr:`~fapengine.mesh.face_mesh.Folds.rest`; at most 0 if the texture has no room for folds."""
     if mesh.folds is None:
         return np.zeros(len(mesh.vertices_mm), dtype=np.float32)
     return mesh.folds.rest if _is_folded(mesh) else np.minimum(mesh.folds.rest, 0.0)
 
 
 def _has_hole(mesh: FaceMesh, skin: NDArray[np.uint8] | None) -> Mask:
-    """(F,): whether a hole of the painting lies in the box round a triangle's part of it."""
+    """(F,): whether the texture has a hole in the box around a triangle."""
     if skin is None or (skin[..., 3] >= 128).all():
         return np.zeros(len(mesh.triangles), dtype=bool)
     height, width = skin.shape[:2]
     count = np.zeros((height + 1, width + 1), dtype=np.int64)
     count[1:, 1:] = (skin[..., 3] < 128).cumsum(axis=0).cumsum(axis=1)
     at = mesh.uv[mesh.triangles].astype(np.float64) * (width, height)
-    (left, low), (right, high) = (
-        np.floor(at.min(axis=1) - 0.5).astype(int).T,
-        np.ceil(at.max(axis=1) + 0.5).astype(int).T,
-    )
+    left, low = np.floor(at.min(axis=1) - 0.5).astype(int).T
+    right, high = np.ceil(at.max(axis=1) + 0.5).astype(int).T
     repeats = (left < 0) | (low < 0) | (right > width) | (high > height)
     left, right = np.clip(left, 0, width), np.clip(right, 0, width)
     low, high = np.clip(low, 0, height), np.clip(high, 0, height)
     inside = count[high, right] - count[low, right] - count[high, left] + count[low, left]
-    return np.asarray((inside > 0) | repeats)
+    return (inside > 0) | repeats
 
 
 def _texels_per_mm(mesh: FaceMesh, skin: NDArray[np.uint8] | None) -> float:
-    """Root of the ratio of the painted area, in texels, to the skin's, in square mm."""
+    """Root of the ratio of the skin's area in the texture, in texels, to its area in square mm."""
     if skin is None:
         return 0.0
     on_skin = np.isin(mesh.material[mesh.triangles[:, 0]], (Material.SKIN, Material.LIP))
@@ -295,20 +288,19 @@ def _in_rows(entries: NDArray[np.floating]) -> NDArray[np.float32]:
 
 
 def normal_deltas(mesh: FaceMesh) -> NDArray[np.float32]:
-    """(N, 3) float32: change of its vertex's normal that each entry of the basis brings, per FAPU.
+    """(N, 3) float32: change of a vertex's normal per FAPU, for each entry of the basis.
 
     Measured by moving one channel at a time by :data:`PROBE_FAPU`, or from its start to its end if it ends, which for a
-    lid is a large turn; the shader adds the changes up linearly. Vertices that a seam of the texture splits change as
-    one.
+    lid is a large rotation; the shader adds the changes linearly. Vertices that a texture seam splits change as one.
     """
     basis, points_of = mesh.basis, _surface_points(mesh)
-    vertex = np.repeat(np.arange(len(points_of)), np.diff(basis.offsets))
+    vertex = basis.entry_vertices
     point = points_of[vertex]
     count = int(points_of.max(initial=-1)) + 1
     rest = np.zeros((count, 3))
     rest[points_of] = mesh.vertices_mm
     triangles = points_of[mesh.triangles]
-    at_rest = _unit(_summed_normals(rest, triangles, count))
+    at_rest = vertex_normals(rest, triangles)
     deltas = np.zeros((len(point), 3), dtype=np.float32)
     by_channel = np.argsort(basis.entry_channels, kind="stable")
     ends = np.searchsorted(basis.entry_channels[by_channel], np.arange(basis.width + 1))
@@ -323,14 +315,13 @@ def normal_deltas(mesh: FaceMesh) -> NDArray[np.float32]:
             points[point[its]] += _length(basis.channels[earlier]) * basis.entry_mm[its]
         if basis.mix is None and np.isfinite(_length(basis.channels[number])):
             step = _length(basis.channels[number])
-            before = _unit(_summed_normals(points, around, count)[point[mine]])
+            before = vertex_normals(points, around)[point[mine]]
         points[point[mine]] += step * basis.entry_mm[mine]
         with_bone: NDArray[np.floating] | float = 0.0
         if basis.mix is None and basis.channels[number].fap == JAW_FAP:
             points[points_of], with_bone = _with_jaw(mesh, at_rest[point[mine]], vertex[mine])
-        # Every triangle at a moved point is in ``around``, so its normal is whole; the others' are not asked for.
-        normals = _unit(_summed_normals(points, around, count)[point[mine]])
-        deltas[mine] = (normals - before - with_bone) / step
+        # ``around`` has every triangle at a moved point, so the normals of these points are complete.
+        deltas[mine] = (vertex_normals(points, around)[point[mine]] - before - with_bone) / step
     return deltas
 
 
@@ -339,7 +330,7 @@ def _length(channel: Channel) -> float:
 
 
 def _earlier_pieces(basis: DeformationBasis, number: int) -> list[int]:
-    """Channels of the same FAP that have reached their ends when this one starts; none, if shapes are mixed."""
+    """Channels of the same FAP that have reached their ends when this one starts; none if the basis has a mix."""
     if basis.mix is not None:
         return []
     mine = basis.channels[number]
@@ -353,7 +344,7 @@ def _earlier_pieces(basis: DeformationBasis, number: int) -> list[int]:
 
 
 def _with_jaw(mesh: FaceMesh, normals: Array, vertices: Indices) -> tuple[Array, Array]:
-    """Where all points (V, 3) are with the jaw opened by a probe, and how some normals turn with the bone alone."""
+    """(V, 3) positions with the jaw opened by a probe, and (N, 3) changes of some normals by the bone alone."""
     faps = np.zeros(fap.FAP_COUNT)
     faps[fap.column(JAW_FAP)] = PROBE_FAPU
     jaw = bone_transforms(mesh, faps)[Bone.JAW]
@@ -365,24 +356,10 @@ def _with_jaw(mesh: FaceMesh, normals: Array, vertices: Indices) -> tuple[Array,
 
 
 def _surface_points(mesh: FaceMesh) -> Indices:
-    """(V,): a number for each vertex, the same for those at one place with one normal, 0 upwards."""
+    """(V,): a number from 0 for each vertex, the same for vertices at one position with one normal."""
     if not len(mesh.vertices_mm):
         return np.zeros(0, dtype=np.int64)
     rounded = np.round(mesh.normals / SAME_NORMAL).astype("f4") + np.float32(0)  # -0 is 0
     keys = np.ascontiguousarray(np.concatenate([mesh.vertices_mm + np.float32(0), rounded], axis=1))
     _, numbers = np.unique(keys.view(np.dtype((np.void, keys.itemsize * 6))).ravel(), return_inverse=True)
     return np.asarray(numbers, dtype=np.int64)
-
-
-def _summed_normals(points: Array, triangles: Indices, count: int) -> Array:
-    """(count, 3): the sum of each point's triangles' normals, weighted by area."""
-    a, b, c = points[triangles].swapaxes(0, 1)
-    faces = np.cross(b - a, c - a)
-    corners = triangles.ravel()
-    spread = np.repeat(faces, 3, axis=0)
-    return np.stack([np.bincount(corners, spread[:, axis], count) for axis in range(3)], axis=-1)
-
-
-def _unit(normals: Array) -> Array:
-    length = np.linalg.norm(normals, axis=1, keepdims=True)
-    return np.divide(normals, length, out=np.tile([0.0, 0.0, 1.0], (len(normals), 1)), where=length > 1e-12)

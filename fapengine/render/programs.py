@@ -27,13 +27,6 @@ FACE_ATTRIBUTES = {
     "a_entries": "2f4",
 }
 """Per-vertex attributes of ``face.vert`` in buffer order, with moderngl's format."""
-MOTION_UNIFORMS = ("u_displacements", "u_normal_deltas", "u_channels", "u_bones", "u_clip_from_world")
-"""Uniforms of ``face.vert``."""
-FACE_UNIFORMS = (*MOTION_UNIFORMS, "u_eye_position")
-EYE_UNIFORMS = (*FACE_UNIFORMS, "u_iris", "u_iris_albedo", "u_lids")
-WIRE_UNIFORMS = ("u_displacements", "u_channels", "u_bones", "u_clip_from_world", "u_ink")
-BACKDROP_UNIFORMS = ("u_wall", "u_falloff")
-EDGES_UNIFORMS = SMOOTH_UNIFORMS = ENLARGE_UNIFORMS = ("u_picture",)
 
 MAX_FINE_EDGE_PX = 12.0
 """Median triangle edge, in pixels, up to which light is computed at vertices where that is cheaper;
@@ -60,15 +53,10 @@ STAGES = {
 }
 """Program to the files of its vertex and its fragment stage, concatenated in this order after the header."""
 VARIANTS: dict[str, tuple[tuple[str, ...], ...]] = {
-    "face": (
-        (),
-        (PAINTED,),
-        (PAINTED, CUT_OUT),
-        (LIT_AT_VERTICES,),
-        (PAINTED, LIT_AT_VERTICES),
-        (PAINTED, CUT_OUT, LIT_AT_VERTICES),
-        (STRAND,),
-        (STRAND, LIT_AT_VERTICES),
+    "face": tuple(
+        (*kind, *light)
+        for kind in ((), (PAINTED,), (PAINTED, CUT_OUT), (STRAND,))
+        for light in ((), (LIT_AT_VERTICES,))
     ),
     "backdrop": ((), (PICTURE,)),
 }

@@ -11,17 +11,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fapengine._arrays import Array
-from fapengine._late import Late
+from fapengine.geometry.surface import sphere_directions
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.render.camera import Camera
 from fapengine.render.canvas import Backdrop, Canvas, Rectangle
-from fapengine.render.context import Renderer, Resource
+from fapengine.render.context import Renderer, moderngl
 from fapengine.render.drawing import DEFAULT_DRAWING, Drawing, Picture
 from fapengine.render.model import Model, Programs
 from fapengine.render.packing import FrameUniforms, frame_uniforms, pack
@@ -83,12 +83,7 @@ def _outermost(points_mm: NDArray[np.float32], chosen: NDArray[np.integer]) -> N
     """Return the chosen vertices that are outermost in directions evenly spread on a sphere."""
     if not len(chosen):
         return chosen
-    number = np.arange(DIRECTIONS) + 0.5
-    height = 1 - 2 * number / DIRECTIONS
-    angle = np.pi * (1 + 5**0.5) * number
-    flat = np.sqrt(1 - height**2)
-    directions = np.stack([flat * np.cos(angle), height, flat * np.sin(angle)])
-    return np.asarray(chosen[(points_mm[chosen] @ directions).argmax(axis=0)])
+    return chosen[(points_mm[chosen] @ sphere_directions(DIRECTIONS).T).argmax(axis=0)]
 
 
 def _box(low: Array, high: Array, size: tuple[int, int]) -> Box | None:
@@ -107,12 +102,6 @@ def _apart(head: Box | None, rest: Box | None) -> list[Box]:
     if rest[0] <= head[0] and head[2] <= rest[2] and head[1] < rest[1] and head[3] <= rest[3]:
         return [(*head[:3], min(head[3], rest[1])), rest]
     return [(min(head[0], rest[0]), min(head[1], rest[1]), max(head[2], rest[2]), max(head[3], rest[3]))]
-
-
-if TYPE_CHECKING:
-    import moderngl
-else:
-    moderngl = Late("moderngl", "moderngl", "OpenGL")
 
 
 class FaceRenderer(Renderer):
@@ -149,7 +138,7 @@ class FaceRenderer(Renderer):
             self._backdrop = Backdrop(self._programs, drawing)
             self._canvas = Canvas(self._programs, drawing)
 
-    def _resources(self) -> Iterable[Resource]:
+    def _resources(self) -> Iterable[Any]:
         return self._canvas, self._backdrop, self._model, self._programs
 
     @property
@@ -161,19 +150,19 @@ class FaceRenderer(Renderer):
     def drawing(self, drawing: Drawing) -> None:
         before, self._drawing = self._drawing, drawing
         has_other_backdrop = drawing.background is not before.background or drawing.aspect != before.aspect
-        if has_other_backdrop:
-            with self._context:
+        if not has_other_backdrop and self._canvas.suits(drawing):
+            return
+        with self._context:
+            if has_other_backdrop:
                 self._backdrop.release()
                 self._backdrop = Backdrop(self._programs, drawing)
-        if has_other_backdrop or not self._canvas.suits(drawing):
-            with self._context:
-                self._canvas.release()
-                self._canvas = Canvas(self._programs, drawing)
+            self._canvas.release()
+            self._canvas = Canvas(self._programs, drawing)
 
     @property
     def is_lit_at_vertices(self) -> bool:
         """Whether :attr:`Drawing.shading` results in light at vertices."""
-        return self._model.is_lit_at_vertices(self._drawing.camera, self._drawing.drawn_size, self._drawing.shading)
+        return self._model.is_lit_at_vertices(self._drawing)
 
     def draw(self, faps: ArrayLike) -> Picture:
         """Draw one frame.
@@ -202,28 +191,12 @@ class FaceRenderer(Renderer):
         uniforms = frame_uniforms(self.mesh, faps)
         ground = drawing.camera, drawing.shading, drawing.wire
         is_there = self._canvas.begin(ground, partial(self._draw_ground, uniforms))
-        self._model.draw(
-            uniforms,
-            drawing.camera,
-            drawing.drawn_size,
-            draw_behind=None if is_there else self._backdrop.draw,
-            shading=drawing.shading,
-            wire=drawing.wire,
-            still=not is_there,
-        )
+        behind = None if is_there else self._backdrop.draw
+        self._model.draw(uniforms, drawing, draw_behind=behind, still=not is_there)
         if not self._backdrop.is_smooth:
             return None
         return self._reach.rectangles(uniforms, drawing.camera, drawing.drawn_size)
 
     def _draw_ground(self, uniforms: FrameUniforms) -> None:
         """Draw everything that no FAP moves: shoulders and backdrop."""
-        drawing = self._drawing
-        self._model.draw(
-            uniforms,
-            drawing.camera,
-            drawing.drawn_size,
-            draw_behind=self._backdrop.draw,
-            shading=drawing.shading,
-            wire=drawing.wire,
-            moving=False,
-        )
+        self._model.draw(uniforms, self._drawing, draw_behind=self._backdrop.draw, moving=False)

@@ -1,4 +1,4 @@
-"""Edge: a window that shows a face, on GLFW.
+"""A window that shows a face, on GLFW.
 
 GLFW was chosen by ``design/window_toolkits.py``: all candidates show a frame in 0.2 to 0.3 ms, and its wheel is the
 smallest (0.25 MB, the library inside, X11 and Wayland). The face is drawn by :class:`FaceRenderer` into a texture of
@@ -23,36 +23,26 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache
-from types import TracebackType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fapengine._late import Late
 from fapengine._signals import signals_kept
 from fapengine.errors import ResourceError, UsageError
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.render.budget import Quality
 from fapengine.render.camera import Camera, preset
-from fapengine.render.context import REQUIRED
+from fapengine.render.context import REQUIRED, moderngl
 from fapengine.render.drawing import MAX_SIDE_PX, MIN_SIDE_PX, Drawing
 from fapengine.render.live import LevelOfDetail, LiveRenderer
 from fapengine.render.programs import stage_source
 from fapengine.render.renderer import FaceRenderer
 
-if TYPE_CHECKING:
-    import moderngl
-else:
-    moderngl = Late("moderngl", "moderngl", "OpenGL")
-
-
-HOW_TO_INSTALL = 'pip install "fapengine[window]"'
 CAMERAS = ("front", "three-quarter", "profile", "mouth")
 """Cameras on the keys 1 to 4."""
 OVERLAY = (("backdrop.vert",), ("overlay.frag",))
 """Stages of the program that shows a texture."""
-OVERLAY_UNIFORMS = ("u_picture",)
 TURN_DEG = 0.4
 """Turn of the camera, degrees for each point that the pointer moves."""
 ZOOM = 1.1
@@ -105,7 +95,7 @@ class FaceWindow:
         size = drawing.size
         if size[0] < MIN_SIZE_PT[0] or size[1] < MIN_SIZE_PT[1]:
             raise UsageError(f"size: got {size[0]}x{size[1]}, expected at least {MIN_SIZE_PT[0]}x{MIN_SIZE_PT[1]}")
-        self._mesh, self._coarser = mesh, tuple(coarser)
+        self._mesh, self._meshes = mesh, (mesh, *coarser)
         self._drawing = drawing
         self.camera = drawing.camera
         self._pressed: list[str] = []
@@ -129,9 +119,7 @@ class FaceWindow:
     def __enter__(self) -> FaceWindow:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     @property
@@ -215,8 +203,8 @@ class FaceWindow:
 
     def _draw(self, faps: ArrayLike) -> None:
         width, height = self._pixels()
-        size = tuple(min(max(side, MIN_SIDE_PX), MAX_SIDE_PX) for side in (width, height))
-        renderer = self._renderer_of((size[0], size[1]))
+        limits = MIN_SIDE_PX, MAX_SIDE_PX
+        renderer = self._renderer_of((int(np.clip(width, *limits)), int(np.clip(height, *limits))))
         renderer.drawing = replace(renderer.drawing, camera=self.camera)
         face = renderer.paint(faps)
         self._context.screen.use()
@@ -239,13 +227,11 @@ class FaceWindow:
             if self._hold_hz is None:
                 self._renderer = FaceRenderer(self._mesh, drawing, context=context)
             else:
-                self._renderer = LiveRenderer(
-                    (self._mesh, *self._coarser), drawing, rate_hz=self._hold_hz, context=context
-                )
+                self._renderer = LiveRenderer(self._meshes, drawing, rate_hz=self._hold_hz, context=context)
         return self._renderer
 
     def _on_character(self, window: Any, code: int) -> None:
-        """Take a character as the keyboard's layout has it: Q is at another place on a French one."""
+        """Handle a character of the keyboard's layout, which for Q is at another place on a French one."""
         character = chr(code).lower()
         cameras = dict(zip("123456789", CAMERAS, strict=False)) | {"r": CAMERAS[0]}
         if character in cameras:
@@ -261,10 +247,9 @@ class FaceWindow:
             return
         if key == glfw.KEY_ESCAPE:
             glfw.set_window_should_close(window, True)
-        elif key in (glfw.KEY_LEFT, glfw.KEY_RIGHT, glfw.KEY_UP, glfw.KEY_DOWN):
-            yaw = {glfw.KEY_LEFT: -1, glfw.KEY_RIGHT: 1}.get(key, 0)
-            pitch = {glfw.KEY_UP: 1, glfw.KEY_DOWN: -1}.get(key, 0)
-            self.camera = _turned(self.camera, 5.0 * yaw, 5.0 * pitch)
+        turns = {glfw.KEY_LEFT: (-5, 0), glfw.KEY_RIGHT: (5, 0), glfw.KEY_UP: (0, 5), glfw.KEY_DOWN: (0, -5)}
+        if key in turns:
+            self.camera = _turned(self.camera, *turns[key])
 
     def _on_button(self, window: Any, button: int, action: int, _: int) -> None:
         if button == self._glfw.MOUSE_BUTTON_LEFT:
@@ -283,7 +268,7 @@ class FaceWindow:
 
 
 def _fitted(size: tuple[int, int], room: tuple[int, int]) -> tuple[int, int, int, int]:
-    """Centre a picture in its room and keep its proportions: x, y, width, height."""
+    """Centre an image in the window and keep its proportions: x, y, width, height."""
     share = min(room[0] / size[0], room[1] / size[1])
     width, height = round(size[0] * share), round(size[1] * share)
     return (room[0] - width) // 2, (room[1] - height) // 2, width, height
@@ -295,7 +280,7 @@ def _turned(camera: Camera, yaw_deg: float, pitch_deg: float) -> Camera:
 
 
 def start_glfw() -> Any:
-    """Initialize GLFW; it stays so until the process ends.
+    """Initialize GLFW for the rest of the process.
 
     Raises
     ------
@@ -305,7 +290,7 @@ def start_glfw() -> Any:
     try:
         import glfw
     except ImportError as error:
-        raise ResourceError(f"window: {error}; mend it with: {HOW_TO_INSTALL}") from error
+        raise ResourceError(f'window: {error}; install it with: pip install "fapengine[window]"') from error
     glfw.ERROR_REPORTING = "exception"
     try:
         glfw.init()
@@ -341,7 +326,7 @@ def create_window(title: str, size: tuple[int, int], *, visible: bool = True) ->
 
 @contextmanager
 def current(window: Any) -> Iterator[None]:
-    """Make a window's OpenGL current for a while."""
+    """Make a window's OpenGL context current."""
     glfw = start_glfw()
     _leave_egl()
     glfw.make_context_current(window)
@@ -368,18 +353,17 @@ def try_window() -> str:
     return version
 
 
-def _leave_egl() -> None:
-    egl = _egl()
-    if egl is not None:
-        egl.eglReleaseThread()
-
-
 @cache
 def _egl() -> Any:
     name = ctypes.util.find_library("EGL")
     return ctypes.CDLL(name) if name else None
 
 
+def _leave_egl() -> None:
+    if _egl() is not None:
+        _egl().eglReleaseThread()
+
+
 def _plain(error: BaseException) -> str:
-    """Spell GLFW's error without its number and Python's quotes."""
+    """Format GLFW's error without its number and Python's quotes."""
     return re.sub(r"^\(\d+\) b?['\"]?(.*?)['\"]?$", r"\1", str(error))

@@ -11,14 +11,15 @@ import pytest
 from fapengine.render import programs
 from fapengine.render.context import create_context
 
+FACE = ("u_displacements", "u_normal_deltas", "u_channels", "u_bones", "u_clip_from_world", "u_eye_position")
 UNIFORMS = {
-    "face": programs.FACE_UNIFORMS,
-    "eye": programs.EYE_UNIFORMS,
-    "wire": programs.WIRE_UNIFORMS,
-    "backdrop": programs.BACKDROP_UNIFORMS,
-    "edges": programs.EDGES_UNIFORMS,
-    "smooth": programs.SMOOTH_UNIFORMS,
-    "enlarge": programs.ENLARGE_UNIFORMS,
+    "face": FACE,
+    "eye": (*FACE, "u_iris", "u_iris_albedo", "u_lids"),
+    "wire": ("u_displacements", "u_channels", "u_bones", "u_clip_from_world", "u_ink"),
+    "backdrop": ("u_wall", "u_falloff"),
+    "edges": ("u_picture",),
+    "smooth": ("u_picture",),
+    "enlarge": ("u_picture",),
 }
 ALL = [(name, defined) for name in programs.STAGES for defined in programs.VARIANTS.get(name, ((),))]
 

@@ -15,7 +15,7 @@ from fapengine.mpeg4 import fap
 from fapengine.render.camera import PRESETS
 from fapengine.render.drawing import Drawing
 from fapengine.render.renderer import FaceRenderer
-from fapengine.render.window import BORDER, OVERLAY_UNIFORMS, FaceWindow, _fitted, start_glfw, try_window
+from fapengine.render.window import BORDER, FaceWindow, _fitted, start_glfw, try_window
 from tests.processes import start
 
 SIZE = (320, 320)
@@ -82,7 +82,7 @@ def test_it_shows_what_the_renderer_draws(window: FaceWindow) -> None:
     with FaceRenderer(mesh(), Drawing(size=SIZE)) as renderer:
         drawn = renderer.draw(REST)
     np.testing.assert_allclose(picture.astype(int), drawn.astype(int), atol=1)
-    assert set(window._program) - {"gl_VertexID"} == set(OVERLAY_UNIFORMS)
+    assert set(window._program) - {"gl_VertexID"} == {"u_picture"}
 
 
 def test_frames_differ_while_speaking_and_the_rate_is_told(window: FaceWindow) -> None:
@@ -222,7 +222,7 @@ def test_refuses(display: None) -> None:
 
 def test_glfw_that_is_not_there(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "glfw", None)
-    with pytest.raises(ResourceError, match=r"mend it with: pip install \"fapengine\[window\]\""):
+    with pytest.raises(ResourceError, match=r"install it with: pip install \"fapengine\[window\]\""):
         start_glfw()
 
 
