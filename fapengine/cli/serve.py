@@ -248,13 +248,14 @@ async def _run_workers(config: "ServeConfig") -> None:
     import asyncio
     import signal
 
-    from fapengine.server.cluster.workers import Workers, serve_with_workers
+    from fapengine.server.cluster.workers import Workers
+    from fapengine.server.server import serve as serve_until_stopped
 
     workers = Workers(config)
     loop = asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, workers.stop)
-    await serve_with_workers(workers, lambda: _announce(workers))
+    await serve_until_stopped(workers, lambda: _announce(workers))
 
 
 def _announce(server: "Server | Workers") -> None:

@@ -1,1 +1,1 @@
-"""The running server: sockets and time around the pure engine. One event loop, one thread; voices speak in another."""
+"""The running server: sockets and time around the pure engine. One event loop; voices run in processes of their own."""

@@ -1,4 +1,4 @@
-"""The TOML configuration of ``fapengine serve``; :data:`EXAMPLE` shows every key."""
+"""The TOML configuration of ``fapengine serve``; docs/reference/configuration.md shows every key."""
 
 import re
 from dataclasses import dataclass, field, fields, replace
@@ -15,72 +15,6 @@ from fapengine.trajectory.style import Style
 from fapengine.voices.choice import VoiceChoice
 from fapengine.wire.speech_osc.schema import check_session
 
-EXAMPLE = """\
-[listen]
-host = "127.0.0.1"      # "0.0.0.0": all interfaces; set a token then
-port = 9110             # OSC over UDP and TCP
-web_port = 8110         # web page and WebSocket; 0: none
-metrics_port = 0        # Prometheus metrics at /metrics; 0: none
-token = ""              # secret that clients and browsers must present; "": none
-origins = []            # other sites whose pages may show these faces, such as "https://example.org"
-workers = 1             # worker processes, one per core; each has its own limits
-
-[face]
-profile = "grid_s1_en"  # speaker profile
-head = "default"        # head on the web page
-rate_hz = 60.0          # frames per second
-seed = 1                # random seed of blinks and head motion
-
-[style]                 # initial values; clients change them with /param
-articulation = 1.0      # also jaw, lips: 0 to 3; loudness_db: -20 to 20
-blinks = true           # also head_motion, gaze, idle, emphasis
-
-[voice]
-name = "en-us"          # speaks /tts/text and the text box of the web page
-rate_wpm = 160
-ssml = false            # treat texts as SSML
-
-[sound]
-session = ""            # play this session's voice on the server, such as "face"; "": none
-device = ""             # audio output: its number, or part of its name; "": the default
-microphone = ""         # drive a face from a microphone: "default", its number, or part of its name; "": none
-listens = "face"        # session that the microphone drives
-recognizer = ""         # "small", "sphinx", "both" or an ONNX model; "": the best installed
-
-[calls]
-on = false              # WebRTC on the web port: /whep sends a face, /whip receives audio, /call.html is a demo page
-host = ""               # address of this machine for calls; "": the one that the caller used
-max_calls = 8           # simultaneous calls
-size = 512              # width and height of the image, pixels
-rate_hz = 30.0          # images per second
-
-[limits]
-sessions = 1000
-utterances = 32         # queued utterances per session
-queued_s = 600.0        # longest utterance, and how far ahead one may be scheduled
-silence_s = 2.0         # an utterance without an end finishes when no phone has come for this long
-wait_s = 30.0           # an utterance that waits for its audio is given up after this long
-idle_close_s = 120.0    # a session without clients and viewers is closed after this long
-packets_per_sender = 256  # unprocessed packets
-streams = 256           # TCP connections of senders
-connections = 512       # connections of the web page, and the same number for metrics
-connections_per_address = 128  # connections from one address
-recognizers = 4         # sessions driven by audio, one recognizer process each; 0: none
-
-[bus]
-url = ""                # share sessions through this NATS server, such as "nats://10.0.0.5:4222"; "": none
-host = ""               # address at which other servers reach this one; "": found automatically
-name = "fapengine"      # servers with the same name share sessions
-replicas = 1            # copies kept by a NATS cluster
-
-[log]
-level = "info"          # debug, info, warning, error
-format = "text"         # or "json": one object per line
-
-[[sink]]
-url = "vmc://127.0.0.1:39539"
-"""
-"""Every key with its default; each may be omitted. And one sink."""
 OSC_PORT, WEB_PORT = 9110, 8110
 Port = Annotated[int, Between(0, 65_535)]
 
@@ -246,7 +180,7 @@ class _Parts:
 
 @dataclass(frozen=True, slots=True)
 class ServeConfig(_Parts):
-    """Configuration of a :class:`fapengine.Server`; :data:`EXAMPLE` shows all of it as TOML."""
+    """Configuration of a :class:`fapengine.Server`; docs/reference/configuration.md shows it as TOML."""
 
     sinks: tuple[str, ...] = ()
     """URLs; see :mod:`fapengine.server.sinks.kinds`."""

@@ -18,7 +18,7 @@ from functools import partial
 from ipaddress import ip_address
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -432,12 +432,22 @@ def _log_loop_error(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) ->
         loop.default_exception_handler(context)
 
 
-async def serve(server: Server, ready: Callable[[], None] | None = None) -> None:
+class Serves(Protocol):
+    """A :class:`Server`, or the parent of workers."""
+
+    async def start(self) -> None:
+        """Open everything."""
+
+    async def run(self) -> None:
+        """Run until stopped, and close."""
+
+
+async def serve(server: Serves, ready: Callable[[], None] | None = None) -> None:
     """Start, run until stopped, and close.
 
     Parameters
     ----------
-    server : Server
+    server : Server or Workers
     ready : callable, optional
         Called when everything is open.
     """

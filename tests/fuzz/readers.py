@@ -46,7 +46,7 @@ from fapengine.render.drawing import parse_background, parse_size
 from fapengine.retarget.blend_tracks import format_blend_csv, parse_blend_track
 from fapengine.retarget.shape_rows import ARKIT_NAMES
 from fapengine.retarget.vmc_recording import parse_vmc_recording
-from fapengine.server.config import EXAMPLE, parse_config
+from fapengine.server.config import parse_config
 from fapengine.server.web.messages import SOUND_HEAD, SOUND_KIND, parse_request, parse_sound
 from fapengine.speech.formats.registry import ParseOptions, parse_timings
 from fapengine.speech.formats.table import parse_columns
@@ -57,6 +57,7 @@ from fapengine.wire import fap_osc, osc
 from fapengine.wire.framing import LengthDecoder, SlipDecoder, encode_length, encode_slip
 from fapengine.wire.rtp import RtpSender
 from fapengine.wire.speech_osc import codec, schema
+from tests.serve_example import EXAMPLE
 from tests.unit.files.glb import Builder, square, write_rig
 from tests.unit.files.test_gltf import vrm
 from tests.unit.mesh.rigs import own_rig

@@ -11,13 +11,14 @@ from fapengine import Style, load_profile
 from fapengine.engine.engine import Engine
 from fapengine.host.hub import Hub
 from fapengine.server.cluster.workers import Workers
-from fapengine.server.config import EXAMPLE, BusChoice, CallChoice, Listen, ServeConfig
+from fapengine.server.config import BusChoice, CallChoice, Listen, ServeConfig
 from fapengine.server.server import Server
 from fapengine.server.web.connection import Connection, WebCounts
 from fapengine.server.web.session_view import SessionView, open_session_view
 from fapengine.voices.choice import VoiceChoice
 from fapengine.wire.speech_osc.counts import WordsRequest
 from fapengine.wire.speech_osc.receiver import OscReceiver
+from tests.serve_example import EXAMPLE
 
 WALL_S = 1_790_000_000.0
 """Time of the wall clock when the engine's is 0."""

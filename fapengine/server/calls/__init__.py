@@ -1,1 +1,1 @@
-"""WebRTC: a session watched by WHEP, moved by sound that comes by WHIP. Needs the extra ``webrtc``."""
+"""WebRTC: watch a session by WHEP, drive it with audio by WHIP. Needs the extra ``webrtc``."""

@@ -1,1 +1,1 @@
-"""One server of many processes and machines: the parent, its workers, and the store that machines share."""
+"""A server of several processes and machines: the parent, its workers, and the store that machines share."""

@@ -33,9 +33,7 @@ from fapengine.server.ownership.partitions import (
 )
 
 if TYPE_CHECKING:
-    from nats.aio.client import Client as Nats
     from nats.aio.msg import Msg
-    from nats.js.kv import KeyValue
 
 CONNECT_S = 5.0
 """Time in which NATS must answer at the start."""
@@ -74,9 +72,9 @@ class Bus:
         self.fences = 0
         """Number of times that this machine's lease has expired."""
         self._table = Partitions(Machine("", host, 0))
-        self._nats: Nats | None = None
-        self._leases: KeyValue | None = None
-        self._records: KeyValue | None = None
+        self._nats: Any = None
+        self._leases: Any = None
+        self._records: Any = None
         self._renewing: asyncio.Task[None] | None = None
         self._is_up = False
         self._asking: dict[int, list[Callable[[], None]]] = {}
@@ -131,7 +129,6 @@ class Bus:
             raise ResourceError(
                 f"bus: got {_shown(url)}, expected NATS with JetStream (nats-server -js): {why}"
             ) from error
-        assert self._nats is not None
         host = self._choice.host or (_own_address(url) if self._listens in WILDCARDS else self._listens)
         self._table = Partitions(Machine(uuid.uuid4().hex, host, port, page_port))
         await self._nats.subscribe(self._subject("*"), cb=self._receive)
@@ -158,7 +155,6 @@ class Bus:
         name = self._table.me.id
         self._table.begin_again(uuid.uuid4().hex)
         with suppress(Exception):  # else the lease expires by itself
-            assert self._leases is not None
             await asyncio.wait_for(self._leases.delete(name), ANSWER_S)
             await self._publish("gone", name.encode())
 
@@ -198,7 +194,6 @@ class Bus:
     async def _open_buckets(self) -> None:
         from nats.js.api import KeyValueConfig, StorageType
 
-        assert self._nats is not None
         store, name = self._nats.jetstream(timeout=ANSWER_S), self._choice.name
         form = KeyValueConfig("", storage=StorageType.FILE, replicas=self._choice.replicas)
         self._leases = await store.create_key_value(form.evolve(bucket=f"{name}-leases", ttl=TTL_S))
@@ -214,7 +209,6 @@ class Bus:
             await asyncio.sleep(max(0.0, asked_s + RENEW_S - time.monotonic()))
 
     async def _renew(self, name: str, asked_s: float) -> None:
-        assert self._leases is not None
         try:
             revision = await self._leases.put(name, b"")
         except _errors() as error:
@@ -258,7 +252,6 @@ class Bus:
     async def _look(self, partition: int) -> Record:
         from nats.js.errors import KeyNotFoundError
 
-        assert self._records is not None
         try:
             entry = await self._records.get(str(partition))
         except KeyNotFoundError as error:
@@ -270,8 +263,6 @@ class Bus:
         """Carry out a claim; False if its owner lives."""
         from nats.js.errors import KeyNotFoundError, KeyWrongLastSequenceError
 
-        assert self._records is not None
-        assert self._leases is not None
         if claim.over:
             with suppress(KeyNotFoundError):
                 await self._leases.get(claim.over)
@@ -287,7 +278,6 @@ class Bus:
         return True
 
     async def _release(self, record: Record) -> None:
-        assert self._records is not None
         with suppress(*_errors()):
             await self._records.delete(str(record.partition), last=record.revision)
 

@@ -15,6 +15,7 @@ import logging
 import socket
 from collections import OrderedDict
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
@@ -46,8 +47,6 @@ NO_FILE_S = 0.2
 
 log = logging.getLogger("fapengine.server")
 Found = TypeVar("Found", str, bytes)
-Take = Callable[[socket.socket], Awaitable[Address | None]]
-"""Hands a connection over to a worker, or returns the host and port of another machine."""
 
 
 class Relays:
@@ -212,10 +211,10 @@ class Front:
         datagrams, *listeners = self._sockets
         datagrams.setblocking(False)
         loop.add_reader(datagrams.fileno(), self._read)
-        for listening, take in zip(listeners, (self._take_stream, self._take_page), strict=False):
+        for listening, is_page in zip(listeners, (False, True), strict=False):
             listening.setblocking(False)
             listening.listen(BACKLOG)
-            self._start(self._accept(listening, take))
+            self._start(self._accept(listening, is_page=is_page))
 
     def close(self) -> None:
         """Close the ports."""
@@ -290,7 +289,7 @@ class Front:
 
     # Connections ----------------------------------------------------------------------------------------------------
 
-    async def _accept(self, listening: socket.socket, take: Take) -> None:
+    async def _accept(self, listening: socket.socket, *, is_page: bool) -> None:
         loop = asyncio.get_running_loop()
         while True:
             try:
@@ -301,14 +300,14 @@ class Front:
                     await asyncio.sleep(NO_FILE_S)
                 continue
             if self._door.enter(address[0]):
-                self._start(self._take(accepted, address[0], take))
+                self._start(self._take(accepted, address[0], is_page=is_page))
             else:
                 accepted.close()
 
-    async def _take(self, accepted: socket.socket, address: str, take: Take) -> None:
+    async def _take(self, accepted: socket.socket, address: str, *, is_page: bool) -> None:
         try:
             async with asyncio.timeout(FIRST_S):
-                there = await take(accepted)
+                there = await self._hand_over(accepted, is_page=is_page)
             if there is not None:
                 self.counts.relayed += 1
                 await copied(accepted, there)
@@ -320,42 +319,34 @@ class Front:
             self._door.leave(address)
             accepted.close()  # the worker has its own
 
-    async def _take_page(self, accepted: socket.socket) -> Address | None:
-        target = await _peeked(accepted, _target_of)
-        if target is None:
+    async def _hand_over(self, accepted: socket.socket, *, is_page: bool) -> Address | None:
+        """Hand a connection over to the worker of its session; return the address if it is another machine's."""
+        session = None
+        if is_page:
+            target = await _peeked(accepted, _target_of)
+            is_strange = target is None
+            with suppress(DataError):  # any worker can answer with that error
+                session = session_of_request(target or "")
+        else:
+            packet = await _peeked(accepted, _first_packet)
+            session = session_of(packet) if packet else None
+            is_strange = session is None
+        if is_strange:
             self.counts.strange += 1
             return None
-        try:
-            session = session_of_request(target)
-        except DataError:  # any worker can answer with that error
-            session = None
+        message = channel.Connection(is_page=is_page)
         if session is None:
-            self._workers.send_any(channel.Connection(is_page=True), accepted.dup())
-            self.counts.handed += 1
-            return None
-        machine = await self._hand_over(session, accepted, is_page=True)
-        return None if machine is None else (machine.host, machine.page_port)
-
-    async def _take_stream(self, accepted: socket.socket) -> Address | None:
-        packet = await _peeked(accepted, _first_packet)
-        session = session_of(packet) if packet else None
-        if session is None:
-            self.counts.strange += 1
-            return None
-        machine = await self._hand_over(session, accepted, is_page=False)
-        return None if machine is None else (machine.host, machine.port)
-
-    async def _hand_over(self, session: str, accepted: socket.socket, *, is_page: bool) -> Machine | None:
-        """Hand a connection over to the worker of its session; return the machine if it is another one."""
-        settled = asyncio.Event()
-        if self._workers.settle(session, settled.set):
-            await settled.wait()
-        owner = self._workers.owner(session)
-        if isinstance(owner, Machine):
-            return owner
+            self._workers.send_any(message, accepted.dup())
+        else:
+            settled = asyncio.Event()
+            if self._workers.settle(session, settled.set):
+                await settled.wait()
+            owner = self._workers.owner(session)
+            if isinstance(owner, Machine):
+                return owner.host, owner.page_port if is_page else owner.port
+            if owner is not None:
+                self._workers.send(owner.worker, message, accepted.dup())
         self.counts.handed += 1
-        if owner is not None:
-            self._workers.send(owner.worker, channel.Connection(is_page=is_page), accepted.dup())
         return None
 
 

@@ -445,11 +445,3 @@ def check_workers(config: ServeConfig) -> None:
             )
         if not kind.takes_all_sessions and sink.session is None:
             raise UsageError(f"workers: got sink {url}, expected {url}?session=NAME: each worker has a first session")
-
-
-async def serve_with_workers(workers: Workers, ready: Callable[[], None] | None = None) -> None:
-    """Start, run until stopped, and close; see :func:`fapengine.server.server.serve`."""
-    await workers.start()
-    if ready is not None:
-        ready()
-    await workers.run()

@@ -1,1 +1,1 @@
-"""A session as pictures and sound that belong together, for those who cannot draw: calls, cameras, streams."""
+"""A session as images and audio in sync, for calls, cameras and streams."""

@@ -52,15 +52,12 @@ class Watcher(Protocol):
 
     def picture(self, time_s: float, pixels: bytes) -> None:
         """Receive an image: engine time, and width x height x 3 bytes of RGB, top row first."""
-        ...
 
     def sound(self, time_s: float, samples: Samples) -> None:
         """Receive a block of audio, (960,) int16 at 48 kHz, that begins at an engine time."""
-        ...
 
     def over(self, reason: str) -> None:
         """Receive the reason why no more images come."""
-        ...
 
 
 @dataclass(slots=True)

@@ -1,1 +1,1 @@
-"""What comes in: sockets, limits of connections, and packets on their way to the receiver."""
+"""Sockets, limits on connections, and packets on their way to the receiver."""

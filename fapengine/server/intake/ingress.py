@@ -117,7 +117,6 @@ class Peer(Protocol):
 
     def send(self, data: bytes) -> bool:
         """Send a packet; False if that is not possible now."""
-        ...
 
 
 @dataclass(slots=True)

@@ -1,1 +1,1 @@
-"""Whose a session is: one rule (:mod:`.rule`), which every entry point asks; of several machines and workers too."""
+"""The owner of each session: one rule (:mod:`.rule`) for processes and machines."""

@@ -120,15 +120,12 @@ class Machines(Protocol):
 
     def find(self, session: str) -> Here | Machine | None:
         """Return the owner of a session, as far as it is known."""
-        ...
 
     def placed(self, session: str) -> None:
         """Note that a session of this machine was given to a worker."""
-        ...
 
     def left(self, session: str) -> None:
         """Note that a session has no worker any more."""
-        ...
 
 
 @dataclass(slots=True)

@@ -32,11 +32,9 @@ class FrameEncoder(Protocol):
 
     def encode(self, frames: HubFrames) -> list[bytes]:
         """Return the datagrams of a frame."""
-        ...
 
     def resume(self, numbers: Mapping[str, int]) -> None:
         """Continue the frames of an encoder that ended, at these frame numbers of sessions."""
-        ...
 
 
 class SingleFaceEncoder:

@@ -86,7 +86,6 @@ class Sink(Protocol):
 
     async def close(self) -> None:
         """Stop sending."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,1 +1,1 @@
-"""The page in a browser: what it is sent, what it may say, and the web server's part of it."""
+"""The web page: its messages, and the web server."""

@@ -49,16 +49,14 @@ class SoundCache:
     """A cache of spoken audio; the oldest is dropped first. Stateful."""
 
     most_bytes: int = MAX_BYTES
-    _kept: "OrderedDict[tuple[str, int], Speech]" = field(default_factory=OrderedDict)
-    _bytes: int = 0
+    _kept: OrderedDict[tuple[str, int], Speech] = field(default_factory=OrderedDict)
 
     def put(self, session: str, utterance: int, speech: Speech) -> None:
         """Add the audio of an utterance."""
-        self._drop(session, utterance)
+        self._kept.pop((session, utterance), None)
         self._kept[session, utterance] = speech
-        self._bytes += speech.samples.nbytes
-        while self._bytes > self.most_bytes and len(self._kept) > 1:
-            self._drop(*next(iter(self._kept)))
+        while len(self._kept) > 1 and sum(kept.samples.nbytes for kept in self._kept.values()) > self.most_bytes:
+            self._kept.popitem(last=False)
 
     def wav(self, session: str, utterance: int) -> bytes | None:
         """Return the audio of an utterance as a WAV file; None if it is not in the cache."""
@@ -70,11 +68,6 @@ class SoundCache:
             file.setparams((1, 2, speech.sample_rate_hz, 0, "NONE", ""))
             file.writeframes(speech.samples.astype("<i2").tobytes())
         return buffer.getvalue()
-
-    def _drop(self, session: str, utterance: int) -> None:
-        speech = self._kept.pop((session, utterance), None)
-        if speech is not None:
-            self._bytes -= speech.samples.nbytes
 
 
 @dataclass(slots=True, eq=False)

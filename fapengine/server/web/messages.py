@@ -1,10 +1,10 @@
-"""What the page and the server say to each other over the WebSocket; nothing here knows a socket.
+"""Messages between the web page and the server over the WebSocket, without the socket.
 
-From the server comes one JSON text (``hello``) first, then frames as binary messages (:data:`FRAME`, little-endian)
-and everything else as JSON texts with a ``type``. From the page come its microphone's sound as binary messages
-(:data:`SOUND_HEAD`) and JSON texts, listed by :func:`structs`: those with commands are made from the list of commands
-(:mod:`fapengine.engine.commands`), the others stand here.
-Times are seconds of the engine's clock; the page learns that clock from ``ping`` and ``pong``.
+The server sends one JSON text (``hello``) first, then frames as binary messages (:data:`FRAME`, little-endian) and
+everything else as JSON texts with a ``type``. The page sends its microphone's audio as binary messages
+(:data:`SOUND_HEAD`) and JSON texts, listed by :func:`structs`: those for commands are generated from the list of
+commands (:mod:`fapengine.engine.commands`), the others are defined here. Times are seconds of the engine's clock, which
+the page learns from ``ping`` and ``pong``.
 """
 
 import json
@@ -28,10 +28,10 @@ from fapengine.speaking import RATES_WPM
 
 PROTOCOL = "fapengine-web/1"
 FRAME = struct.Struct(f"<IId{fap.FAP_COUNT}i")
-"""A frame: kind, number, engine time in s, FAP 1 to 68 in FAPU. Numbers rise by one; what is missing was left out."""
+"""A frame: kind, number, engine time in s, FAP 1 to 68 in FAPU. Numbers increase by one; gaps are dropped frames."""
 FRAME_KIND = 1
 SOUND_HEAD = struct.Struct("<II")
-"""Head of a piece of sound: kind and samples a second; then int16 samples, little-endian, mono."""
+"""Header of a piece of audio: kind and sample rate in Hz; int16 samples follow, little-endian, mono."""
 SOUND_KIND = 2
 SOUND_RATES_HZ = (8_000, 48_000)
 MAX_SAMPLES = 9_600
@@ -39,11 +39,11 @@ MAX_SAMPLES = 9_600
 MAX_MESSAGE = 16_384
 """Bytes of one JSON text from a page."""
 MAX_TEXT = 2000
-"""Letters of one sentence to speak."""
+"""Characters of one text to speak."""
 PINNABLE = {str(number): number for number in range(3, fap.FAP_COUNT + 1)}
-"""FAPs by the one name that each has in a message."""
+"""FAP numbers by their names in messages."""
 MAX_FAP = 1 << 24
-"""FAPU: beyond anything that a face can do, and exact in the shaders' floats."""
+"""FAPU: far beyond what a face can do, and exact in the shaders' floats."""
 
 
 class Say(Struct, frozen=True, forbid_unknown_fields=True):
@@ -53,7 +53,7 @@ class Say(Struct, frozen=True, forbid_unknown_fields=True):
     voice: Annotated[str, Meta(max_length=64)] = ""
     """Language code; empty: the server's voice."""
     rate_wpm: Annotated[int, Meta(ge=RATES_WPM[0], le=RATES_WPM[1])] = field(default=0, name="rate")
-    """Words a minute; 0, where the message has none: the server's rate."""
+    """Words per minute; 0, if the message has none: the server's rate."""
 
 
 Seconds = Annotated[float, Meta(ge=-commands.MAX_TIME_S, le=commands.MAX_TIME_S)]
@@ -61,25 +61,25 @@ Number = Annotated[int, Meta(ge=0, le=2**31 - 1)]
 
 
 class _Timed(Struct, frozen=True, forbid_unknown_fields=True):
-    """Speech with known times; its sound is played by the page or elsewhere."""
+    """Speech with known times; its audio is played by the page or elsewhere."""
 
     at_s: Seconds | None = None
-    """Engine time of its beginning; none: now, or after what is being said."""
+    """Engine time of its beginning; null: now, or after the current speech."""
     audio: bool = False
-    """True: its beginning waits for a message ``audio``."""
+    """True if its beginning waits for a message ``audio``."""
     utterance: Number | None = None
-    """Number of the utterance that it continues; none: it begins one."""
+    """Number of the utterance that it continues; null: a new one."""
     last: bool = True
-    """False: more of the utterance follows."""
+    """False if more of the utterance follows."""
 
     @property
     def anchor(self) -> commands.Anchor:
-        """When it begins."""
+        """Time reference of its beginning."""
         return "audio" if self.audio else "now" if self.at_s is None else "at"
 
 
 class Words(_Timed, frozen=True, kw_only=True):
-    """Say words whose times are known."""
+    """Say words with known times."""
 
     words: Annotated[list[tuple[Annotated[str, Meta(max_length=64)], float, float]], Meta(max_length=200)]
     """Word, start and end in s from the utterance's beginning."""
@@ -88,46 +88,46 @@ class Words(_Timed, frozen=True, kw_only=True):
 
 
 class Phones(_Timed, frozen=True, kw_only=True):
-    """Say phones whose times are known."""
+    """Say phones with known times."""
 
     phones: Annotated[list[tuple[Annotated[str, Meta(max_length=16)], float, float]], Meta(max_length=400)]
     """Label, start and end in s from the utterance's beginning."""
     set: Annotated[str, Meta(max_length=32)] = "ipa"
-    """Alphabet of the labels, as OSC's ``hello`` names it."""
+    """Alphabet of the labels; same names as in OSC's ``hello``."""
 
 
 class Pin(Struct, frozen=True, forbid_unknown_fields=True):
-    """Hold FAPs at values, whatever the engine says; None lets one go."""
+    """Hold FAPs at values, instead of the engine's; None releases one."""
 
     values: dict[Any, Any]
-    """FAP number 3..68 to FAPU; in the message the numbers are text."""
+    """FAP number 3..68 to FAPU; in the message the numbers are strings."""
 
 
 class Perform(Struct, frozen=True, forbid_unknown_fields=True):
-    """Move the face with FAPs, as a camera sees them: they last until the next such message, 0.3 s at most."""
+    """Move the face by FAPs, for example from a camera; they hold until the next such message, for 0.3 s at most."""
 
     values: dict[Any, Any]
-    """FAP number 3..68 to FAPU; in the message the numbers are text."""
+    """FAP number 3..68 to FAPU; in the message the numbers are strings."""
 
 
 class ReleaseAll(Struct, frozen=True, forbid_unknown_fields=True):
-    """Let every FAP go."""
+    """Release every FAP."""
 
 
 class Ping(Struct, frozen=True, forbid_unknown_fields=True):
-    """Ask for the engine's time."""
+    """Request the engine's time."""
 
     number: Annotated[int, Meta(ge=0, le=2**53)]
 
 
 class Plays(Struct, frozen=True, forbid_unknown_fields=True):
-    """Say whether this page plays sounds and tells where they are."""
+    """Set whether this page plays audio, and reports its position."""
 
     on: bool
 
 
 class Watch(Struct, frozen=True, forbid_unknown_fields=True):
-    """Say whether this page can be seen: a hidden one is sent no frames."""
+    """Set whether this page is visible; a hidden one is sent no frames."""
 
     on: bool
 
@@ -153,13 +153,13 @@ _PAGE_MESSAGES: dict[str, type[Struct]] = {
 
 
 def structs() -> dict[str, type[Struct]]:
-    """Give what a page may send: ``type`` to the fields."""
+    """Return the messages that a page may send: ``type`` to the fields."""
     return {**_PAGE_MESSAGES, **{kind: struct for kind, (_, struct) in _command_structs(commands.COMMANDS).items()}}
 
 
 @lru_cache(maxsize=4)
 def _command_structs(listed: tuple[type[Command], ...]) -> dict[str, tuple[type[Command], type[Struct]]]:
-    """Make the messages that carry commands."""
+    """Make the messages for commands."""
     made = {}
     for kind in listed:
         if kind.SPEC.json:
@@ -188,10 +188,10 @@ def parse_request(text: str) -> Request:
     Raises
     ------
     DataError
-        For anything but a message of :func:`structs` with exactly its fields; ``where`` names the message.
+        If it is not a message of :func:`structs` with exactly its fields; ``where`` names the message.
     """
     if len(text) > MAX_MESSAGE:
-        raise DataError(f"message: got {len(text)} letters, expected at most {MAX_MESSAGE}")
+        raise DataError(f"message: got {len(text)} characters, expected at most {MAX_MESSAGE}")
     try:
         message = msgspec.json.decode(text)
     except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
@@ -213,7 +213,7 @@ def parse_request(text: str) -> Request:
 
 
 def parse_sound(data: bytes) -> tuple[int, NDArray[np.int16]]:
-    """Read a piece of sound.
+    """Read a piece of audio.
 
     Returns
     -------
@@ -223,7 +223,7 @@ def parse_sound(data: bytes) -> tuple[int, NDArray[np.int16]]:
     Raises
     ------
     DataError
-        For anything else.
+        If it is not valid.
 
     Examples
     --------
@@ -261,7 +261,7 @@ def _faps_of(values: dict[str, Any], kind: str) -> dict[int, int | None]:
 
 
 def _complaint(reason: str, message: dict[str, Any], kind: str) -> DataError:
-    """Say in this package's words what msgspec has found wrong."""
+    """Translate an error of msgspec."""
     where = f"message {kind!r}"
     if unknown := re.search(r"unknown field `(.*)`", reason, re.DOTALL):
         return DataError(f"fields: got unknown {_shown(unknown[1])}", where=where)
@@ -280,7 +280,7 @@ def _expected(kind: msgspec.inspect.Type) -> str:
         case msgspec.inspect.IntType(ge=low, le=high):
             return f"a whole number in {low}..{high}"
         case msgspec.inspect.StrType(max_length=longest):
-            return f"up to {longest} letters"
+            return f"up to {longest} characters"
         case msgspec.inspect.LiteralType(values=values):
             return f"one of {', '.join(map(str, values))}"
         case msgspec.inspect.BoolType():
@@ -299,7 +299,7 @@ def pack_frame(number: int, time_s: float, faps: NDArray[np.int32]) -> bytes:
     Parameters
     ----------
     number : int
-        Its count, modulo 2**32.
+        Frame number; written modulo 2**32.
     time_s : float
         Engine time.
     faps : (68,) int32, FAPU
@@ -308,7 +308,7 @@ def pack_frame(number: int, time_s: float, faps: NDArray[np.int32]) -> bytes:
 
 
 def text_of(kind: str, /, **fields: object) -> str:
-    """Write a JSON message. Numbers that JSON cannot say become null."""
+    """Write a JSON message. Numbers that are not finite become null."""
     cleaned = {
         name: None if isinstance(value, float) and not isfinite(value) else value for name, value in fields.items()
     }

@@ -1,9 +1,9 @@
-"""What the page needs before it draws: shaders, FAPs and their sliders, expressions, cameras; and a head.
+"""Data that the page loads before it renders: shaders, FAPs with their sliders, expressions, cameras; and a head.
 
-A head is one file, laid out so that every array is uploaded where it lies. Little-endian: ``FAPHEAD1``, the length of a
-JSON text (uint32), the text, zeros up to a multiple of 16; then the arrays, each at the next multiple of 16. The text
-names them with kind, shape and offset from the start of the file, and holds what a frame's uniforms need: attributes,
-channels' table, pivots and FAPU. What the arrays mean: :class:`fapengine.render.packing.PackedMesh`.
+A head is one file whose arrays can be uploaded without a copy. Little-endian: ``FAPHEAD1``, the length of a JSON text
+(uint32), the text, zeros up to a multiple of 16; then the arrays, each at the next multiple of 16. The text lists the
+arrays with kind, shape and offset from the start of the file, and the values of a frame's uniforms: attributes, table
+of channels, pivots and FAPU. :class:`fapengine.render.packing.PackedMesh` describes the arrays.
 """
 
 import json
@@ -50,34 +50,34 @@ GROUP_NAMES = {
     9: "Nose",
     10: "Ears",
 }
-"""Groups of Table C.1 as the page calls them."""
+"""Groups of Table C.1 with their names on the page."""
 REACH: dict[FapUnit, int] = {
     FapUnit.MNS: 700, FapUnit.MW: 300, FapUnit.ES: 200, FapUnit.ENS: 300, FapUnit.IRISD: 1000, FapUnit.AU: 50_000,
 }  # fmt: skip
-"""Range of a slider, FAPU: about as far as a living face does; the standard's own limits are several times that."""
+"""Range of a slider, FAPU: about that of a human face; the standard's limits are several times as large."""
 OWN_REACH = {
     3: 1400, 14: 300, 15: 200, 21: 500, 22: 500, 27: 60, 28: 60, 29: 400, 30: 400, 44: 500, 46: 500, 47: 90_000,
 }  # fmt: skip
-"""FAP number to a reach other than its unit's."""
+"""FAP numbers with a range other than that of their unit."""
 HEAD_REACH_DEG = {"yaw_rad": 45, "pitch_rad": 30, "roll_rad": 30}
-"""Reach of the sliders that turn the head, about that of a neck without effort."""
+"""Range of the sliders that turn the head, about that of a neck without effort."""
 PAGE_WALL = (0.058, 0.066, 0.078)
-"""Linear RGB of the wall behind the face; the page's own ground is the same dark blue grey."""
+"""Linear RGB of the wall behind the face, the background colour of the page."""
 PAGE_CAMERAS = ("front", "three-quarter", "profile", "mouth")
-"""A button and a digit key each."""
+"""Cameras with a button and a digit key each."""
 UNUSED = ("wire", "enlarge")
-"""Programs that the page has no use for."""
+"""Programs that the page does not use."""
 
 
 def setup(*, voices: dict[str, str], rate_wpm: int = DEFAULT_RATE_WPM) -> dict[str, Any]:
-    """Gather it; JSON can say all of it.
+    """Return the data, which can be written as JSON.
 
     Parameters
     ----------
     voices : dict of str to str
-        Language codes and names of the voices that the server has; empty if it has none.
+        Language codes and names of the server's voices.
     rate_wpm : int
-        Words a minute of the server's voice.
+        Speaking rate of the server's voice, words per minute.
     """
     stages = {
         " ".join((name, *defined)): {
@@ -121,7 +121,7 @@ def setup(*, voices: dict[str, str], rate_wpm: int = DEFAULT_RATE_WPM) -> dict[s
 
 
 def _ranges(kind: type[Command]) -> dict[str, dict[str, float]]:
-    """Give the ranges of a command's numbers, as far as they have ends."""
+    """Return the finite ranges of a command's numbers."""
     specs = (spec for spec in fields_of(kind).values() if spec.json and isfinite(spec.high - spec.low))
     return {spec.json: {"low": spec.low, "high": spec.high} for spec in specs}
 
@@ -139,7 +139,7 @@ def _slider(row: FapSpec) -> dict[str, Any]:
 
 
 def head_binary(mesh: FaceMesh) -> bytes:
-    """Write a head for the page; the same head gives the same bytes.
+    """Write a head for the page. The result is deterministic.
 
     Raises
     ------
@@ -177,7 +177,7 @@ def head_binary(mesh: FaceMesh) -> bytes:
 def _file(about: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> bytes:
     places: dict[str, Any] = {}
     text = b""
-    for _ in range(4):  # offsets stand in the text, and the text's length moves them: settled in two or three rounds
+    for _ in range(4):  # the text has the offsets, which depend on its length: settled after two or three rounds
         start, before = _aligned(len(MAGIC) + 4 + len(text)), text
         for name, array in arrays.items():
             kind = next(kind for kind, code in _KINDS.items() if np.dtype(code) == array.dtype)

@@ -26,11 +26,9 @@ class Member(Protocol):
 
     def put_text(self, text: str) -> None:
         """Send a message."""
-        ...
 
     def put_frame(self, frame: bytes) -> None:
         """Send a frame."""
-        ...
 
 
 @dataclass(slots=True)

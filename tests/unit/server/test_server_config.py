@@ -2,12 +2,12 @@
 
 import re
 import tomllib
-from pathlib import Path
 
 import pytest
 
 from fapengine.errors import DataError, UsageError
-from fapengine.server.config import EXAMPLE, Face, Listen, ServeConfig, overridden, parse_config
+from fapengine.server.config import Face, Listen, ServeConfig, overridden, parse_config
+from tests.serve_example import EXAMPLE
 
 
 def test_nothing_told_is_all_by_default() -> None:
@@ -26,11 +26,6 @@ def test_the_documented_example_has_every_key() -> None:
     for table, values in keys.items():
         for name in type(getattr(ServeConfig(), table)).__slots__:
             assert name in values or re.search(rf"\b{name}\b", EXAMPLE) or name in ("method", "emphasis"), name
-
-
-def test_the_page_about_the_server_shows_the_example() -> None:
-    page = Path(__file__).resolve().parents[3] / "docs" / "reference" / "configuration.md"
-    assert f"```toml\n{EXAMPLE}```" in page.read_text(encoding="utf-8")
 
 
 def test_every_key_is_taken() -> None:
