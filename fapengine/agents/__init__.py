@@ -1,4 +1,4 @@
-"""The face of a voice agent: sound, words and interruptions in, FAPs or pictures and their sound out.
+"""The face of a voice agent: audio, words and interruptions in; FAPs, or images with their audio, out.
 
-:mod:`fapengine.host.stream` is the part that has neither clock nor thread.
+:mod:`fapengine.host.stream` is the part without clock and threads.
 """

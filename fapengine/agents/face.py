@@ -1,10 +1,10 @@
-"""What the plug-ins share: a host with its recognizer, its painter, its marks, and the pace at which frames are made.
+"""The common part of the plug-ins: a host with recognizer, painter and inline cues, and the timing of frames.
 
 Theory of operation
 -------------------
-A plug-in passes on what its framework tells (:meth:`AgentFace.sound`, :meth:`AgentFace.word`, ...) and calls
-:meth:`AgentFace.wait_s` and :meth:`AgentFace.frame` in a loop. Frames are made in real time; while something is said,
-:data:`AHEAD_S` before, so that a late frame does not tear the sound. Time is an argument here, too.
+A plug-in passes on the events of its framework (:meth:`AgentFace.sound`, :meth:`AgentFace.word`, ...) and calls
+:meth:`AgentFace.wait_s` and :meth:`AgentFace.frame` in a loop. Frames are made in real time; during speech
+:data:`AHEAD_S` early, so that a late frame does not interrupt the audio. Time is an argument.
 """
 
 import asyncio
@@ -30,36 +30,36 @@ from fapengine.voices.choice import VoiceChoice
 from fapengine.voices.pronounce import Pronouncer
 
 AHEAD_S = 0.2
-"""Time by which frames with sound are made before they are due."""
+"""Time by which frames with audio are made early."""
 EAR_STARTS_S = 15.0
-"""Time that a recognizer may take to start; with a slower one, the face begins without it."""
+"""Time that a recognizer may take to start; after it the face begins without recognizer."""
 SMALL_FAPU = np.full(fap.FAP_COUNT, 30)
-"""(68,) FAPU: about a pixel in a picture of 512 x 512, as a listening face moves from one to the next."""
+"""(68,) FAPU: about one pixel of a 512 x 512 image, the motion of a listening face from one frame to the next."""
 SMALL_FAPU[[fap.column(number) for number in (23, 24, 25, 26)]] = 5000  # eyes, 1e-5 rad
 SMALL_FAPU[[fap.column(number) for number in (48, 49, 50)]] = 800  # the head, likewise
 MAX_LATE_S = 0.5
-"""Lateness beyond which the pace is reset, and nothing is caught up."""
+"""Lateness beyond which missed frames are skipped."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AgentOptions:
-    """The face of an agent."""
+    """Options of an agent's face."""
 
     head: str = "default"
     """Name or folder of a head; see :func:`fapengine.files.heads.load.load_head_for_calls`."""
     size: tuple[int, int] = (512, 512)
     """Width and height in pixels."""
     edges: str = "soft"
-    """``soft``, ``fine`` or ``none``: see docs/how-to/render.md; without soft edges drawing takes a quarter less."""
+    """Antialiasing: ``soft``, ``fine`` or ``none``, see docs/how-to/render.md; ``none`` renders a quarter faster."""
     frame_rate_hz: float = 25.0
     profile: str = DEFAULT_PROFILE
-    """Profile that speaks: a shipped name, or a folder."""
+    """Speaker profile: a shipped name, or a folder."""
     voice: str = "en-us"
-    """Language that words with times are pronounced in."""
+    """Language of words with times."""
     style: Style = Style()  # noqa: RUF009  frozen
     seed: int = 1
     hears: bool = True
-    """True where a recognizer listens to the sound; without it only words with times move the mouth."""
+    """True if a recognizer processes the audio; otherwise only words with times move the mouth."""
 
     def __post_init__(self) -> None:
         parse_edges(self.edges)
@@ -68,7 +68,7 @@ class AgentOptions:
 
 
 class AgentFace:
-    """A face that acts for an agent: :meth:`open` makes one with its processes, :meth:`close` ends them. Stateful.
+    """The face of an agent: :meth:`open` makes one with its processes, :meth:`close` ends them. Stateful.
 
     Parameters
     ----------
@@ -85,35 +85,32 @@ class AgentFace:
         self._half = b""
         self._has_words = False
         self._drawn: tuple[NDArray[np.int32], bytes] | None = None
-        """FAPs of the picture before this one, and that picture; None if it was shown twice."""
+        """FAPs of the previous image, and that image; None if it was shown twice."""
         self._until_s = 0.0
-        """Time until which the sound that was handed out is heard."""
+        """Time until which the audio of past frames is played."""
 
     @classmethod
-    def open(cls, options: AgentOptions, *, draws: bool = True) -> "AgentFace":
-        """Make a face; its processes are ready after a second or two: :meth:`ready`.
+    def open(cls, options: AgentOptions) -> "AgentFace":
+        """Make a face with its processes, which are :meth:`ready` after a second or two.
 
         Raises
         ------
         UsageError
-            If the profile or the voice cannot be.
+            If the profile or the voice is unknown.
         ResourceError
             If a process cannot be started.
         """
-        ear: StreamRecognizer | None = None
-        if options.hears:
-            ear = RecognizerProcess.open()
+        ear = RecognizerProcess.open() if options.hears else None
         host = StreamHost(
             load_profile(Path(options.profile) if "/" in options.profile else options.profile),
             rng=np.random.default_rng(options.seed), style=options.style, ear=ear, pronounce=_pronouncer(options.voice),
         )  # fmt: skip
         face = cls(host, options.frame_rate_hz)
-        face.ear = ear
-        face.painter = Painter(options.head, options.size, options.edges) if draws else None
+        face.ear, face.painter = ear, Painter(options.head, options.size, options.edges)
         return face
 
     async def ready(self) -> None:
-        """Wait until the face can be drawn, and its recognizer is ready. Raises ``ResourceError`` if it never can."""
+        """Wait until painter and recognizer are ready. Raises ``ResourceError`` if nothing can be rendered."""
         if self.painter is not None:
             await self.painter.ready()
         for _ in range(round(EAR_STARTS_S / self.dt_s)):
@@ -129,15 +126,15 @@ class AgentFace:
         if self.ear is not None:
             self.ear.close()
 
-    # What the framework tells ----------------------------------------------------------------------------------------
+    # Events of the framework -----------------------------------------------------------------------------------------
 
     def sound(self, data: bytes, rate_hz: int, channels: int = 1) -> None:
-        """Take sound of the TTS: little-endian int16, channels interleaved, cut anywhere.
+        """Add audio of the TTS: little-endian int16, channels interleaved, split anywhere.
 
         Raises
         ------
         DataError
-            If there are no such channels.
+            If the number of channels is not 1 to 8.
         """
         if not 1 <= channels <= 8:
             raise DataError(f"channels: got {channels}, expected 1..8")
@@ -150,19 +147,19 @@ class AgentFace:
         self.host.push(samples.astype(np.int16), rate_hz)
 
     def word(self, text: str, start_s: float, end_s: float | None = None) -> None:
-        """Take a word and when it is said, from the first sound of the utterance on."""
+        """Add a word with its times, counted from the first audio of the utterance."""
         self._has_words = True
         self.host.words([TimedWord(text, start_s, end_s)])
         for at_s, command in self.marks.word(text, start_s):
             self.host.cue(command, at_s)
 
     def end(self) -> None:
-        """Say that the utterance is whole."""
+        """End the utterance."""
         self._half = b""
         self.host.end()
 
     def interrupt(self, now_s: float) -> None:
-        """Stop at once."""
+        """Stop speaking at once."""
         self.marks.clear()
         self._half = b""
         self._has_words = False
@@ -171,20 +168,20 @@ class AgentFace:
         self._due_s = None
 
     def unplayed_s(self, now_s: float) -> float:
-        """Tell how much of the sound that was handed out is still to be heard, s."""
+        """Return the length of the audio of past frames that is not played yet, s."""
         return max(self._until_s - now_s, 0.0)
 
-    # The pace --------------------------------------------------------------------------------------------------------
+    # Timing ----------------------------------------------------------------------------------------------------------
 
     def wait_s(self, now_s: float) -> float:
-        """Tell how long to wait for the next frame, s; 0: it is due."""
+        """Return the time until the next frame is due, s."""
         if self._due_s is None or now_s > self._due_s + MAX_LATE_S:
             self._due_s = now_s
         ahead_s = AHEAD_S if self.host.is_speaking else 0.0
         return max(self._due_s - ahead_s - now_s, 0.0)
 
     def frame(self, now_s: float) -> tuple[StreamFrame, list[StreamEvent]]:
-        """Make the frame that is due; returns it, and what became of utterances with it."""
+        """Make the next frame; return it, and the events of utterances."""
         frame = self.host.next(self.dt_s)
         events = self.host.events()
         self._due_s = (now_s if self._due_s is None else self._due_s) + self.dt_s
@@ -199,15 +196,15 @@ class AgentFace:
         return frame, events
 
     async def picture(self, faps: NDArray[np.int32]) -> bytes:
-        """Draw: (68,) FAPU to RGB bytes. In silence, a picture in which little has moved is shown twice.
+        """Render (68,) FAPU to RGB bytes. In silence, an image in which little would move is used twice.
 
         Raises
         ------
         ResourceError
-            If the painter has ended, or there is none.
+            If the painter has ended, or is missing.
         """
         if self.painter is None:
-            raise ResourceError("painter: this face is not drawn")
+            raise ResourceError("painter: got a face without one, expected AgentFace.open()")
         before, self._drawn = self._drawn, None
         if before is not None and not self.host.is_speaking and (np.abs(faps - before[0]) <= SMALL_FAPU).all():
             return before[1]
@@ -218,9 +215,9 @@ class AgentFace:
 
 @lru_cache(maxsize=8)
 def _pronouncer(voice: str) -> Pronounce | None:
-    """Pronounce words by espeak-ng; None where it is not installed, for the recognizer hears them, too.
+    """Return the pronunciation of espeak-ng; None if it is not installed, because there is a recognizer too.
 
-    Faces of one process share it, and the words that it knows.
+    All faces of a process share it and its cache.
     """
     try:
         loaded = VoiceChoice(voice).load()

@@ -1,4 +1,4 @@
-"""A face for LiveKit Agents, beside the agent or as a worker (``pip install fapengine[livekit,voice,ear]``).
+"""A face for LiveKit Agents, in the agent's process or as a worker (``pip install fapengine[livekit,voice,ear]``).
 
 Examples
 --------
@@ -7,7 +7,7 @@ In the agent's entry point, before ``session.start``::
     avatar = AvatarSession(head="woman", size=(512, 512))
     await avatar.start(session, room=ctx.room)
 
-Words with times make better lips than sound alone, and marks such as ``[laughs]`` move the face::
+Words with times make better lip motion than audio alone, and inline cues such as ``[laughs]`` move the face::
 
     class Assistant(Agent):
         async def tts_node(self, text, settings):
@@ -18,7 +18,7 @@ Words with times make better lips than sound alone, and marks such as ``[laughs]
             async for piece in avatar.read(text):
                 yield piece
 
-A worker of its own, which joins a room and answers the agent's ``DataStreamAudioOutput``::
+A separate worker, which joins a room and answers the agent's ``DataStreamAudioOutput``::
 
     python -m fapengine.agents.livekit wss://host TOKEN --head woman
 """
@@ -52,22 +52,22 @@ _SENTENCE = re.compile(r"[.!?…]+[\"')\]]*\s+|\n+")
 
 
 class FaceGenerator(VideoGenerator):  # type: ignore[misc, unused-ignore]
-    """Turns the agent's sound into pictures, each behind the sound that belongs to it.
+    """Turns the agent's audio into images; each image follows its audio.
 
     Parameters
     ----------
     face : AgentFace
     size : (int, int)
-        Width and height of its pictures.
+        Width and height of its images.
     """
 
     def __init__(self, face: AgentFace, size: tuple[int, int]) -> None:
         self.face, self._size = face, size
         self._ends_s: deque[float] = deque()
-        """Times at which the sound of utterances that are over has been heard."""
+        """Times at which the audio of finished utterances has been played."""
 
     async def push_audio(self, frame: rtc.AudioFrame | AudioSegmentEnd) -> None:
-        """Take sound, or the end of an utterance."""
+        """Add audio, or end an utterance."""
         if isinstance(frame, AudioSegmentEnd):
             self.face.end()
         else:
@@ -79,7 +79,7 @@ class FaceGenerator(VideoGenerator):  # type: ignore[misc, unused-ignore]
         self._ends_s.clear()
 
     async def __aiter__(self) -> AsyncIterator[rtc.VideoFrame | rtc.AudioFrame | AudioSegmentEnd]:
-        """Yield sound and pictures at their pace, and the end of each utterance when it has been heard."""
+        """Yield audio and images in real time, and the end of each utterance when it has been played."""
         await self.face.ready()
         while True:
             await asyncio.sleep(self.face.wait_s(time.monotonic()))
@@ -99,12 +99,12 @@ class FaceGenerator(VideoGenerator):  # type: ignore[misc, unused-ignore]
 
 
 class AvatarSession(_AvatarSession):  # type: ignore[misc, unused-ignore]
-    """A face for an agent, drawn beside it; it speaks and is seen as the agent's own participant.
+    """A face in the agent's process; its audio and video are published by the agent's own participant.
 
     Parameters
     ----------
     **options
-        As of :class:`fapengine.agents.face.AgentOptions`: ``head``, ``size``, ``frame_rate_hz``, ...
+        Fields of :class:`fapengine.agents.face.AgentOptions`: ``head``, ``size``, ``frame_rate_hz``, ...
     """
 
     def __init__(self, **options: Any) -> None:
@@ -125,12 +125,12 @@ class AvatarSession(_AvatarSession):  # type: ignore[misc, unused-ignore]
         return "fapengine"
 
     async def start(self, agent_session: voice.AgentSession, room: rtc.Room) -> None:
-        """Begin to show the face in a room, and to take the session's sound.
+        """Begin to show the face in a room, and to receive the session's audio.
 
         Raises
         ------
         ResourceError
-            If the face cannot be drawn.
+            If the face cannot be rendered.
         """
         await super().start(agent_session, room)
         await self._face.ready()
@@ -140,7 +140,7 @@ class AvatarSession(_AvatarSession):  # type: ignore[misc, unused-ignore]
         agent_session.output.replace_audio_tail(output)
 
     async def aclose(self) -> None:
-        """End it. The participant stays: it is the agent's."""
+        """End it. The participant stays, because it is the agent's."""
         if self._room is not None:
             self._room.off("connection_state_changed", self._on_connection_state_changed)
             self._room = None
@@ -151,9 +151,9 @@ class AvatarSession(_AvatarSession):  # type: ignore[misc, unused-ignore]
         self._face.close()
 
     async def read(self, text: AsyncIterable[Any]) -> AsyncIterator[Any]:
-        """Pass a transcription on, and take the words that have times: for ``Agent.transcription_node``.
+        """Pass on a transcription, and read its words with times; for ``Agent.transcription_node``.
 
-        A TTS that does not stream has times of sentences only; of these the ear knows more.
+        A TTS that does not stream has times of sentences only; then the recognizer is more precise.
         """
         async for piece in text:
             start_s, end_s = getattr(piece, "start_time", None), getattr(piece, "end_time", None)
@@ -163,7 +163,7 @@ class AvatarSession(_AvatarSession):  # type: ignore[misc, unused-ignore]
             yield piece
 
     async def without_marks(self, text: AsyncIterable[str]) -> AsyncIterator[str]:
-        """Take marks off a text, sentence by sentence, and remember them for the face: for ``Agent.tts_node``."""
+        """Remove inline cues from a text, sentence by sentence, and keep them for the face; for ``Agent.tts_node``."""
         waiting = ""
         async for piece in text:
             waiting += piece
@@ -176,7 +176,7 @@ class AvatarSession(_AvatarSession):  # type: ignore[misc, unused-ignore]
 
 
 def runner_of(room: rtc.Room, sound: AudioReceiver, face: AgentFace, options: AgentOptions) -> AvatarRunner:
-    """Make LiveKit's runner, which publishes both tracks in time with each other."""
+    """Make LiveKit's runner, which publishes both tracks in sync."""
     width, height = options.size
     return AvatarRunner(
         room,
@@ -190,12 +190,12 @@ def runner_of(room: rtc.Room, sound: AudioReceiver, face: AgentFace, options: Ag
 
 
 async def work(url: str, token: str, options: AgentOptions) -> None:
-    """Be an avatar in a room until it is left: hears ``lk.audio_stream`` and answers its RPCs.
+    """Run an avatar in a room until it is disconnected: read ``lk.audio_stream`` and answer its RPCs.
 
     Parameters
     ----------
     url, token : str
-        Of the room.
+        Address of the LiveKit server, and access token of the room.
     options : AgentOptions
     """
     face, room = AgentFace.open(options), rtc.Room()
@@ -216,14 +216,14 @@ async def work(url: str, token: str, options: AgentOptions) -> None:
 
 
 def main() -> None:
-    """Read the command line of the worker."""
+    """Run the worker's command line."""
     parser = argparse.ArgumentParser(prog="python -m fapengine.agents.livekit", description="An avatar worker.")
     parser.add_argument("url", help="LiveKit server, as wss://host")
     parser.add_argument("token", help="access token of the avatar's participant")
     parser.add_argument("--head", default="default", help="name or folder of a head")
     parser.add_argument("--size", type=int, nargs=2, default=(512, 512), metavar=("WIDTH", "HEIGHT"))
     parser.add_argument("--antialias", choices=EDGES, default="soft", help="antialiasing")
-    parser.add_argument("--rate", type=float, default=25.0, help="frames a second")
+    parser.add_argument("--rate", type=float, default=25.0, help="frames per second")
     given = parser.parse_args()
     options = AgentOptions(head=given.head, size=tuple(given.size), edges=given.antialias, frame_rate_hz=given.rate)
     asyncio.run(work(given.url, given.token, options))

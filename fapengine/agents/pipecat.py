@@ -1,9 +1,8 @@
-"""A face for Pipecat: a processor behind the TTS that adds pictures (``pip install fapengine[pipecat,voice,ear]``).
+"""A face for Pipecat: a processor after the TTS that adds images (``pip install fapengine[pipecat,voice,ear]``).
 
-It takes the sound, and words with times where the TTS tells them, and pushes each picture with ``sync_with_audio`` into
-the sound that belongs to it, so that the transport shows it when that sound is sent; let the transport send pieces of
-10 ms (``audio_out_10ms_chunks=1``). What follows the sound still follows it. While nothing is said the face looks about
-and blinks.
+It reads the audio, and the words with times if the TTS reports them. It pushes each image with ``sync_with_audio`` into
+its audio, so that the transport shows it when that audio is sent; set the transport to chunks of 10 ms
+(``audio_out_10ms_chunks=1``). The order of frames after the audio is kept. In silence the face looks around and blinks.
 
 Examples
 --------
@@ -12,7 +11,7 @@ A pipeline, with the transport's video switched on::
     face = FapengineVideoService(size=(512, 512))
     pipeline = Pipeline([transport.input(), stt, user, llm, tts, face, transport.output(), assistant])
 
-Marks of the language model, such as ``[laughs]`` and emoji, are taken off before the TTS reads them, and shown::
+Inline cues of the language model, such as ``[laughs]`` and emoji, are removed before the TTS, and shown::
 
     tts = CartesiaTTSService(..., text_transforms=[("*", face.marks)])
 """
@@ -46,15 +45,15 @@ from fapengine.errors import FapEngineError
 from fapengine.host.words import MarkTimer
 
 PICTURE_AFTER_S = 0.01
-"""Time in its sound at which a picture is pushed.
+"""Position in its audio at which an image is pushed.
 
-A transport's turns of 1/30 s show it 17 ms later in the mean, and a packet of Opus holds sound back by 20 ms;
-``tests/frameworks/check_pipecat.py`` measures what comes of it.
+The transport's period of 1/30 s delays images by 17 ms on average, a packet of Opus delays audio by 20 ms;
+``tests/frameworks/check_pipecat.py`` measures the result.
 """
 
 
 def around_picture(sounds: Sequence[Sound]) -> tuple[list[TTSAudioRawFrame], list[TTSAudioRawFrame]]:
-    """Cut a frame's sound where its picture belongs, :data:`PICTURE_AFTER_S` behind its beginning."""
+    """Split a frame's audio at the position of its image, :data:`PICTURE_AFTER_S` after its beginning."""
     parts: tuple[list[TTSAudioRawFrame], list[TTSAudioRawFrame]] = ([], [])
     for sound in sounds:
         cut = round(PICTURE_AFTER_S * sound.rate_hz)
@@ -65,7 +64,7 @@ def around_picture(sounds: Sequence[Sound]) -> tuple[list[TTSAudioRawFrame], lis
 
 
 class MarkFilter(BaseTextFilter):  # type: ignore[misc, unused-ignore]
-    """Takes marks off the text on its way to the TTS, and remembers them for the face."""
+    """Removes inline cues from the text before the TTS, and keeps them for the face."""
 
     def __init__(self, marks: MarkTimer) -> None:
         self._marks = marks
@@ -75,19 +74,19 @@ class MarkFilter(BaseTextFilter):  # type: ignore[misc, unused-ignore]
         return self._marks.expect(text)
 
     async def __call__(self, text: str, kind: object = None) -> str:
-        """Return the text for the voice, as one of Pipecat's text transforms; its kind does not matter."""
+        """Return the text for the voice; Pipecat calls this as a text transform."""
         return await self.filter(text)
 
 
 class FapengineVideoService(FrameProcessor):  # type: ignore[misc, unused-ignore]
-    """Adds a face to the sound of the TTS before it.
+    """Adds a face to the audio of the TTS before it.
 
     Parameters
     ----------
     head, size, edges, frame_rate_hz, profile, voice, style, seed, hears
-        As of :class:`fapengine.agents.face.AgentOptions`.
+        Fields of :class:`fapengine.agents.face.AgentOptions`.
     **processor
-        For Pipecat's ``FrameProcessor``, such as its name.
+        Arguments of Pipecat's ``FrameProcessor``, such as its name.
     """
 
     def __init__(self, *, face: AgentFace | None = None, options: AgentOptions | None = None, **given: Any) -> None:
@@ -97,27 +96,27 @@ class FapengineVideoService(FrameProcessor):  # type: ignore[misc, unused-ignore
         self._options = options or AgentOptions(**given)
         self._face = face or AgentFace.open(self._options)
         self.marks = MarkFilter(self._face.marks)
-        """Give it to the TTS: ``text_transforms=[("*", face.marks)]``."""
+        """Text transform for the TTS: ``text_transforms=[("*", face.marks)]``."""
         self._loop: asyncio.Task[None] | None = None
         self._cuts = 0
         """Number of interruptions."""
         self._is_silent = False
-        """True from ``TTSStartedFrame`` to the first sound."""
+        """True from ``TTSStartedFrame`` to the first audio."""
         self._early: list[TTSTextFrame] = []
-        """Words that came before the first sound of their utterance: its time 0 is not known yet."""
+        """Words that came before the first audio of their utterance, when its time 0 is not known yet."""
         self._behind: deque[tuple[int, Frame]] = deque()
-        """Frames that follow sound, each with the utterance that it follows."""
+        """Frames that must follow audio, each with the number of its utterance."""
         self._over = 0
-        """Number of the last utterance that is over."""
+        """Number of the last finished utterance."""
         self._first_ns: dict[int, int] = {}
-        """Pipeline's time of the first sound of each utterance that is not over; its words count from there."""
+        """Pipeline time of the first audio of each unfinished utterance, from which its words count."""
         self._delay_ns: dict[int, int] = {}
-        """Time by which each goes out after it came in, once it does."""
+        """Delay of the audio of each utterance in this processor, once it is known."""
         self._words: list[tuple[int, TTSTextFrame]] = []
-        """Words for the transport, each with its utterance, that wait until the delay is known."""
+        """Words for the transport, each with its utterance, until the delay is known."""
 
     async def process_frame(self, frame: Frame, direction: FrameDirection) -> None:
-        """Take what comes from the TTS, and what is to follow it."""
+        """Handle the frames of the TTS, and those that must follow them."""
         await super().process_frame(frame, direction)
         if direction is not FrameDirection.DOWNSTREAM:
             await self.push_frame(frame, direction)
@@ -144,14 +143,14 @@ class FapengineVideoService(FrameProcessor):  # type: ignore[misc, unused-ignore
                 self._face.end()
                 self._is_silent = False
                 early, self._early = self._early, []
-                for word in early:  # nothing sounded
+                for word in early:  # there was no audio
                     await self._follow(word)
             elif isinstance(frame, TTSStartedFrame):
                 self._is_silent = True
             await self._follow(frame)
 
     async def cleanup(self) -> None:
-        """End its task and its processes."""
+        """End the task and the processes."""
         await super().cleanup()
         await self._stop()
         self._face.close()
@@ -169,7 +168,7 @@ class FapengineVideoService(FrameProcessor):  # type: ignore[misc, unused-ignore
         await self._push_words()
 
     async def _push_words(self) -> None:
-        """Hand words on, later by as much as their sound is."""
+        """Push words with the delay of their audio."""
         words, self._words = self._words, []
         for number, word in words:
             if number in self._delay_ns:
@@ -191,14 +190,14 @@ class FapengineVideoService(FrameProcessor):  # type: ignore[misc, unused-ignore
             await self.push_frame(waiting)
 
     async def _follow(self, frame: Frame) -> None:
-        """Push a frame behind the sound that came before it."""
+        """Push a frame after the audio that came before it."""
         if self._face.host.is_speaking or self._behind:
             self._behind.append((self._face.host.newest, frame))
         else:
             await self.push_frame(frame)
 
     async def _show(self) -> None:
-        """Push pictures and sound at their pace."""
+        """Push images and audio in real time."""
         face = self._face
         try:
             await face.ready()
@@ -209,7 +208,7 @@ class FapengineVideoService(FrameProcessor):  # type: ignore[misc, unused-ignore
                 await self._tell(events)
                 picture = OutputImageRawFrame(await face.picture(frame.faps), self._options.size, "RGB")
                 if cuts != self._cuts:
-                    continue  # interrupted while it was drawn: nobody is to hear this any more
+                    continue  # interrupted while it was rendered
                 picture.sync_with_audio = bool(frame.sounds)
                 before, behind = around_picture(frame.sounds)
                 for each in (*before, picture, *behind):
