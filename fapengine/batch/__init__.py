@@ -1,6 +1,6 @@
-"""A corpus: a manifest in, a file an utterance out, on one machine or many, with a journal as the truth.
+"""A corpus: a manifest in, one file per utterance out, on one machine or many, with a journal of what is done.
 
-What is done for a row is what ``say`` and ``animate`` do for a file, to the byte. Whatever ends a run early, the next
-one goes on where it was: a line of the journal says that a file is whole, and a file is replaced at once or not at
-all, so a row that is done twice is the same bytes twice.
+A row gives the same bytes as ``say`` or ``animate`` with the same options. An interrupted run continues where it
+stopped: a line of the journal means that a file is complete, and a file is replaced as a whole or not at all, so
+processing a row twice is harmless.
 """

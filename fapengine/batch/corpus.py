@@ -1,6 +1,6 @@
-"""A corpus: its manifest, and its run, which is kept in the folder of what it makes.
+"""A corpus: its manifest, and the record of its run in the output folder.
 
-A manifest is a table (CSV), lines of JSON, or a pattern of files; every mistake is found before anything is done.
+A manifest is a table (CSV), lines of JSON, or a file pattern; all errors are found before any work is done.
 """
 
 import csv
@@ -25,9 +25,9 @@ from fapengine.files.paths import read_bytes, write_bytes
 RECORD = "batch.json"
 COLUMNS = ("id", "text", "timings", "audio", "session", *OPTION_NAMES)
 NAME = re.compile(r"[\w+-][\w.+ -]*(/[\w+-][\w.+ -]*)*")
-"""An id: a file's name, in folders if it has slashes; no part begins with a dot."""
+"""An id: a file name, with slashes for folders; no part begins with a dot."""
 MAX_ERRORS = 20
-"""Mistakes that a message lists; it counts the others."""
+"""Errors that a message lists; it counts the others."""
 
 
 def parse_manifest(data: bytes, where: str, folder: Path, kind: str, defaults: Options) -> tuple[Row, ...]:
@@ -36,23 +36,23 @@ def parse_manifest(data: bytes, where: str, folder: Path, kind: str, defaults: O
     Parameters
     ----------
     data : bytes
-        CSV with a header, or a JSON object a line. Columns are ``id`` and ``text``, ``timings``, ``audio`` or
-        ``session``, and any option of the verbs; an empty cell is the default. Lists are JSON lists, or texts apart by
-        ``;``.
+        CSV with a header, or one JSON object per line. Columns are ``id`` and ``text``, ``timings``, ``audio`` or
+        ``session``, and any option of the commands; an empty cell is the default. Lists are JSON lists, or texts
+        separated by ``;``.
     where : str
-        Name of the manifest, for messages.
+        Name of the manifest, for error messages.
     folder : Path
         Folder that file names are relative to.
     kind : str
-        What rows become: one of :data:`fapengine.batch.rows.KINDS`.
+        Kind of the output: one of :data:`fapengine.batch.rows.KINDS`.
     defaults : Options
-        For rows that say nothing else.
+        Options of rows that do not have their own.
 
     Raises
     ------
     DataError
-        Lists every row that cannot be, with its line: unknown columns, values out of range, files that are not there,
-        ids that are no names or are there twice.
+        Lists every invalid row, with its line: unknown columns, values out of range, missing files, invalid or repeated
+        ids.
     """
     errors: list[str] = []
     rows: list[Row] = []
@@ -61,59 +61,60 @@ def parse_manifest(data: bytes, where: str, folder: Path, kind: str, defaults: O
         try:
             row = _row(cells, line, folder, defaults)
             row.check(kind)
-            name = row.id.casefold()  # some file systems do not tell a from A
+            name = row.id.casefold()  # some file systems ignore case
             if name in seen:
-                raise UsageError(f"id: got {row.id!r} again, as in line {seen[name]}; expected each once")
+                raise UsageError(f"id: got {row.id!r} again, as in line {seen[name]}; expected unique ids")
             seen[name] = line
             rows.append(row)
         except (DataError, UsageError) as error:
             errors.append(f"line {line}: {error.message if isinstance(error, DataError) else error}")
     if errors:
         more = f"\nand {len(errors) - MAX_ERRORS} more" if len(errors) > MAX_ERRORS else ""
-        raise DataError(f"{where}: {len(errors)} rows cannot be:\n" + "\n".join(errors[:MAX_ERRORS]) + more)
+        raise DataError(f"{where}: {len(errors)} invalid rows:\n" + "\n".join(errors[:MAX_ERRORS]) + more)
     if not rows:
-        raise DataError(f"{where}: got no row, expected some")
+        raise DataError(f"{where}: contains no rows")
     return tuple(rows)
 
 
 def rows_of_pattern(paths: list[Path], text: str | None, kind: str, defaults: Options) -> tuple[Row, ...]:
-    """Make a row of each file: a recording or timings, named by its stem; or of each folder, for profiles.
+    """Make a row of each file (a recording or timings), or for profiles of each folder; its stem is the id.
 
     Parameters
     ----------
     paths : list of Path
     text : str, optional
-        File with the words of each recording; ``{stem}`` stands for its name.
+        Transcript of each recording; ``{stem}`` is replaced by its stem.
 
     Raises
     ------
     UsageError
-        If two files have one stem, or a file of words is not there.
+        If two files have one stem, or a transcript is missing.
     """
     from fapengine.app.hearing import is_sound, read_text
 
     defaults.check(kind)
     rows = []
-    folders = [path for path in paths if path.is_dir()]
-    for number, path in enumerate(sorted(folders if kind == PROFILE else paths), 1):
+    for number, path in enumerate(sorted(path for path in paths if kind != PROFILE or path.is_dir()), 1):
+        source: dict[str, Any] = {"timings": path}
         if kind == PROFILE:
-            rows.append(Row(id=path.name, session=path, options=defaults, line=number))
-            continue
-        words = read_text(Path(text.format(stem=path.stem))).strip() if text else None
-        source: dict[str, Any] = {"audio": path, "text": words} if is_sound(path) else {"timings": path}
-        rows.append(Row(id=path.stem, options=defaults, line=number, **source))
+            source = {"session": path}
+        elif is_sound(path):
+            words = read_text(Path(text.format(stem=path.stem))).strip() if text else None
+            source = {"audio": path, "text": words}
+        name = path.name if kind == PROFILE else path.stem
+        rows.append(Row(id=name, options=defaults, line=number, **source))
     counts = Counter(row.id.casefold() for row in rows)
     if twice := [row.id for row in rows if counts[row.id.casefold()] > 1]:
-        raise UsageError(f"manifest: got two files called {twice[0]}, expected a name of its own for each")
+        raise UsageError(f"manifest: got two files called {twice[0]}, expected unique names")
     return tuple(rows)
 
 
 def _lines(data: bytes, where: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
-    """Cells by column, row by row, and the line that each begins in."""
+    """Yield the line and the cells by column of each row."""
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise DataError(f"{where}: is no UTF-8 text ({error.reason})", where=f"byte {error.start}") from error
+        raise DataError(f"{where}: is not UTF-8 text ({error.reason})", where=f"byte {error.start}") from error
     if text.lstrip()[:1] == "{":
         for line, entry in enumerate(text.splitlines(), 1):
             if entry.strip():
@@ -127,12 +128,12 @@ def _lines(data: bytes, where: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
         for cells in reader:
             if any(cell.strip() for cell in cells):
                 if len(cells) > len(header):
-                    told = f"{where}: got {len(cells)} cells, expected {len(header)}; quote texts with commas"
-                    raise DataError(told, where=f"line {before + 1}")
+                    message = f"{where}: got {len(cells)} cells, expected {len(header)}; quote texts with commas"
+                    raise DataError(message, where=f"line {before + 1}")
                 yield before + 1, {name: cell for name, cell in zip(header, cells, strict=False) if cell.strip()}
             before = reader.line_num
     except csv.Error as error:
-        raise DataError(f"{where}: is no table: {error}", where=f"line {reader.line_num}") from error
+        raise DataError(f"{where}: is not a table: {error}", where=f"line {reader.line_num}") from error
 
 
 def _check_header(header: list[str], where: str) -> None:
@@ -158,16 +159,16 @@ def _row(cells: Mapping[str, Any], line: int, folder: Path, defaults: Options) -
         raise DataError(f"{unknown[0]}: got an unknown column, expected one of {', '.join(COLUMNS)}")
     name = str(cells.get("id", "")).strip()
     if not NAME.fullmatch(name) or PurePosixPath(name).name.endswith((".", " ")):
-        raise DataError(f"id: got {name!r}, expected a file's name, with / for folders")
+        raise DataError(f"id: got {name!r}, expected a file name, with / for folders")
     places: dict[str, Path] = {}
     for column in FILES:
         if column in cells:
             places[column] = folder / str(cells[column]).strip()
             if column == "session":
                 if not places[column].is_dir():
-                    raise DataError(f"{column}: got {cells[column]}, which is no folder that is there")
+                    raise DataError(f"{column}: got {cells[column]}, expected an existing folder")
             elif not places[column].is_file() and not (column == "into" and not places[column].suffix):
-                raise DataError(f"{column}: got {cells[column]}, which is not there")
+                raise DataError(f"{column}: got {cells[column]}, expected an existing file")
     given = {key: _value(key, cells[key]) for key in cells if key in OPTION_NAMES}
     given |= {key: str(places[key]) for key in ("into", "map") if key in places and places[key].is_file()}
     try:
@@ -177,10 +178,8 @@ def _row(cells: Mapping[str, Any], line: int, folder: Path, defaults: Options) -
         raise DataError(f"{place.rstrip('`')}: {message}") from error
     options = replace(defaults, **{key: getattr(chosen, key) for key in given})
     text = str(cells["text"]) if "text" in cells else None
-    return Row(
-        id=name, text=text, timings=places.get("timings"), audio=places.get("audio"), session=places.get("session"),
-        options=options, line=line,
-    )  # fmt: skip
+    sources = {key: place for key, place in places.items() if key not in ("into", "map")}
+    return Row(id=name, text=text, options=options, line=line, **sources)
 
 
 def _value(key: str, value: object) -> object:
@@ -191,13 +190,13 @@ def _value(key: str, value: object) -> object:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Corpus:
-    """What a run was asked for."""
+    """The input and the options of a run."""
 
     manifest: str
-    """Path of a manifest, or a pattern of files."""
+    """Path of a manifest, or a file pattern."""
     kind: str
     text: str | None = None
-    """Files with the words of a pattern's recordings."""
+    """Pattern of the transcripts of recordings."""
     options: Options = field(default_factory=Options)
 
     def rows(self) -> tuple[Row, ...]:
@@ -216,52 +215,48 @@ class Corpus:
             anchor = Path(self.manifest).anchor
             paths = list(Path(anchor).glob(str(Path(self.manifest).relative_to(anchor))))
             if not paths:
-                raise UsageError(f"manifest: got {self.manifest}, expected a pattern that some file has")
+                raise UsageError(f"manifest: got {self.manifest}, which matches no file")
             return rows_of_pattern(paths, self.text, self.kind, self.options)
         if self.text is not None:
-            raise UsageError(
-                "text: got one with a manifest, expected a pattern of files; a manifest has a column for it"
-            )
+            raise UsageError("text: requires a file pattern; a manifest has a column for transcripts")
         path = Path(self.manifest)
         return parse_manifest(read_bytes(path), str(path), path.resolve().parent, self.kind, self.options)
 
     def inputs(self, rows: Sequence[Row] = ()) -> set[Path]:
-        """Files that are read: the manifest, an avatar and its mapping, and those of rows."""
-        words = {Path(self.text.format(stem=row.id)) for row in rows} if self.text is not None else set()
-        named = (self.manifest, self.options.into, self.options.map)
-        return (
-            {Path(path) for path in named if path is not None} | words | {path for row in rows for path in row.inputs}
-        )
+        """Return the files that are read: the manifest, an avatar and its mapping, and those of rows."""
+        texts = [self.text.format(stem=row.id) for row in rows] if self.text is not None else []
+        named = (self.manifest, self.options.into, self.options.map, *texts)
+        return {Path(path) for path in named if path is not None}.union(*(row.inputs for row in rows))
 
 
 def keep(folder: Path, corpus: Corpus) -> None:
-    """Write what a run was asked for beside what it makes.
+    """Write the record of a run into its output folder.
 
     Raises
     ------
     UsageError
-        If the folder holds a run of another kind.
+        If the folder contains a run of another kind.
     ResourceError
         If it cannot be written.
     """
     if (folder / RECORD).is_file() and (kept := load_corpus(folder)).kind != corpus.kind:
-        raise UsageError(f"to: got {corpus.kind}, but {folder} holds a run to {kept.kind}; expected another folder")
+        raise UsageError(f"to: got {corpus.kind}, but {folder} contains a run to {kept.kind}; expected another folder")
     write_bytes(folder / RECORD, json.dumps(asdict(corpus), indent=1, ensure_ascii=False).encode() + b"\n")
 
 
 def load_corpus(folder: Path) -> Corpus:
-    """Read what a run was asked for.
+    """Read the record of a run.
 
     Raises
     ------
     UsageError
-        If the folder holds no run.
+        If the folder contains no run.
     DataError
         If the record is damaged.
     """
     path = folder / RECORD
     if not path.is_file():
-        raise UsageError(f"manifest: got {folder}, expected the folder of a run, with {RECORD} in it")
+        raise UsageError(f"manifest: got {folder}, expected the folder of a run, with {RECORD}")
     try:
         return msgspec.json.decode(read_bytes(path), type=Corpus)
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
@@ -270,36 +265,31 @@ def load_corpus(folder: Path) -> Corpus:
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """How far a run is."""
+    """Progress of a run."""
 
     rows: int
     done: int
     failed: tuple[Done, ...]
     left: int
     damaged: tuple[str, ...] = ()
-    """Rows whose files are not as they were written."""
+    """Rows whose files or inputs have changed."""
 
 
 def state_of(folder: Path, *, verify: bool = False) -> State:
-    """Tell how far a run is by its journals; ``verify`` reads every file and every input again.
+    """Return the progress of a run according to its journals; ``verify`` checks every file and every input.
 
     Raises
     ------
     UsageError, DataError
         As :func:`load_corpus` and :meth:`Corpus.rows` do.
     """
-    corpus = load_corpus(folder)
+    corpus, digests = load_corpus(folder), Digests()
     rows, known = corpus.rows(), load_journals(folder)
-    entries = [known[row.id] for row in rows if row.id in known]
-    failed = tuple(entry for entry in entries if entry.error)
-    damaged: tuple[str, ...] = ()
-    if verify:
-        digests = Digests()
-        damaged = tuple(
-            row.id
-            for row in rows
-            if row.id in known
-            and not known[row.id].error
-            and not (known[row.id].key == key_of(row, corpus.kind, digests) and known[row.id].stands(folder))
-        )
-    return State(len(rows), len(entries) - len(failed), failed, len(rows) - len(entries), damaged)
+    found = [(row, known[row.id]) for row in rows if row.id in known]
+    failed = tuple(entry for _, entry in found if entry.error)
+    damaged = tuple(
+        row.id
+        for row, entry in (found if verify else ())
+        if not entry.error and not (entry.key == key_of(row, corpus.kind, digests) and entry.stands(folder))
+    )
+    return State(len(rows), len(found) - len(failed), failed, len(rows) - len(found), damaged)

@@ -1,17 +1,16 @@
-"""The journal of a run: a line for each row that was done, and nothing else counts.
+"""The journal of a run: one line for each row that was processed.
 
-A line is JSON: the row's id, the digest of all that it was made of, its files with their sizes and checksums, figures
-for the report, or an error. Lines are only added, by one process; of two for one row the later counts. A last line that
-is torn, for its writer was killed, is forgotten: its row is done again.
+A line is JSON: the row's id, the digest of its inputs and options, its files with their sizes and checksums, figures
+for the report, or an error. Lines are only appended, by one process; the later of two lines for one row counts. An
+incomplete last line, of a process that was killed, is ignored: its row is processed again.
 """
 
 import json
 import os
 import zlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
@@ -22,11 +21,11 @@ PATTERN = "journal*.jsonl"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Done:
-    """What became of a row."""
+    """Result of a row."""
 
     id: str
     key: str
-    """Digest of the row, its inputs and what made it."""
+    """Digest of the row, its inputs and the version of fapengine."""
     outputs: dict[str, tuple[int, int]] = field(default_factory=dict)
     """Size and CRC-32 by the file's name, relative to the folder of the run."""
     duration_s: float = 0.0
@@ -34,13 +33,13 @@ class Done:
     frames: int = 0
     phones: int = 0
     unknown: int = 0
-    """Phones that no set explains."""
+    """Number of unknown phones."""
     seconds: float = 0.0
-    """Time that the work took."""
+    """Processing time."""
     error: str = ""
 
     def stands(self, folder: Path) -> bool:
-        """Tell whether its files are there as they were written."""
+        """Whether its files exist as they were written."""
         return not self.error and all(checksum(folder / name) == told for name, told in self.outputs.items())
 
 
@@ -57,7 +56,7 @@ def checksum(path: Path) -> tuple[int, int] | None:
 
 
 def parse_journal(data: bytes) -> dict[str, Done]:
-    """Read lines by the rows' ids, for all bytes: what is no whole line of ours is as if it were not there."""
+    """Read lines by the ids of the rows; incomplete and invalid lines are ignored."""
     done: dict[str, Done] = {}
     whole = data[: data.rfind(b"\n") + 1]
     for line in whole.splitlines():
@@ -70,16 +69,15 @@ def parse_journal(data: bytes) -> dict[str, Done]:
 
 
 def load_journals(folder: Path) -> dict[str, Done]:
-    """Read all journals of a run, those of shards too, the older first."""
+    """Read all journals of a run and its shards, the oldest first."""
     done: dict[str, Done] = {}
-    paths = sorted(folder.glob(PATTERN), key=lambda path: (path.stat().st_mtime_ns, path.name))
-    for path in paths:
+    for path in sorted(folder.glob(PATTERN), key=lambda path: (path.stat().st_mtime_ns, path.name)):
         done |= parse_journal(path.read_bytes())
     return done
 
 
 class Journal:
-    """A journal open for more lines; a torn last line goes when it is opened.
+    """A journal open for appending; an incomplete last line is removed first.
 
     Stateful.
 
@@ -100,20 +98,17 @@ class Journal:
             raise ResourceError(f"{path}: cannot be written ({error.strerror or error})") from error
 
     def add(self, entries: Iterable[Done]) -> None:
-        """Add lines, and wait until they are on the disk. Raises ResourceError if they cannot be."""
+        """Add lines, and wait until they are on the disk. Raises ResourceError if that fails."""
         start = self._file.tell()
         try:
             for entry in entries:
-                self._file.write(json.dumps(_sparse(entry), ensure_ascii=False).encode() + b"\n")
+                facts = {key: value for key, value in asdict(entry).items() if value or key in ("id", "key")}
+                self._file.write(json.dumps(facts, ensure_ascii=False).encode() + b"\n")
             self._file.flush()
             os.fsync(self._file.fileno())
         except OSError as error:
-            self._take_back(start)
+            os.ftruncate(self._file.fileno(), start)  # a full disk leaves no half line
             raise ResourceError(f"{self._path}: cannot be written ({error.strerror or error})") from error
-
-    def _take_back(self, start: int) -> None:
-        """Leave nothing half written where the disk is full."""
-        os.ftruncate(self._file.fileno(), start)
 
     def __enter__(self) -> "Journal":
         return self
@@ -121,9 +116,5 @@ class Journal:
     def __exit__(self, *_: object) -> None:
         try:
             self._file.close()
-        except OSError:  # that it could not be written was raised before
+        except OSError:  # the failed write was reported before
             os.close(self._file.fileno())
-
-
-def _sparse(entry: Done) -> Mapping[str, Any]:
-    return {key: value for key, value in asdict(entry).items() if value or key in ("id", "key")}

@@ -1,4 +1,4 @@
-"""A row of a manifest: one utterance, or one speaker's session, and the options that the verbs have for one."""
+"""A row of a manifest: one utterance, or the session of one speaker, and its options."""
 
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -16,7 +16,7 @@ from fapengine.speaking import SpeakingOptions
 
 PROFILE = "profile"
 KINDS = ("fba", "fap", "mp4", "csv", "glb", PROFILE)
-"""Kinds of files that rows may become; a profile is a folder of them."""
+"""Kinds of output; a profile is a folder."""
 FILES = ("session", "timings", "audio", "into", "map")
 """Columns that name files, or a folder of recordings, relative to the manifest."""
 
@@ -67,7 +67,7 @@ class Options(SpeakingOptions):
         )
 
     def fitting(self, session: Path, output: Path) -> FitJob:
-        """Say what is learned from a session. Raises UsageError for what cannot be."""
+        """Return the job that learns a profile from a session. Raises UsageError for invalid options."""
         return FitJob(
             session=session, output=output, units=self.units, up=self.up, seed=self.seed, voice=self.voice,
             options=FitOptions(
@@ -77,13 +77,7 @@ class Options(SpeakingOptions):
         )  # fmt: skip
 
     def check(self, kind: str) -> None:
-        """Refuse what cannot be, before anything is done.
-
-        Raises
-        ------
-        UsageError
-            It begins with the option's name.
-        """
+        """Reject invalid options before any work is done. Raises UsageError, which begins with the option's name."""
         manner_of(self)
         voice_of(self)
         if kind == PROFILE:
@@ -94,14 +88,14 @@ class Options(SpeakingOptions):
 
 OPTION_NAMES = tuple(each.name for each in fields(Options))
 LISTS = tuple(each.name for each in fields(Options) if each.default == ())
-"""Options that hold several values; in a table they stand apart by ``;``."""
+"""Options that hold several values; in a table they are separated by ``;``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Row:
-    """One utterance: a text; or timings, with their sound or without; or a recording, with its words or without.
+    """One utterance: a text, timings (and their sound), or a recording (and its transcript).
 
-    Or a speaker: the session that a profile is learned from.
+    Or one speaker: the session from which a profile is learned.
     """
 
     id: str
@@ -111,31 +105,29 @@ class Row:
     session: Path | None = None
     options: Options = field(default_factory=Options)
     line: int = 0
-    """Place in the manifest."""
+    """Line of the manifest."""
 
     def __post_init__(self) -> None:
         if self.session is not None:
             if (self.timings, self.audio, self.text) != (None, None, None):
-                raise UsageError("session: got one beside text, timings or audio, expected it alone")
+                raise UsageError("session: cannot be combined with text, timings or audio")
             return
         if self.timings is None and self.audio is None and self.text is None:
-            raise UsageError("row: got no text, no timings and no audio, expected one")
+            raise UsageError("row: text, timings and audio are missing; give one of them")
         if self.timings is not None and self.text is not None:
-            raise UsageError("text: got one beside timings, which say themselves what is spoken; expected none")
+            raise UsageError("text: cannot be combined with timings")
 
     def check(self, kind: str) -> None:
-        """Refuse what cannot become such a file. Raises UsageError; it begins with the option's name."""
-        if (self.session is not None) != (kind == PROFILE):
-            raise UsageError(
-                "session: got none, expected a folder of recordings for a profile"
-                if self.session is None
-                else f"session: got one to become {kind}, expected a run to profiles"
-            )
+        """Reject what cannot become such a file. Raises UsageError, which begins with the option's name."""
+        if kind == PROFILE and self.session is None:
+            raise UsageError("session: missing; a profile needs a folder of recordings")
+        if kind != PROFILE and self.session is not None:
+            raise UsageError(f"session: cannot become {kind}, only a profile")
         self.options.check(kind)
 
     @property
     def inputs(self) -> tuple[Path, ...]:
-        """Files that it is made of, and names that may be such."""
+        """Input files, and names that may be files."""
         options = self.options
         if self.session is not None:
             return (self.session,)
@@ -143,10 +135,10 @@ class Row:
         return tuple(Path(path) for path in named if path is not None)
 
     def output(self, folder: Path, kind: str) -> Path:
-        """Name of the file, or of the profile's folder, that the row becomes."""
+        """Name of the output file, or of the folder of a profile."""
         return folder / (self.id if kind == PROFILE else f"{self.id}.{kind}")
 
     def outputs(self, folder: Path, kind: str) -> list[Path]:
-        """Names of all files that the row becomes."""
+        """Names of all output files."""
         output = self.output(folder, kind)
         return files_in(output, OWNED) if kind == PROFILE else [output]

@@ -1,7 +1,7 @@
-"""A run: what is left to do, done by some engine, and written into the journal as it is done.
+"""A run: the remaining rows are processed by an engine, and recorded in the journal.
 
-Engines take shards of rows and give back what became of them, in any order. A shard whose worker was ended is split,
-and its rows are tried one at a time; a row that ends its worker :data:`MAX_TRIES` times is named as the one that does.
+Engines take shards of rows and yield their results in any order. If the worker of a shard dies, the shard is split and
+its rows are tried one at a time; a row that kills its worker :data:`MAX_TRIES` times fails.
 """
 
 import pickle
@@ -13,53 +13,53 @@ from pathlib import Path
 from typing import Any
 
 from fapengine._child import Child, Parent, command, end_soon_with_parent
+from fapengine._late import needed
 from fapengine.batch.journal import Done, Journal, load_journals
 from fapengine.batch.rows import Row
 from fapengine.batch.work import Digests, Job, do_rows, key_of
 from fapengine.errors import ResourceError
 
 SHARD_ROWS = {"profile": 1, "mp4": 1, "glb": 4}
-"""Rows that a worker is given at once; of other kinds, which take milliseconds, more."""
+"""Rows per shard; other kinds take milliseconds per row, and have more."""
 MAX_SHARD_ROWS, SHARDS_A_WORKER = 32, 8
 MAX_TRIES = 3
-ENDED = "its worker ended, and did so {tries} times: out of memory, or killed"
+ENDED = "its worker ended {tries} times: out of memory, or killed"
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "LP_NUM_THREADS"), "1")
-"""Surroundings of workers, who share the cores among themselves."""
+"""Environment of workers, which share the cores among themselves."""
 
 
 @dataclass(slots=True)
 class Shard:
-    """Rows that go together, and how often they were tried. Stateful."""
+    """Rows that are processed together, and how often they were tried. Stateful."""
 
     rows: tuple[Row, ...]
     keys: tuple[str, ...]
     tries: int = 0
 
     def again(self) -> "list[Shard]":
-        """Split it after its worker ended."""
-        pairs = zip(self.rows, self.keys, strict=True)
-        return [Shard((row,), (key,), self.tries + 1) for row, key in pairs]
+        """Split it into rows after its worker ended."""
+        return [Shard((row,), (key,), self.tries + 1) for row, key in zip(self.rows, self.keys, strict=True)]
 
     def failed(self) -> list[Done]:
-        """Name the row that ends its worker."""
-        told = ENDED.format(tries=self.tries)
-        return [Done(id=row.id, key=key, error=told) for row, key in zip(self.rows, self.keys, strict=True)]
+        """Return the failure of rows that end their worker."""
+        error = ENDED.format(tries=self.tries)
+        return [Done(id=row.id, key=key, error=error) for row, key in zip(self.rows, self.keys, strict=True)]
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """Rows of a run, and what of them is left to do."""
+    """Rows of a run, and which of them remain."""
 
     job: Job
     rows: tuple[Row, ...]
     keys: tuple[str, ...]
     left: tuple[int, ...]
-    """Places of the rows that are not done."""
+    """Indices of the rows that are not done."""
     done: dict[str, Done] = field(default_factory=dict)
-    """Lines of the journals about rows that are."""
+    """Results of the rows that are done."""
 
     def shards(self, workers: int) -> list[Shard]:
-        """Share what is left among workers."""
+        """Divide the remaining rows into shards."""
         most = max(1, min(MAX_SHARD_ROWS, len(self.left) // (workers * SHARDS_A_WORKER)))
         size = SHARD_ROWS.get(self.job.kind, most)
         places = [self.left[start : start + size] for start in range(0, len(self.left), size)]
@@ -67,9 +67,9 @@ class Plan:
 
 
 def plan_run(rows: Sequence[Row], job: Job, *, retry_failed: bool = False) -> Plan:
-    """Tell what is left: rows that no journal has, whose inputs or options have changed, or whose files have.
+    """Find the remaining rows: those without a line in a journal, or whose inputs, options or files have changed.
 
-    Rows that failed are left out too, unless they shall be tried again or something of theirs has changed.
+    Failed rows are skipped, unless ``retry_failed`` is set or their inputs or options have changed.
     """
     digests, known = Digests(), load_journals(job.folder)
     keys = tuple(key_of(row, job.kind, digests) for row in rows)
@@ -97,12 +97,12 @@ Engine = Callable[[list[Shard], Job], Iterator[list[Done]]]
 def run(
     plan: Plan, engine: Engine, workers: int, journal: Path, on_rows: Callable[[int], None] = lambda _: None
 ) -> dict[str, Done]:
-    """Do what is left; returns what became of every row, by its id.
+    """Process the remaining rows, and return the results of all rows by id.
 
     Raises
     ------
     ResourceError
-        If the journal cannot be written, or there is no worker.
+        If the journal cannot be written, or no worker can be started.
     """
     done = dict(plan.done)
     with Journal(journal) as book:
@@ -114,13 +114,13 @@ def run(
 
 
 def serially(shards: list[Shard], job: Job) -> Iterator[list[Done]]:
-    """Do shards in this process."""
+    """Process shards in this process."""
     for shard in shards:
         yield do_rows(shard.rows, shard.keys, job)
 
 
 def on_this_machine(workers: int) -> Engine:
-    """Make an engine of child processes; one that ends is replaced."""
+    """Make an engine of child processes; a dead one is replaced."""
 
     def engine(shards: list[Shard], job: Job) -> Iterator[list[Done]]:
         waiting = deque(shards)
@@ -163,7 +163,7 @@ def _asked(child: Child, shard: Shard, job: Job) -> list[Done]:
 
 
 def main(parent: Parent) -> None:
-    """Be a worker: do the shards that come."""
+    """Run as a worker: process shards until the parent ends."""
     end_soon_with_parent()
     for _, work in parent.messages():
         do, *arguments = pickle.loads(work)
@@ -176,20 +176,15 @@ def on_dask(address: str) -> Engine:
     Raises
     ------
     ResourceError
-        If distributed is not installed, or nobody answers at the address.
+        If distributed is not installed, or no scheduler answers at the address.
     """
-    try:
-        from distributed import Client
-    except ImportError as error:
-        raise ResourceError(
-            'scheduler: distributed is not installed; mend it with: pip install "fapengine[batch]"'
-        ) from error
+    distributed = needed("distributed", "distributed", "scheduler")
 
     def engine(shards: list[Shard], job: Job) -> Iterator[list[Done]]:
         try:
-            client: Any = Client(address, timeout="10s")  # type: ignore[no-untyped-call]
+            client = distributed.Client(address, timeout="10s")
         except (OSError, ValueError, TimeoutError) as error:
-            raise ResourceError(f"scheduler: nobody answers at {address} ({error})") from error
+            raise ResourceError(f"scheduler: no answer from {address} ({error})") from error
         with client:
             yield from through_client(client, shards, job)
 
@@ -197,7 +192,7 @@ def on_dask(address: str) -> Engine:
 
 
 def through_client(client: Any, shards: list[Shard], job: Job) -> Iterator[list[Done]]:
-    """Give shards to a Dask client; one that ended too many workers is split."""
+    """Process shards with a Dask client; a shard that killed too many workers is split."""
     from distributed import KilledWorker, as_completed
 
     def submitted(shard: Shard) -> Any:

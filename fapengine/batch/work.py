@@ -1,10 +1,11 @@
-"""What is done for a row, in whatever process: the verbs' own functions, one after the other."""
+"""Processing of rows, in any process, with the functions of the commands."""
 
 import hashlib
 import time
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import fapengine
 from fapengine.app.fit import run_fit
@@ -29,81 +30,73 @@ from fapengine.voices.protocol import Speech
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """What is made of rows, and where."""
+    """Output folder and kind of a run."""
 
     folder: Path
     kind: str
 
 
 def do_rows(rows: tuple[Row, ...], keys: tuple[str, ...], job: Job) -> list[Done]:
-    """Do rows one after the other; what goes wrong with one is its error, and the others go on."""
+    """Process rows one after the other; an error of one row is recorded, and the others continue."""
     return [_do(row, key, job) for row, key in zip(rows, keys, strict=True)]
 
 
 def _do(row: Row, key: str, job: Job) -> Done:
     started_s = time.perf_counter()
+    figures: dict[str, Any] = {}
     try:
-        if row.session is not None:
-            return _fit(row, row.session, key, job, started_s)
-        performance = perform_row(row)
-        path = row.output(job.folder, job.kind)
-        save_row(performance, path, row.options)
-        written = checksum(path)
-        assert written is not None
+        figures = _fit(row, row.session, job) if row.session is not None else _save(row, job)
+        written = {path: checksum(path) for path in row.outputs(job.folder, job.kind)}
+        figures["outputs"] = {path.relative_to(job.folder).as_posix(): sums for path, sums in written.items() if sums}
     except FapEngineError as error:
-        return Done(id=row.id, key=key, seconds=_since(started_s), error=" ".join(str(error).split()))
+        figures = {"error": " ".join(str(error).split())}
     except Exception as error:  # noqa: BLE001  a bug in one of 100,000 rows must not end the others
-        told = " ".join(f"{type(error).__name__}: {error}".split())[:300]
-        return Done(id=row.id, key=key, seconds=_since(started_s), error=f"{told}; this is a bug of fapengine")
-    phones = [phone for phone in performance.phones.phones if not phone.is_silence]
-    return Done(
-        id=row.id, key=key, outputs={path.relative_to(job.folder).as_posix(): written},
-        duration_s=round(performance.duration_s, 4), frames=len(performance.track), phones=len(phones),
-        unknown=sum(unknown.count for unknown in find_unknown(performance.phones)), seconds=_since(started_s),
-    )  # fmt: skip
+        what = " ".join(f"{type(error).__name__}: {error}".split())[:300]
+        figures = {"error": f"{what}; this is a bug in fapengine"}
+    return Done(id=row.id, key=key, seconds=round(time.perf_counter() - started_s, 4), **figures)
 
 
-def _fit(row: Row, session: Path, key: str, job: Job, started_s: float) -> Done:
+def _save(row: Row, job: Job) -> dict[str, Any]:
+    performance = perform_row(row)
+    save_row(performance, row.output(job.folder, job.kind), row.options)
+    return {
+        "duration_s": round(performance.duration_s, 4), "frames": len(performance.track),
+        "phones": sum(not phone.is_silence for phone in performance.phones.phones),
+        "unknown": sum(unknown.count for unknown in find_unknown(performance.phones)),
+    }  # fmt: skip
+
+
+def _fit(row: Row, session: Path, job: Job) -> dict[str, Any]:
     """Learn a profile as ``fit`` does."""
     fitted, _ = run_fit(row.options.fitting(session, row.output(job.folder, job.kind)))
-    outputs = {}
-    for path in row.outputs(job.folder, job.kind):
-        if (written := checksum(path)) is not None:
-            outputs[path.relative_to(job.folder).as_posix()] = written
     frames = sum(len(take.moved_mm) for take in fitted.prepared.takes)
-    return Done(
-        id=row.id, key=key, outputs=outputs, duration_s=round(frames / fitted.prepared.rate_hz, 4), frames=frames,
-        phones=len(fitted.phones), seconds=_since(started_s),
-    )  # fmt: skip
-
-
-def _since(started_s: float) -> float:
-    return round(time.perf_counter() - started_s, 4)
+    duration_s = round(frames / fitted.prepared.rate_hz, 4)
+    return {"duration_s": duration_s, "frames": frames, "phones": len(fitted.phones)}
 
 
 def perform_row(row: Row) -> Performance:
-    """Plan a row's motion as ``say`` does that of a text, ``animate`` that of timings or a recording."""
-    options, manner = row.options, manner_of(row.options)
-    profile = loaded_profile(options.profile)
+    """Plan the motion of a row, as ``say`` does for a text and ``animate`` for timings or a recording."""
+    options = row.options
+    manner = replace(manner_of(options), profile=loaded_profile(options.profile))
     if row.timings is not None:
         read = load_timings(
             row.timings, file_format=options.format, tier=options.tier, alphabet=options.alphabet,
             columns=options.columns,
         )  # fmt: skip
-        phones = pronounced(read, options.voice)
         sound = load_sound(row.audio, channel=options.channel) if row.audio else None
-        performance = perform(phones, sound, replace(manner, profile=profile), text=row.timings.name)
-    elif row.audio is not None:
-        performance = animate(
-            row.audio, transcript=row.text, language=options.language, channel=options.channel,
-            expressions=manner.expressions, style=manner.style, profile=profile, seed=options.seed, rate_hz=options.fps,
-        )  # fmt: skip
+        performance = perform(pronounced(read, options.voice), sound, manner, text=row.timings.name)
     else:
-        assert row.text is not None
-        performance = speak(
-            row.text, voice=_Fresh(voice_of(options)), expressions=manner.expressions, style=manner.style,
-            profile=profile, seed=options.seed, rate_hz=options.fps,
-        )  # fmt: skip
+        chosen: dict[str, Any] = {
+            "expressions": manner.expressions, "style": manner.style, "profile": manner.profile, "seed": manner.seed,
+            "rate_hz": manner.rate_hz,
+        }  # fmt: skip
+        if row.audio is not None:
+            performance = animate(
+                row.audio, transcript=row.text, language=options.language, channel=options.channel, **chosen
+            )
+        else:
+            assert row.text is not None
+            performance = speak(row.text, voice=_Fresh(voice_of(options)), **chosen)
     if options.strict:
         refuse_unknown(performance.phones, row.id)
     return performance
@@ -119,13 +112,13 @@ def save_row(performance: Performance, path: Path, options: Options) -> None:
 
 @lru_cache(maxsize=8)
 def loaded_profile(name: str) -> Profile:
-    """Load a profile once a process."""
+    """Load a profile once per process."""
     return load_profile(name)
 
 
 @lru_cache(maxsize=4)
 def loaded_head(name: str) -> FaceMesh:
-    """Load a head once a process."""
+    """Load a head once per process."""
     from fapengine.files.heads.load import load_head
 
     return load_head(name)
@@ -133,7 +126,7 @@ def loaded_head(name: str) -> FaceMesh:
 
 @dataclass(frozen=True, slots=True)
 class _Fresh:
-    """A voice that has not spoken yet, whatever the rows before said."""
+    """A voice in its initial state, independent of earlier rows."""
 
     choice: VoiceChoice
 
@@ -147,7 +140,7 @@ def _voices() -> FreshVoices:
 
 
 def key_of(row: Row, kind: str, digests: "Digests") -> str:
-    """Digest of all that a row's files are a function of: itself, the bytes of its inputs, and this program."""
+    """Digest of everything that a row's files depend on: the row, its inputs, and the version of fapengine."""
     digest = hashlib.sha256(f"{fapengine.__version__} {kind} {row.id} {row.text!r}".encode())
     digest.update(repr(row.options).encode())
     for path in row.inputs:
@@ -156,13 +149,13 @@ def key_of(row: Row, kind: str, digests: "Digests") -> str:
 
 
 class Digests:
-    """Digests of files and folders, each read once. Stateful."""
+    """Digests of files and folders; each is read once. Stateful."""
 
     def __init__(self) -> None:
         self._known: dict[Path, bytes] = {}
 
     def of(self, path: Path) -> bytes:
-        """Return the digest of a file, or of a folder's files; nothing for a name that is neither."""
+        """Return the digest of a file, or of all files of a folder; empty if there is none."""
         if path not in self._known:
             digest = hashlib.sha256()
             files = sorted(path.rglob("*")) if path.is_dir() else [path] if path.is_file() else []

@@ -55,11 +55,11 @@ def test_all_mistakes_are_told_at_once(folder: Path) -> None:
     with pytest.raises(DataError) as raised:
         rows(text, folder)
     told = raised.value.message.splitlines()
-    assert told[0] == "corpus.csv: 7 rows cannot be:"
+    assert told[0] == "corpus.csv: 7 invalid rows:"
     expected = (
-        "line 3: id: got '../up'", "line 4: row: got no text", "line 5: timings: got b.pho, which is not there",
+        "line 3: id: got '../up'", "line 4: row: text, timings and audio are missing", "line 5: timings: got b.pho, expected an existing file",
         "line 6: fps: ", "line 7: expressions: got 'glee'", "line 8: id: got 'GOOD' again, as in line 2",
-        "line 9: text: got one beside timings",
+        "line 9: text: cannot be combined with timings",
     )  # fmt: skip
     for line, begins in zip(told[1:], expected, strict=True):
         assert line.startswith(begins)
@@ -70,9 +70,9 @@ def test_all_mistakes_are_told_at_once(folder: Path) -> None:
     [
         ("id,txt\na,b\n", "unknown 'txt'"),
         ("text\nHello.\n", "expected id"),
-        ("id,text\n", "got no row"),
+        ("id,text\n", "contains no rows"),
         ("id,text\na,Hello, you.\n", "got 3 cells, expected 2"),
-        ('id,text\na,"Hello\n', "is no table"),
+        ('id,text\na,"Hello\n', "is not a table"),
         ('{"id": 1,\n', "is not JSON"),
         ('{"id": "a", "text": "Hi.", "colour": 1}\n', "colour: got an unknown column"),
     ],
