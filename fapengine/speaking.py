@@ -1,9 +1,8 @@
-"""The options of speaking, defined once: for the command line, tables of ``batch``, the server's configuration, Python.
+"""The speaking options, defined once for the command line, ``batch``, the server's configuration and Python.
 
-Each has its type, its range, its default, its help and its other names here. ``say``, ``animate``, ``view`` and
-``serve`` make options of them (:mod:`fapengine.cli._verb`), ``batch`` columns; in a configuration's file and in Python
-they have the names that :class:`Described` gives. To add one, add a field to :class:`MannerOptions`; a test says where
-else it is missing.
+Each has its type, range, default, help and other names here. ``say``, ``animate``, ``view`` and ``serve`` make options
+of them (:mod:`fapengine.cli._command`), ``batch`` columns; in configuration files and in Python they have the names
+that :class:`Described` gives. To add one, add a field to :class:`MannerOptions`; a test says where else it is missing.
 """
 
 from dataclasses import dataclass
@@ -19,8 +18,8 @@ RATES_HZ = (1.0, 240.0)
 RATES_WPM = (80, 449)
 """Rates that espeak-ng speaks itself, words per minute (espeakRATE).
 
-From 450 it speeds up the finished sound, and the times of its events do not fit any more: they go back by up to 16 ms,
-and the last lies after the end of the sound (measured with 1.52).
+From 450 on it speeds up the finished sound, and the times of its events become wrong: they are up to 16 ms early, and
+the last one is after the end of the sound (measured with 1.52).
 """
 Method = Literal["context", "paper", "minimum-jerk", "dominance"]
 METHOD_NAMES: tuple[Method, ...] = get_args(Method)
@@ -31,18 +30,18 @@ WITHOUT = (*(name.replace("_", "-") for name in GENERATORS), "all")
 
 @dataclass(frozen=True, slots=True)
 class Described:
-    """What an option is for, and its other names."""
+    """The help of an option, and its other names."""
 
     help: str
     """Help of the command line; ``{range}`` and ``{choices}`` are filled in."""
     python: str
-    """Where Python has it: ``Style.jaw``, or a parameter of :func:`fapengine.speak`."""
+    """Its name in Python: ``Style.jaw``, or a parameter of :func:`fapengine.speak`."""
     config: str | None
-    """Its table and key in the server's configuration; None: it has none."""
+    """Its table and key in the server's configuration, if any."""
     short: str | None = None
-    """Flag of one letter."""
+    """Short flag."""
     choices: tuple[str, ...] = ()
-    """All values that it may have, or may begin with."""
+    """All values, or beginnings of values."""
 
 
 Voice = Annotated[

@@ -1,1 +1,1 @@
-"""What the verbs of the command line do, for Python too: no options, no printing; progress goes to a callback."""
+"""What the commands do, for Python too: without options and printing; progress goes to a callback."""

@@ -1,4 +1,4 @@
-"""A performance to FAPs: a film, a camera, landmarks, OpenFace's table or scores of blend shapes."""
+"""Capture of FAPs from a video, a camera, landmarks, an OpenFace table or blendshape scores."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ CAMERA = "webcam"
 CAMERA_S = 10.0
 """Default duration of a camera capture."""
 PUPILS_MM = 62.0
-"""An adult's pupils are so far apart; sizes in mm are as true as that."""
+"""Assumed distance of the pupils, an adult's; sizes in mm depend on it."""
 MARKERS = (".npz", ".c3d", ".trc")
 """Outputs that hold feature points in mm, for ``fapengine fit``."""
 OVERLAY_PX = 480
@@ -38,16 +38,16 @@ class CaptureJob:
     """Input, output and options of a capture."""
 
     source: str
-    """A film, landmarks, a table of OpenFace or of scores; ``webcam`` or ``webcam:1``."""
+    """A video, landmarks, a table of OpenFace or of scores; ``webcam`` or ``webcam:1``."""
     output: Path
     size: tuple[int, int] | None = None
-    """Width and height in pixels of the pictures that landmarks are shares of."""
+    """Width and height in pixels of the images to which landmarks are relative."""
     rate_hz: float | None = None
-    """Frame rate of landmarks; their file does not have it."""
+    """Frame rate of landmarks, which their file does not contain."""
     seconds: float = CAMERA_S
-    """Time for which the camera is watched."""
+    """Duration of a camera capture."""
     overlay: Path | None = None
-    """Video of our head beside the captured one."""
+    """Video that shows the head next to the captured face."""
     head: str = "default"
     model: Path | None = None
     """MediaPipe's ``face_landmarker.task``, for wheels without a model."""
@@ -61,20 +61,20 @@ class Captured:
     kind: str
     """Kind of source, in words."""
     seen: float = 1.0
-    """Share of the frames that show a face."""
+    """Fraction of the frames that show a face."""
     held: HeldFace | None = None
 
 
 def run_capture(job: CaptureJob, *, on_frame: Callable[[], None] = lambda: None) -> Captured:
-    """Capture, and write the kind of output that its name says.
+    """Capture, and write the kind of output that its name asks for.
 
     Parameters
     ----------
     on_frame : callable
-        Called after each picture that the face detector has seen.
+        Called after each image that the face detector has processed.
     """
     if job.overlay is not None and not (_is_film(job.source) and is_moving(job.overlay)):
-        raise UsageError(f"overlay: got {job.overlay} beside {job.source}, expected a film (.mp4) beside a film")
+        raise UsageError(f"overlay: got {job.overlay} for {job.source}, expected a video (.mp4) for a video")
     found = watch(job, on_frame=on_frame)
     if job.output.suffix.lower() in MARKERS:
         save_markers(job.output, _markers(found, job))
@@ -86,7 +86,7 @@ def run_capture(job: CaptureJob, *, on_frame: Callable[[], None] = lambda: None)
 
 
 def watch(job: CaptureJob, *, on_frame: Callable[[], None] = lambda: None) -> Captured:
-    """Read FAPs off a source; raises as :func:`run_capture`."""
+    """Capture FAPs from a source; raises as :func:`run_capture`."""
     path = Path(job.source)
     if job.source.partition(":")[0] == CAMERA:
         pictures = camera_pictures(camera_number(job.source), seconds=job.seconds)
@@ -110,12 +110,12 @@ def watch(job: CaptureJob, *, on_frame: Callable[[], None] = lambda: None) -> Ca
         raise type(error)(f"{path}: {error.message}", where=error.where) from error
     if path.suffix.lower() not in LOADED:
         raise UsageError(
-            f"{path}: got ending {path.suffix!r}, expected a film, {CAMERA}, or one of {', '.join(LOADED)}"
+            f"{path}: got ending {path.suffix!r}, expected a video, {CAMERA}, or one of {', '.join(LOADED)}"
         )
     try:
         return Captured(load_motion(path), "blend shapes")
     except DataError as error:
-        hint = "; landmarks (468 or 478 points a frame) need the size of their pictures"
+        hint = "; landmarks (468 or 478 points per frame) need the size of their images"
         raise type(error)(error.message + hint, where=error.where) from error
 
 
@@ -132,9 +132,9 @@ def _is_film(source: str) -> bool:
 
 
 def _seen(times_s: NDArray[np.float64], landmarks: NDArray[np.float64], kind: str) -> Captured:
-    """Put frames at even times, and read them."""
+    """Resample landmarks at even times, and convert them."""
     if len(times_s) < 2:
-        raise DataError(f"{kind}: needs at least 2 pictures, got {len(times_s)}")
+        raise DataError(f"{kind}: needs at least 2 images, got {len(times_s)}")
     rate_hz = float(f"{(len(times_s) - 1) / (times_s[-1] - times_s[0]):.5g}")
     even = np.arange(round(times_s[-1] * rate_hz) + 1) / rate_hz
     nearest = np.abs(times_s[None] - even[:, None]).argmin(axis=1) if len(times_s) < 2000 else np.searchsorted(
@@ -151,14 +151,14 @@ def _held(landmarks: NDArray[np.float64], rate_hz: float, kind: str) -> Captured
 
 def _of_landmarks(data: bytes, job: CaptureJob) -> Captured:
     if job.size is None or job.rate_hz is None:
-        raise UsageError("landmarks: need both size and rate; a file of landmarks has neither")
+        raise UsageError("landmarks: need both size and rate, which their file does not contain")
     width, height = job.size
     raw = parse_landmarks(data, Picture(float(width), float(height), 90.0, job.rate_hz))
     return _held(raw.positions * (1.0, -1.0, -1.0), job.rate_hz, "landmarks")
 
 
 def _markers(found: Captured, job: CaptureJob) -> MarkerTrack:
-    """Feature points with the head held still."""
+    """Return the feature points with the head held still."""
     if found.held is None:
         raise UsageError(f"{job.output}: {found.kind} has no points, expected .fap, .fba or .csv as output")
     rows = dict(sorted(FEATURE_POINTS.items()))
@@ -168,7 +168,7 @@ def _markers(found: Captured, job: CaptureJob) -> MarkerTrack:
 
 
 def _overlay(job: CaptureJob, track: FapTrack) -> None:
-    """Write the captured video with our head beside it."""
+    """Write the captured video next to the head."""
     path = Path(job.source)
     drawing = resized(None, (OVERLAY_PX, OVERLAY_PX))
 
@@ -182,7 +182,7 @@ def _overlay(job: CaptureJob, track: FapTrack) -> None:
 
     try:
         sound = load_sound(path)
-    except DataError:  # a film without sound
+    except DataError:  # a video without sound
         sound = None
     assert job.overlay is not None
     write_moving(job.overlay, pairs(), rate_hz=track.rate_hz, sound=sound)

@@ -1,4 +1,4 @@
-"""A face moved by a few of its markers, from a recording to arrays and a film: paper 000, section 5."""
+"""A face driven by a few of its markers, from a recording to arrays and a video: paper 000, section 5."""
 
 import io
 from dataclasses import dataclass, replace
@@ -27,21 +27,21 @@ from fapengine.render.drawing import Drawing
 Array = NDArray[np.float64]
 
 HELD_OUT = 0.25
-"""Share of a recording, at its end, that is driven and judged, if no other take is."""
+"""Fraction of a recording, at its end, that is driven and scored, if there is no other take."""
 DRIVING, DRIVEN, SKIN = (0.75, 0.06, 0.04), (0.9, 0.9, 0.9), (0.50, 0.30, 0.22)
 """Linear RGB of driving and driven markers, and of the surface."""
 DOT_MM = {True: 2.6, False: 1.2}
 """Radius of a driving and of a driven marker's dot."""
 MAX_DOTS = 400
-"""Markers beyond which the driven ones have no dot."""
+"""Number of markers above which driven ones have no dot."""
 OCTAHEDRON = np.concatenate([np.eye(3), -np.eye(3)])
 FACETS = np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]])
 MAX_WEIGHTS = 128
 """Weights that a renderer takes."""
 WIDEST_MM = 170.0
-"""Width of a face that fills the picture."""
+"""Width of a face that fills the image."""
 PLACE_MM = np.array([0.0, 20.0, 60.0])
-"""Place of the middle of the face in the film, head space."""
+"""Position of the middle of the face in the video, head space."""
 MOVED_BONES = np.tile(np.eye(4), (BONE_COUNT, 1, 1))
 
 
@@ -54,17 +54,17 @@ class DriveJob:
     output: Path
     """Archive of arrays (.npz)."""
     markers: tuple[str, ...] | int | None = None
-    """Labels of those that drive, or their number; none: the error decides."""
+    """Labels or number of the driving markers; None: chosen by the error."""
     take: Path | None = None
-    """Recording that drives; none: the last quarter of ``grid``."""
+    """Driving recording; None: the last quarter of ``grid``."""
     film: Path | None = None
     skull: tuple[str, ...] = ()
-    """Markers that follow the skull alone; none: head motion is off already."""
+    """Markers on the skull; empty: the recording has no head motion."""
     columns: int = 48
-    """Points of the grid from side to side."""
+    """Points of the grid from left to right."""
     tolerance_mm: float = 0.35
     rate_hz: float | None = None
-    """Frames a second of a folder of meshes."""
+    """Frame rate of a folder of meshes."""
     seed: int = 1
 
 
@@ -77,19 +77,19 @@ class DriveReport:
     learned_frames: int
     driven_frames: int
     points: int
-    """Points of the surface that was moved."""
+    """Number of points of the surface."""
     mean_mm: float | None = None
-    """Mean distance of the driven markers from the recorded ones; none, if the take has no other marker."""
+    """Mean distance of driven from recorded markers; None if all markers drive."""
     p95_mm: float | None = None
     largest_mm: float | None = None
     worst: str | None = None
-    """Marker that is farthest off in the mean."""
+    """Marker with the largest mean error."""
     still_mm: float | None = None
-    """The same for a face that stands still."""
+    """Mean distance for a still face."""
 
 
 def run_drive(job: DriveJob, drawing: Drawing) -> DriveReport:
-    """Learn the weights, drive the face, and write arrays and film.
+    """Learn the weights, drive the face, and write arrays and video.
 
     The archive has ``positions`` (T, M, 3) mm of all markers as they were driven (left, up, out), ``labels``,
     ``rate_hz`` and ``units`` (so it is a recording too), ``driving`` (labels), ``weights`` (k, M), ``error_mm`` (M,),
@@ -99,7 +99,7 @@ def run_drive(job: DriveJob, drawing: Drawing) -> DriveReport:
     if job.output.suffix != ".npz":
         raise UsageError(f"output: got {job.output}, expected a name that ends with .npz")
     if job.film is not None and not is_moving(job.film):
-        raise UsageError(f"film: got {job.film}, expected the name of a video, an animation or numbered pictures")
+        raise UsageError(f"film: got {job.film}, expected a video, an animation or an image sequence")
     track = load_markers(job.grid, rate_hz=job.rate_hz).markers
     unknown = [name for name in job.skull if name not in track.labels]
     if unknown:

@@ -36,7 +36,7 @@ REPORT_NAME = "report.html"
 OWNED = (*PROFILE_FILES, REPORT_NAME, *DENSE_FILES, "takes/*.fap", *(f"{ADAPTED}/{name}" for name in HEAD_FILES))
 """Files of a fitted profile's folder."""
 STANDARD = DEFAULT_PROFILE
-"""Profile that lends the expressions which a session lacks."""
+"""Profile that supplies the expressions missing in a session."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,11 +49,11 @@ class FitJob:
     """Folder of the profile."""
     options: FitOptions = FitOptions()  # noqa: RUF009  frozen
     units: str | None = None
-    """mm, cm, m or inch, for recordings that do not say."""
+    """mm, cm, m or inch, for recordings without units."""
     up: str | None = None
     """Axis that points up."""
     seed: int = 1
-    """Chance of the split into takes to learn from and to judge by."""
+    """Random seed of the split into training and held-out takes."""
     voice: str = "en-us"
     """Voice that pronounces words where phones are missing."""
     report: bool = True
@@ -61,7 +61,7 @@ class FitJob:
     faps: bool = False
     """True to write every take as captured FAPs."""
     adapt: bool = False
-    """True to put our own head on to the dense face: ``head/``, which FAPs move."""
+    """True to fit the built-in head, which FAPs move, to the dense face: ``head/``."""
 
 
 def run_fit(
@@ -70,7 +70,7 @@ def run_fit(
     on_take: Callable[[str, int], None] = lambda name, count: None,
     on_step: Callable[[str], None] = lambda step: None,
 ) -> tuple[Fitted, Nearness | None]:
-    """Learn from a session and write the profile; also return how near an adapted head comes to the dense face.
+    """Learn from a session and write the profile; also return the distance of an adapted head from the dense face.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def run_fit(
 def _read(
     job: FitJob, rng: np.random.Generator, on_take: Callable[[str, int], None], on_step: Callable[[str], None]
 ) -> tuple[Prepared, Setup, tuple[str, ...]]:
-    """Read and prepare; the recordings themselves are forgotten with the end of this function."""
+    """Read and prepare; the recordings themselves are freed at the end."""
     head = load_built(HeadStyle())
     face_mm = {name: np.asarray(head.point_mm(name), np.float64) for name in head.feature_points}
     loaded = load_session(
@@ -118,16 +118,16 @@ def _read(
 
 
 def _return_memory() -> None:
-    """Return the recordings' memory to the system now: glibc would keep it, and a session may be most of it."""
+    """Return the memory of the recordings to the system now: glibc would keep it."""
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
     if trim is not None:
         trim(0)
 
 
 def check_folder(output: Path) -> None:
-    """Refuse a place that holds something else than a profile. Raises UsageError."""
+    """Refuse to replace anything but a profile. Raises UsageError."""
     if output.exists() and not (output / TOML_NAME).is_file() and (not output.is_dir() or any(output.iterdir())):
-        raise UsageError(f"{output}: got something that is no profile, expected a new folder or a profile's")
+        raise UsageError(f"{output}: is not a profile; expected a new folder, or that of a profile")
 
 
 def _command(session: Path, output: Path, seed: int) -> str:
@@ -135,12 +135,12 @@ def _command(session: Path, output: Path, seed: int) -> str:
 
 
 def _adapt(fitted: Fitted, job: FitJob) -> tuple[FaceMesh, Nearness]:
-    """Put our own head on to the dense face."""
+    """Fit the built-in head to the dense face."""
     from fapengine.files.heads.adapt_file import adapt_dense_face  # much of scipy
 
     if fitted.dense is None:
         raise DataError(
-            f"adapt: the session has no dense face, expected {MIN_SCANS} [[scan]] or more", where=str(job.session)
+            f"adapt: the session has no dense face; it needs {MIN_SCANS} [[scan]] or more", where=str(job.session)
         )
     imported, nearness = adapt_dense_face(fitted.dense.face)
     return imported.mesh, nearness
@@ -150,7 +150,7 @@ def _write(
     output: Path, fitted: Fitted, adapted: tuple[FaceMesh, Nearness] | None, *, report: bool, faps: bool
 ) -> None:
     page = None
-    if report:  # before anything is written: it may lack its library
+    if report:  # before anything is written: its library may be missing
         from fapengine.files.report.page import write_report
 
         page = write_report(fitted)
@@ -171,7 +171,7 @@ def _write(
 
 
 def describe(fitted: Fitted, nearness: Nearness | None = None) -> dict[str, object]:
-    """Return the figures of a fit, and of a head that was adapted, as plain values for JSON."""
+    """Return the figures of a fit, and of an adapted head, as plain values for JSON."""
     space, selection, prediction = fitted.space, fitted.selection, fitted.prediction
     kept = space.space.mode_count
     return {

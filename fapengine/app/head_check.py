@@ -1,4 +1,4 @@
-"""What each FAP, phone and expression does to a head: poses for a contact sheet."""
+"""A contact sheet of each FAP, phone and expression of a head."""
 
 from pathlib import Path
 
@@ -42,7 +42,7 @@ def draw_check(mesh: FaceMesh, path: Path, *, title: str) -> int:
 
 
 def poses() -> tuple[NDArray[np.float64], list[tuple[str, str]]]:
-    """Make rest, each FAP, each phone and each expression.
+    """Return the neutral pose, each FAP, each phone and each expression.
 
     Returns
     -------
@@ -55,7 +55,7 @@ def poses() -> tuple[NDArray[np.float64], list[tuple[str, str]]]:
         rows.append(single_fap(number))
         labels.append((str(number), fap.spec(number).name))
     profile = load_profile(DEFAULT_PROFILE)
-    spelling = str.maketrans("rɒʊe", "ɹɔuɛ")  # as the profile spells the table's phonemes, or comes nearest
+    spelling = str.maketrans("rɒʊe", "ɹɔuɛ")  # the table's phonemes in the nearest spelling of the profile
     visemes = {
         phoneme.rstrip("ː").translate(spelling): f"viseme {row.number}" for row in VISEMES for phoneme in row.phonemes
     }

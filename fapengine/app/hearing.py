@@ -1,4 +1,4 @@
-"""A sound file to phones, with its text or without."""
+"""Speech recognition: a recording to phones, with a transcript or without."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -26,25 +26,25 @@ SOUND_SUFFIXES = frozenset({
     ".wav", ".wave", ".w64", ".flac", ".mp3", ".ogg", ".oga", ".opus", ".m4a", ".aac", ".aif", ".aiff", ".caf", ".au",
     ".wma", ".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi",
 })  # fmt: skip
-"""Endings of names that are taken for sound where phone timings could be meant, too."""
+"""Endings that mean audio or video where phone timings are possible, too."""
 MAX_UNHEARD = 0.5
-"""Share of a text's words that may be missing in the sound; above, it is the text of something else."""
+"""Fraction of the words that may be missing in the recording; above, the transcript is that of another one."""
 
 
 @dataclass(frozen=True, slots=True)
 class Hearing:
-    """What was heard in a sound file."""
+    """Phones that were recognized in a recording."""
 
     phones: PhoneTrack
     soundings: "tuple[Sounding, ...]"
     """Loudness and pitch of each phone."""
     notes: tuple[str, ...]
-    """Remarks for the user: words that were pronounced by a voice, places where text and sound differ."""
+    """Remarks: words that a voice pronounced, and places where transcript and recording differ."""
     mismatches: "tuple[Mismatch, ...]"
 
 
 def is_sound(path: Path) -> bool:
-    """Whether a name is that of sound or video."""
+    """Whether a name is that of audio or video."""
     return path.suffix.lower() in SOUND_SUFFIXES
 
 
@@ -65,24 +65,24 @@ def hear(
     recognizer: Path | None = None,
     on_heard: Callable[[float], None] = lambda _: None,
 ) -> Hearing:
-    """Find the phones of a sound file.
+    """Find the phones of a recording.
 
     Parameters
     ----------
     path : Path
-        Sound or video.
+        Audio or video.
     transcript : str, optional
-        The spoken text; by default, phones are recognized without it.
+        By default, phones are recognized without a transcript.
     language : str
-        Of the text: a voice of espeak-ng, which pronounces what the dictionary of American English lacks, and all of
-        any other language.
+        Language of the transcript: a voice of espeak-ng, which pronounces words that are not in the dictionary of
+        American English, and all words of other languages.
     channel : int, optional
         Channel of the file, 1 for the first; by default the mean of all.
     recognizer : Path, optional
         Recognizer without a transcript: a name of :mod:`fapengine.recognition.choice`, or an ONNX model. Default:
         PocketSphinx with guessed words, or the built-in network if PocketSphinx is not installed.
     on_heard : callable
-        Called with the seconds of each piece that was processed.
+        Called with the duration in s of each processed piece.
     """
     from fapengine.recognition.choice import SPHINX, is_installed, new_recognizer
     from fapengine.recognition.recording import follow, listen, listen_by
@@ -93,9 +93,9 @@ def hear(
             heard += len(piece)
             yield piece
         if not heard:
-            raise DataError(f"{path}: holds no sound")
+            raise DataError(f"{path}: contains no audio")
 
-    inspect_sound(path)  # refuses before models are loaded
+    inspect_sound(path)  # reports a bad file before models are loaded
     if recognizer is not None and str(recognizer) != SPHINX and transcript is not None:
         raise UsageError(
             f"recognizer: cannot be combined with a transcript, which always uses PocketSphinx; got {recognizer}"
@@ -113,7 +113,8 @@ def hear(
     if recording.unheard > MAX_UNHEARD:
         listed = "; ".join(notes[:3])
         raise DataError(
-            f"text: {100 * recording.unheard:.0f} % of its words are not said in the sound ({listed})", where=str(path)
+            f"text: {100 * recording.unheard:.0f} % of the words are not in the recording ({listed})",
+            where=str(path),
         )
     if aligner.pronounced:
         listed = ", ".join(aligner.pronounced[:12]) + (", ..." if len(aligner.pronounced) > 12 else "")
@@ -140,7 +141,7 @@ def with_loudness(phones: PhoneTrack, samples: NDArray[np.int16], rate_hz: int) 
 
 
 def write_phones(hearing: Hearing, path: Path) -> None:
-    """Write phones as the name asks for: TextGrid, CTM, JSON (with loudness and pitch), ``.pho``."""
+    """Write phones in the format that the name asks for: TextGrid, CTM, JSON (with loudness and pitch), ``.pho``."""
     check_writable(path.suffix)
     if path.suffix.lower() == ".json":
         extra = [
@@ -167,20 +168,20 @@ def _is_english(language: str) -> bool:
 
 
 class _Pronouncer:
-    """Speaks words with a voice that is loaded when the first word needs it; English ones otherwise by the dictionary.
+    """Pronounces words with a voice, or English ones like similar words of the dictionary. Stateful.
 
-    Stateful.
+    The voice is loaded when the first word needs it.
     """
 
     def __init__(self, language: str) -> None:
         self.language = language
         self.by = "espeak-ng"
-        """Who pronounces."""
+        """What pronounces, in words."""
         self._voice: Voice | None = None
         self._neighbours: Neighbours | None = None
 
     def __call__(self, word: str) -> Sequence[Phone]:
-        """Speak a word; nothing where there is nothing to speak."""
+        """Return the phones of a word; none if there is nothing to speak."""
         if self._voice is None and self._neighbours is None:
             self._load()
         if self._neighbours is not None:

@@ -1,4 +1,4 @@
-"""How a face speaks, as one value: whose way, which style, which expressions, at how many frames a second."""
+"""How a face speaks, as one value: speaker profile, style, expressions, seed and frame rate."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from fapengine.voices.choice import VoiceChoice
 
 Expressions = Mapping[str | Expression, float] | Mapping[str, float] | Mapping[Expression, float] | Sequence[str | Mood]
-"""Strengths by name, from beginning to end; or texts such as ``"joy:0.4@1.5-3"``, and moods with their own times."""
+"""Strengths by name, for the whole utterance; or texts such as ``"joy:0.4@1.5-3"``, and moods with their own times."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,13 +26,13 @@ class Manner:
     """How a face speaks."""
 
     profile: str | Path | Profile = DEFAULT_PROFILE
-    """Profile that speaks: a shipped name, a folder, or a loaded profile."""
+    """Speaker profile: a built-in name, a folder, or a loaded profile."""
     style: Style = Style()  # noqa: RUF009  frozen
     expressions: Expressions = ()
     seed: int = 1
-    """Chance of blinks, glances and head motion; the same seed, the same face."""
+    """Random seed of blinks, glances and head motion; the same seed gives the same motion."""
     rate_hz: float = 30.0
-    """Frames a second, 1..240."""
+    """Frame rate, 1 to 240 Hz."""
 
 
 def manner_of(options: MannerOptions) -> Manner:
@@ -55,20 +55,14 @@ def manner_of(options: MannerOptions) -> Manner:
 
 
 def voice_of(options: SpeakingOptions) -> "VoiceChoice":
-    """Make a voice that is not loaded yet of the options of speaking."""
+    """Return the voice of the speaking options, not loaded yet."""
     from fapengine.voices.choice import VoiceChoice
 
     return VoiceChoice(options.voice, options.rate, options.ssml)
 
 
 def expression_of(name: str | Expression) -> Expression:
-    """Find an expression by its name.
-
-    Raises
-    ------
-    UsageError
-        If there is none of that name.
-    """
+    """Find an expression by its name. Raises UsageError for an unknown name."""
     if isinstance(name, Expression):
         return name
     if name.lower() not in EXPRESSION_NAMES:
@@ -82,7 +76,7 @@ def parse_expression(text: str) -> tuple[Expression, float, str]:
     Raises
     ------
     UsageError
-        For a name that is no expression or a strength that is no number.
+        For an unknown expression, or a strength that is not a number.
 
     Examples
     --------
@@ -106,12 +100,12 @@ def moods_of(expressions: Expressions, phones: PhoneTrack) -> list[Mood]:
     expressions : mapping or sequence
         ``{"joy": 0.4}``, or ``["joy:0.4", "surprise@1.5-3", "anger@word"]``, or moods.
     phones : PhoneTrack
-        Where words are looked up.
+        Phones in which words are looked up.
 
     Raises
     ------
     UsageError
-        For what :func:`parse_expression` refuses, a strength out of range, and a word that is not spoken.
+        For an invalid expression or strength, and a word that is not spoken.
     """
     if isinstance(expressions, Mapping):
         return [Mood(expression_of(name), strength) for name, strength in expressions.items()]
@@ -122,7 +116,7 @@ def moods_of(expressions: Expressions, phones: PhoneTrack) -> list[Mood]:
 
 
 def check_expressions(expressions: Expressions) -> None:
-    """Refuse names and strengths that cannot be, before the phones are known. Raises as :func:`moods_of`."""
+    """Reject invalid names and strengths before the phones are known. Raises as :func:`moods_of`."""
     if isinstance(expressions, Mapping):
         moods_of(expressions, PhoneTrack.of([]))
     else:

@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 
 Sound = tuple[NDArray[np.int16], int]
 """(N,) int16 mono samples, and the sample rate in Hz."""
+TABLE_SHAPES = (None, "arkit", "oculus", "vrm0", "vrm1")
+"""Sets of shapes of a table of weights."""
 RHUBARB = "rhubarb"
 """The set of nine mouth shapes of Rhubarb Lip Sync."""
 
@@ -100,8 +102,8 @@ class OutputKind:
     """Commands that write it: ``"say"`` (with ``animate``), ``"convert"``, both or none. Python writes all."""
     beside: tuple[str, ...] = ()
     """Endings of the files that ``say`` writes next to it."""
-    shapes: tuple[str | None, ...] = (None,)
-    """Sets of shapes that it can hold; None: there is a default."""
+    shapes: tuple[str | None, ...] = TABLE_SHAPES
+    """Sets of shapes that it accepts; a file without shapes ignores those of tables. None: there is a default."""
     takes_avatar: bool = False
 
     @property
@@ -141,7 +143,10 @@ def check_output(path: Path, command: str, options: SaveOptions, *, rate_hz: flo
     """
     kind = find_kind(path, command)
     if options.shapes not in kind.shapes:
-        sets = " or ".join(f"shapes={name}" for name in kind.shapes if name) or "none"
+        if options.shapes == RHUBARB:
+            endings = ", ".join(row.ending for row in OUTPUT_KINDS if RHUBARB in row.shapes)
+            raise UsageError(f"path: got {path}, expected a name that ends with {endings} for shapes={RHUBARB}")
+        sets = " or ".join(f"shapes={name}" for name in kind.shapes if name)
         raise UsageError(f"shapes: got {options.shapes or 'none'} for {path.name}, expected {sets}")
     if options.into is None:
         if kind.takes_avatar:
@@ -253,11 +258,10 @@ def _write_scene(track: FapTrack, path: Path, options: SaveOptions) -> None:
 
 FILM, SPOKEN = (".fap", ".wav", ".png"), (".fap", ".wav")
 """What ``say`` writes next to a video, and next to an avatar."""
-TABLE_SHAPES = (None, "arkit", "oculus", "vrm0", "vrm1")
 OUTPUT_KINDS = (
     OutputKind(".fap", "FAPs", _write_fap, "say convert", (".wav",)),
     OutputKind(".fba", "FBA stream", _write_stream, ""),
-    OutputKind(".csv", "blendshapes", _write_table, "convert", shapes=TABLE_SHAPES),
+    OutputKind(".csv", "blendshapes", _write_table, "convert"),
     OutputKind(".json", "mouth shapes", _write_mouth_shapes, "say convert", (".wav",), (RHUBARB,)),
     OutputKind(".tsv", "mouth shapes", _write_mouth_shapes, "say convert", (".wav",), (RHUBARB,)),
     OutputKind(".xml", "mouth shapes", _write_mouth_shapes, "say convert", (".wav",), (RHUBARB,)),

@@ -1,13 +1,13 @@
-"""The phones around a time, as a line to read while they are spoken."""
+"""The phones around a time, as a line of text."""
 
 from fapengine.speech.phone_track import PhoneTrack
 
 BEFORE, AFTER = 6, 10
-"""Counts of phones that are shown on either side."""
+"""Numbers of phones shown on either side."""
 
 
 def ticker(phones: PhoneTrack, position_s: float) -> tuple[str, str, str]:
-    """Return the labels of the phones before a position, at it, and behind it.
+    """Return the labels of the phones before a position, at it, and after it.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""A face on any screen, at once: it speaks a sentence, or what a microphone hears, half a second later."""
+"""A live face on any screen: it speaks a sentence, or follows a microphone with half a second of latency."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -24,7 +24,7 @@ from fapengine.voices.protocol import Speech
 
 
 class Screen(Protocol):
-    """Place where frames are shown; a context manager."""
+    """Shows frames; a context manager."""
 
     @property
     def lead_s(self) -> float:
@@ -47,14 +47,14 @@ class LiveOutput:
     """Where live sound and frames go."""
 
     device: str | None = None
-    """Number of the sound device, or a part of its name; None: the system's."""
+    """Number of the sound device, or part of its name; None: the system's."""
     silent: bool = False
     sinks: tuple[str, ...] = ()
     """URLs: see :mod:`fapengine.server.sinks.kinds`."""
 
 
 def open_face(manner: Manner, output: LiveOutput) -> Face:
-    """Make a face. Raises as :class:`Face`."""
+    """Create a face. Raises as :class:`Face`."""
     return Face(
         manner.profile,
         style=manner.style,
@@ -75,17 +75,17 @@ def say_live(
     *,
     on_silence: Callable[[str], None] = lambda reason: None,
 ) -> dict[str, object]:
-    """Say it now, and return when the face is at rest.
+    """Speak now, and return when the face is at rest.
 
     Parameters
     ----------
     speech : Speech
     text : str
-        Words of it, for programs that show them.
+        Words of the speech, for programs that show them.
     manner : Manner
     output : LiveOutput
     open_screen : callable
-        Makes the screen, when the face is ready.
+        Creates the screen when the face is ready.
     on_silence : callable
         Called with the reason if no sound is played.
 
@@ -97,9 +97,9 @@ def say_live(
     Raises
     ------
     UsageError
-        If the profile, an expression, a sink or the rate cannot be.
+        For an invalid profile, expression, sink or rate.
     ResourceError
-        If a sound device that was named is not there, or the screen cannot be opened.
+        If a named sound device is missing, or the screen cannot be opened.
     """
     moods = moods_of(manner.expressions, speech.phones)
     with open_face(manner, output) as face, open_screen() as screen:
@@ -149,35 +149,35 @@ def listen_live(
     microphone: str | None = None,
     recognizer: Path | None = None,
 ) -> dict[str, object]:
-    """Show what the microphone hears until the viewer closes the screen, or interrupts.
+    """Drive a face from a microphone until the viewer closes the screen, or presses Ctrl-C.
 
     Parameters
     ----------
     manner : Manner
-        Expressions are shown from the beginning to the end.
+        Its expressions are shown all the time.
     output : LiveOutput
         Its sinks get the frames; no sound is played.
     open_screen : callable
-        Makes the screen, when microphone, recognizer and face are ready.
+        Creates the screen when microphone, recognizer and face are ready.
     microphone : str, optional
-        Number of the device, or a part of its name; by default the system's.
+        Number of the device, or part of its name; by default the system's.
     recognizer : Path, optional
         Name of a recognizer, or an ONNX model (:mod:`fapengine.recognition.choice`).
 
     Returns
     -------
     dict
-        Plain values: microphone, seconds heard, phones, frames.
+        Plain values: microphone, seconds of input, phones, frames.
 
     Raises
     ------
     UsageError
-        If the profile, an expression, a sink or the rate cannot be.
+        For an invalid profile, expression, sink or rate.
     ResourceError
         If there is no microphone, no recognizer, or the screen cannot be opened.
     """
     if any(isinstance(entry, str) and "@" in entry for entry in manner.expressions):
-        raise UsageError("expressions: got one with times, expected none of a microphone, whose words are not known")
+        raise UsageError("expressions: cannot have times or words with a microphone")
     check_recognizer(recognizer)
     with Microphone(microphone) as source, open_face(manner, output) as face:
         hearing = Hearing(face.hub, max_ears=1, model=recognizer)
@@ -218,11 +218,11 @@ class WindowScreen:
     Parameters
     ----------
     head : str
-        Whose face: see :func:`fapengine.files.heads.load.load_head`.
+        See :func:`fapengine.files.heads.load.load_head`.
     drawing : Drawing
         Size and camera.
     rate_hz : float
-        Frames a second that are to be kept.
+        Frame rate to keep.
 
     Raises
     ------

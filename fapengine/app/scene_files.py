@@ -1,4 +1,4 @@
-"""Face motion inside the files that other programs open: a clip in a GLB or VRM, VRM's animations, and USD."""
+"""Face motion in files of other programs: an animation in a GLB or VRM, a VRM animation, and USD."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -60,7 +60,7 @@ def _is_usd(path: Path) -> bool:
 
 
 def save_scene(path: Path, track: FapTrack, into: Into | None, *, shapes: str | None = None, name: str = "face") -> str:
-    """Write an avatar's file with a motion inside, of which all else stays; or the motion as a VRM animation.
+    """Write an avatar with a motion inside, otherwise unchanged; or the motion as a VRM animation.
 
     Parameters
     ----------
@@ -68,11 +68,11 @@ def save_scene(path: Path, track: FapTrack, into: Into | None, *, shapes: str | 
     track : FapTrack
         Frames that it skips show the one before.
     into : Into, optional
-        The avatar; none for ``.vrma``.
+        The avatar; None for ``.vrma``.
     shapes : str, optional
-        Of ``.vrma``: ``"vrm1"``, the presets, or ``"arkit"``.
+        For ``.vrma``: ``"vrm1"``, the presets, or ``"arkit"``.
     name : str
-        Of the animation.
+        Name of the animation.
 
     Returns
     -------
@@ -84,7 +84,7 @@ def save_scene(path: Path, track: FapTrack, into: Into | None, *, shapes: str | 
     UsageError
         If the avatar or its mapping cannot be read.
     DataError
-        If they are wrong, or nothing of the avatar is known; ``where`` is the file.
+        If they are invalid, or the avatar has nothing that can be moved; ``where`` is the file.
     ResourceError
         If it cannot be written.
     """
@@ -138,7 +138,7 @@ def export_head(name: str, path: Path) -> None:
 
 
 def exported_head(name: str) -> bytes:
-    """Make a GLB of a head.
+    """Return a head as GLB.
 
     Raises
     ------
@@ -178,7 +178,7 @@ def save_take_scene(path: Path, take: Path, into: Into | None) -> str:
     """
     if into is None or path.suffix.lower() != ".glb" or into.is_foreign:
         raise UsageError(
-            f"path: got {path} for a recording of markers, expected .glb and a dense face (into=profiles/NAME)"
+            f"path: got {path} for a marker recording, expected .glb and a dense face (into=profiles/NAME)"
         )
     from fapengine.app.dense_film import drive
 
@@ -198,16 +198,16 @@ def save_take_scene(path: Path, take: Path, into: Into | None) -> str:
 
 
 def _told(reached: Reached) -> str:
-    """Say in words what moves."""
+    """Describe what moves."""
     bones = f", and turns {', '.join(reached.bones)}" if reached.bones else ""
     return f"moves {len(reached.shapes)} shapes{bones}; {reached.keys} keys"
 
 
 def face_motion(track: FapTrack, name: str) -> FaceMotion:
-    """Give a track as weights and turns can be made of it; the jaw turns as that of our own head does."""
+    """Return a track with the rotations of the bones; the jaw rotates like that of the built-in head."""
     faps = track.even_values().astype(np.float64)
     if not len(faps):
-        raise UsageError("track: got no frame, expected some")
+        raise UsageError("track: contains no frames")
     transforms = bone_transforms(load_built(HeadStyle()), faps)
     turns: Mapping[str, np.ndarray] = {bone: transforms[:, row, :3, :3] for bone, row in BONES.items()}
     return FaceMotion(faps=faps, turns=turns, rate_hz=track.rate_hz, name=name)

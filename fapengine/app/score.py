@@ -1,4 +1,4 @@
-"""Scores of lip syncs: recordings, timings and sound from files."""
+"""Scores of lip syncs, from files of motion, timings and sound."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ from fapengine.speech.phone_track import PhoneTrack
 from fapengine.trajectory.style import Style
 
 MIN_SEEN = 16
-"""Pictures of a film that are needed at least."""
+"""Least number of images of a video."""
 STILL = Style(blinks=False, gaze=False, idle=False, emphasis=False, head_motion=False)
 """Nothing but the mouth moves."""
 
@@ -36,37 +36,37 @@ class ScoreJob:
     """Input, reference and options of a score."""
 
     made: Path
-    """Recording: anything that :func:`fapengine.load` reads, or a film of a talking head."""
+    """Lip sync: anything that :func:`fapengine.load` reads, or a video of a talking head."""
     against: Path | None = None
-    """Another recording of the same speech."""
+    """Reference recording of the same speech."""
     phones: Path | None = None
-    """Timings of its phones, or of its words."""
+    """Timings of phones or words."""
     plan: bool = False
-    """True to compare with the plan of the phones, in place of another recording."""
+    """True to use the plan of the phones as the reference."""
     audio: Path | None = None
-    """Sound of it."""
+    """Sound of the speech."""
     offset_s: float = 0.0
-    """Time of the others at which the recording begins."""
+    """Start of the lip sync within the other files."""
     closed_mm: float = CLOSED_MM
-    """Opening under which lips count as closed."""
+    """Lip opening below which lips count as closed."""
     voice: str = "en-us"
     """Voice that pronounces timings which have words only."""
     read_phones: Callable[[Path], PhoneTrack] = load_timings
-    """Reader of the timings; by default their content decides the format."""
+    """Reader of the timings; by default the format is detected."""
     output: Path | None = None
     """File for the report, HTML; None for none."""
 
 
 def run_score(job: ScoreJob, *, on_frame: Callable[[], None] = lambda: None) -> Score:
-    """Score a recording, and write the report if one is asked for.
+    """Score a lip sync, and write the report if ``output`` is set.
 
     Parameters
     ----------
     on_frame : callable
-        Called after each frame of a film that the face detector has seen.
+        Called after each frame of a video that the face detector has processed.
     """
     if job.plan and (job.phones is None or job.against is not None):
-        raise UsageError("plan: expected phones, and no other recording to compare with")
+        raise UsageError("plan: requires phones, and cannot be combined with another reference")
     if job.output is not None and job.output.suffix not in (".html", ".htm"):
         raise UsageError(f"output: got {job.output}, expected a name that ends with .html")
     made = _mouth(job.made, job.offset_s, on_frame)
@@ -103,7 +103,7 @@ def _mouth(path: Path, offset_s: float, on_frame: Callable[[], None]) -> Mouth:
     times_s, landmarks = landmarks_of(path, on_frame=on_frame)
     times_s, kept = times_s + offset_s, times_s + offset_s >= -1e-9
     if kept.sum() < MIN_SEEN:
-        raise DataError(f"{path}: got {int(kept.sum())} pictures from 0 s on, expected {MIN_SEEN} or more")
+        raise DataError(f"{path}: got {int(kept.sum())} images from 0 s on, expected {MIN_SEEN} or more")
     try:
         return mouth_of_landmarks(times_s[kept], landmarks[kept])
     except DataError as error:
@@ -119,7 +119,7 @@ def _has_sound(path: Path) -> bool:
 
 
 def plan_of(phones: PhoneTrack, rate_hz: float) -> FapTrack:
-    """Plan phones with the shipped profile: a yardstick for others, not a recorded person."""
+    """Plan phones with the built-in profile."""
     return perform(phones, None, Manner(profile=DEFAULT_PROFILE, style=STILL, rate_hz=min(max(rate_hz, 25), 240))).track
 
 
@@ -134,19 +134,19 @@ def power_of(samples: NDArray[np.int16], rate_hz: int) -> NDArray[np.float64]:
 
 
 def notes_of(job: ScoreJob, score: Score) -> list[str]:
-    """Sentences about what was compared, and how."""
+    """Return sentences about what was compared, and how."""
     notes = [f"{score.frames} frames in {score.duration_s:.2f} s; lips count as closed below {job.closed_mm:g} mm."]
     if job.against is not None:
         notes.append(f"Compared with {job.against.name}.")
     if is_film(job.made):
         notes.append(
-            "Seen by a face detector, which guesses depth; a millimetre counts as the distance of an adult's pupils is"
+            "Measured by a face detector, which estimates depth; millimetres assume an adult's pupil distance of"
             f" {ADULT.es0_mm:g} mm."
         )
     if job.plan:
-        notes.append("Compared with fapengine's own plan of the phones: likeness to it is not likeness to a person.")
+        notes.append("Compared with fapengine's own plan of the phones, not with a person.")
     if job.phones is not None:
         notes.append(f"Phones of {job.phones.name}.")
     if score.phones is None and score.truth is None:
-        notes.append("Nothing to compare with: another recording or phones tell whether the lips are right.")
+        notes.append("No reference: give another recording or phones to judge the lips.")
     return notes

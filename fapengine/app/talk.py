@@ -1,4 +1,4 @@
-"""What ``say`` and ``animate`` write: a file of any kind, and beside it FAPs, sound and a contact sheet."""
+"""What ``say`` and ``animate`` write: a file of any kind, and next to it FAPs, sound and a contact sheet."""
 
 from collections.abc import Collection
 from dataclasses import replace
@@ -53,7 +53,7 @@ def _companions(
 
 
 def refuse_unknown(phones: PhoneTrack, where: str) -> None:
-    """Refuse a track with labels that are no IPA, that are doubtful, or that two alphabets read otherwise.
+    """Reject a track with unknown labels, or with labels that two alphabets read differently.
 
     Raises
     ------
@@ -67,7 +67,7 @@ def refuse_unknown(phones: PhoneTrack, where: str) -> None:
 
 
 def note_speech(performance: Performance, report: Report) -> None:
-    """Fill in the figures of a report that describe the speech."""
+    """Fill in the figures of the speech."""
     phones = performance.phones
     report.frames, report.rate_hz = len(performance.track), performance.track.rate_hz
     report.duration_s, report.level = performance.duration_s, phones.level
@@ -127,7 +127,7 @@ def write_talk(performance: Performance, path: Path, options: SaveOptions, *, in
 
 
 def _is_among(path: Path, files: Collection[Path]) -> bool:
-    """Tell whether a path is one of these files, under whatever name."""
+    """Whether a path is one of these files, under any name."""
     return path.exists() and any(file.exists() and path.samefile(file) for file in files)
 
 

@@ -1,8 +1,7 @@
-"""A camera that moves a face now: on a screen, in other programs, in a session of a server.
+"""A camera that drives a face live: on a screen, in other programs, in a session of a server.
 
-Two threads stand between the camera and the face: one takes pictures, of which only the newest waits, so that none is
-late by more than one picture; the other has the face detector look at it. The face is shown by the clock, whatever
-they do.
+Two threads connect the camera with the face. One takes images, of which only the newest waits, so none is late by more
+than one image; the other runs the face detector. Frames are shown by the clock, independent of both.
 """
 
 import threading
@@ -32,30 +31,30 @@ from fapengine.trajectory.style import Style
 Pictures = Iterable[tuple[float, NDArray[np.uint8]]]
 
 LIVE_HZ = 30.0
-"""Frames a second, unless somebody says how many."""
+"""Default frame rate."""
 NUMBERS = range(3, fap.FAP_COUNT + 1)
-"""FAPs that are sent: a camera sees no visemes and no expressions as such."""
+"""FAPs that are sent: all but visemes and expressions, which a camera does not find."""
 FOUND_S = 5.0
-"""Time in which a server must answer at first."""
+"""Longest time until a server answers."""
 JOIN_S = 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WatchJob:
-    """A camera or film, and the faces that it moves."""
+    """A camera or video, and the faces that it drives."""
 
     source: str
-    """``webcam``, ``webcam:1``, or a film, which is played at its own rate in place of a camera."""
+    """``webcam``, ``webcam:1``, or a video, which is played in real time."""
     rate_hz: float = LIVE_HZ
-    """Frames a second that are shown and sent."""
+    """Frame rate of what is shown and sent."""
     seconds: float | None = None
-    """Time after which it ends; None: when the film or the viewer does."""
+    """Duration; None: until the video ends or the viewer stops."""
     sinks: tuple[str, ...] = ()
     """URLs: see :mod:`fapengine.server.sinks.kinds`."""
     server: str | None = None
-    """Page of ``fapengine serve``, with the session that is moved: ``http://127.0.0.1:8110/?session=anna``."""
+    """Page of ``fapengine serve``, with the session to drive: ``http://127.0.0.1:8110/?session=anna``."""
     output: Path | None = None
-    """File that keeps what was shown (.fap, .fba, .csv)."""
+    """File that records the shown frames (.fap, .fba, .csv)."""
     model: Path | None = None
     """MediaPipe's ``face_landmarker.task``, for wheels without a model."""
 
@@ -63,7 +62,7 @@ class WatchJob:
 def at_their_times(
     pictures: Pictures, clock: Callable[[], float] = time.monotonic, sleep: Callable[[float], None] = time.sleep
 ) -> Iterator[tuple[float, NDArray[np.uint8]]]:
-    """Yield each picture, (H, W, 3) sRGB, when its time in s has come, counted from when the first one was taken."""
+    """Yield each image, (H, W, 3) sRGB, at its time in s after the first one."""
     begun_s: float | None = None
     for time_s, picture in pictures:
         if begun_s is not None:
@@ -74,31 +73,28 @@ def at_their_times(
 
 @dataclass(slots=True)
 class EyeCounts:
-    """Counts of a pair of eyes.
-
-    Stateful.
-    """
+    """Counts of :class:`Eyes`. Stateful."""
 
     pictures: int = 0
-    """Pictures that were looked at."""
+    """Processed images."""
     late: int = 0
-    """Pictures that a newer one took the place of before they were looked at."""
+    """Images that were replaced by a newer one before they were processed."""
     faces: int = 0
     delays_s: list[float] = field(default_factory=list)
-    """Times from the last pictures until their faces were known."""
+    """Time from image to face, for the last 300 images."""
 
 
 class Eyes:
-    """Watches pictures in threads of its own. Use it in ``with``.
+    """Finds faces in images, in threads of its own. Use it in ``with``.
 
     Stateful.
 
     Parameters
     ----------
     pictures : iterable
-        Time in s, of no matter, and (H, W, 3) sRGB; each as soon as it is there.
+        Time in s, which is ignored, and (H, W, 3) sRGB; each as soon as it is available.
     open_detector : callable
-        Makes what finds 478 landmarks in a picture.
+        Creates the detector of 478 landmarks.
     clock : callable
         The monotonic clock.
     """
@@ -137,22 +133,16 @@ class Eyes:
 
     @property
     def is_over(self) -> bool:
-        """Whether there is no picture any more."""
+        """True when all images were processed."""
         return self._is_looked_through
 
     @property
     def is_known(self) -> bool:
-        """Whether the face at rest is known."""
+        """True once the neutral face is known."""
         return self._face.is_known
 
     def faps(self, now_s: float) -> NDArray[np.int32]:
-        """Return what is to be shown now, (68,) int32 FAPU.
-
-        Raises
-        ------
-        Exception
-            What went wrong with the camera or the detector: a FapEngineError, unless it is a bug.
-        """
+        """Return the FAPs to show now, (68,) int32 FAPU. Raises the error of the camera or the detector."""
         if self.error is not None:
             raise self.error
         with self._lock:
@@ -161,7 +151,7 @@ class Eyes:
     def _guarded(self, work: Callable[[], None]) -> None:
         try:
             work()
-        except Exception as error:  # noqa: BLE001  who asks for the face is told
+        except Exception as error:  # noqa: BLE001  faps() raises it
             self.error = error
         finally:
             with self._lock:
@@ -178,7 +168,7 @@ class Eyes:
                 self._lock.notify_all()
                 self._lock.wait_for(
                     lambda: self.counts.pictures > 0 or self._is_over or self._left
-                )  # it takes a second
+                )  # the detector starts within a second
 
     def _look(self) -> None:
         with self._open_detector() as detector:
@@ -207,27 +197,27 @@ def watch_live(
     clock: Callable[[], float] = time.monotonic,
     sleep: Callable[[float], None] = time.sleep,
 ) -> dict[str, object]:
-    """Let a camera move a face until the viewer closes the screen, interrupts, or the film ends.
+    """Drive a face from a camera until the viewer closes the screen or presses Ctrl-C, or the video ends.
 
     Parameters
     ----------
     job : WatchJob
     open_screen : callable
-        Makes the screen, when camera and face are there.
+        Creates the screen when camera and face are ready.
     clock, sleep : callable
-        The monotonic clock, and what waits by it.
+        The monotonic clock, and a function that waits by it.
 
     Returns
     -------
     dict
-        Plain values: frames that were shown, pictures that were seen, how late they were.
+        Plain values: shown frames, processed images, latency.
 
     Raises
     ------
     UsageError
-        If the source is no camera and no film, or a sink or the rate cannot be.
+        If the source is not a camera or a video, or for an invalid sink or rate.
     DataError
-        If the film is damaged.
+        If the video is damaged.
     ResourceError
         If there is no camera, no detector or no server, or the screen cannot be opened.
     """
@@ -244,7 +234,7 @@ def watch_live(
         screen = stack.enter_context(open_screen())
         ticks = Ticks(job.rate_hz, clock=clock, sleep=sleep)
         begun_s = face.hub.clock()
-        with suppress(KeyboardInterrupt):  # the way to end it
+        with suppress(KeyboardInterrupt):  # stops it
             _run(job, face, eyes, screen, ticks, link, rows)
         took_s = face.hub.clock() - begun_s
     if job.output is not None and rows:
@@ -264,7 +254,7 @@ def _pictures(source: str, clock: Callable[[], float], sleep: Callable[[float], 
         return camera_pictures(camera_number(source), seconds=np.inf)
     path = Path(source)
     if path.suffix.lower() not in FILMS:
-        raise UsageError(f"source: got {source!r}, expected {CAMERA}, or a film in place of it, to move a face now")
+        raise UsageError(f"source: got {source!r}, expected {CAMERA} or a video")
     if not path.is_file():
         raise UsageError(f"{path}: cannot be read (no such file)")
     return at_their_times(stream_pictures(path, max_side=MAX_SIDE), clock, sleep)
@@ -293,14 +283,14 @@ def _run(
 
 
 class _Link:
-    """The way to a session of a server. Stateful.
+    """Connection to a session of a server. Stateful.
 
     Raises
     ------
     UsageError
-        If the address is none.
+        If the URL is invalid.
     ResourceError
-        If nobody answers there, or aiohttp is missing.
+        If the server does not answer, or aiohttp is missing.
     """
 
     def __init__(self, url: str, clock: Callable[[], float]) -> None:
@@ -311,7 +301,7 @@ class _Link:
         while self._viewer.state != "open":
             if time.monotonic() > until_s:
                 self._viewer.close()
-                raise ResourceError(self._viewer.trouble or f"nobody answers at {url}")
+                raise ResourceError(self._viewer.trouble or f"no server answers at {url}")
             time.sleep(0.02)
         self._viewer.send("watch", on=False)
 

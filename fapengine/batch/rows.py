@@ -62,7 +62,7 @@ class Options(SpeakingOptions):
 
             return SaveOptions(into=Into(Path(self.into), self.keys, Path(self.map) if self.map else None))
         return SaveOptions(
-            shapes=self.shapes if kind == "csv" else None,
+            shapes=self.shapes,
             encoding=EncoderOptions(quant=self.quant, kbit_s=self.kbps) if kind == "fba" else None,
         )
 

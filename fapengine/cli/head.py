@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from fapengine.cli._verb import verb
+from fapengine.cli._command import command
 from fapengine.cli.options import AsJson, WriteOptions
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ head = typer.Typer(name="head", add_completion=False, help="Import, export and c
 
 
 @head.command("import")
-@verb
+@command
 def import_head(
     mesh: Path = typer.Argument(
         ...,
@@ -132,7 +132,7 @@ def _spell(numbers: tuple[int, ...]) -> str:
 
 
 @head.command()
-@verb
+@command
 def export(
     name: str = typer.Argument("default", help="Head: default, woman, man, child, older, random:7, or a head folder."),
     output: Path = typer.Option(..., "--output", "-o", help="File to write (.glb; .usda, .usdc)."),
@@ -160,7 +160,7 @@ def export(
 
 
 @head.command()
-@verb
+@command
 def check(
     name: str = typer.Argument("default", help="Head folder, or default."),
     output: Path = typer.Option(Path("out/head.png"), "--output", "-o", help="Image to write (.png)."),

@@ -11,8 +11,8 @@ import typer
 from typer.core import TyperGroup
 from typer.main import get_command
 
+from fapengine.cli._command import command
 from fapengine.cli._ending import EXITS, run_to_the_end
-from fapengine.cli._verb import verb
 
 COMMANDS = (
     "say", "serve", "view", "animate", "batch", "align", "capture", "render", "encode", "decode", "convert", "inspect",
@@ -36,7 +36,7 @@ class Commands(TyperGroup):
         if isinstance(function, typer.Typer):
             return get_command(function)
         single = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
-        single.command(cmd_name)(verb(function))
+        single.command(cmd_name)(command(function))
         return get_command(single)
 
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fapengine.cli._verb import MANNER
+from fapengine.cli._command import MANNER
 from fapengine.server.sinks.kinds import SINK_KINDS
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from fapengine.speech.phone_track import PhoneTrack
 
 DRAWING, LIVE, AVATAR = "Rendering", "Live output", "Avatar output"
-"""Titles of groups of options; that of the speaking options is :data:`fapengine.cli._verb.MANNER`."""
+"""Titles of groups of options; that of the speaking options is :data:`fapengine.cli._command.MANNER`."""
 SINKS = ", ".join(kind.spelled for kind in SINK_KINDS)
 DATAGRAM_SINKS = ", ".join(kind.spelled for kind in SINK_KINDS if kind.medium == "datagrams")
 """Sinks that work without a server."""
@@ -158,7 +158,7 @@ class WriteOptions:
         UsageError, ResourceError
             As :func:`fapengine.files.outputs.check_outputs` does.
         """
-        from fapengine.cli._verb import at_end
+        from fapengine.cli._command import at_end
         from fapengine.files.outputs import check_outputs, listed, marks_of
 
         read = [Path(path) for path in inputs if path is not None]

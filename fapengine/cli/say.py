@@ -88,9 +88,9 @@ def say(
     from fapengine.app.performance import LEAD_S, TAIL_S, perform
     from fapengine.app.report import Report
     from fapengine.app.talk import outputs_of, refuse_unknown
+    from fapengine.cli._command import with_flags
     from fapengine.cli._printing import working
     from fapengine.cli._talking import print_reports, write
-    from fapengine.cli._verb import with_flags
     from fapengine.errors import UsageError
     from fapengine.files.paths import is_standard, standard_output
     from fapengine.speech.marks import read_marks

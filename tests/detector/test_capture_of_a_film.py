@@ -105,16 +105,16 @@ def test_what_cannot_be_captured_is_told(film: Path, tmp_path: Path) -> None:
 
     out = tmp_path / "out.fap"
     (tmp_path / "marks.json").write_text(json.dumps([[[0.5, 0.5, 0.0]] * 478]))
-    refused(DataError, "need the size of their pictures", tmp_path / "marks.json", "-o", out)
+    refused(DataError, "need the size of their images", tmp_path / "marks.json", "-o", out)
     refused(UsageError, "need both size and rate", tmp_path / "marks.json", "--size", "640x480", "-o", out)
     (tmp_path / "notes.txt").write_text("hello")
     refused(UsageError, "got ending '.txt'", tmp_path / "notes.txt", "-o", out)
     refused(UsageError, "--output: missing", "webcam")
     refused(UsageError, "--overlay: cannot be used live", "webcam", "--window", "--overlay", out)
-    refused(UsageError, "expected webcam, or a film", tmp_path / "marks.json", "--sink", "vmc://127.0.0.1")
+    refused(UsageError, "expected webcam or a video", tmp_path / "marks.json", "--sink", "vmc://127.0.0.1")
     refused(ResourceError, "nobody answers", film, "--to", "http://127.0.0.1:9/")
     refused(UsageError, "expected webcam, or webcam:1", "webcam:front", "-o", out)
-    refused(UsageError, "expected a film", "webcam", "-o", out, "--overlay", tmp_path / "beside.mp4")
+    refused(UsageError, "expected a video", "webcam", "-o", out, "--overlay", tmp_path / "beside.mp4")
 
 
 def heard_opening(ear: Ear, session: str) -> tuple[np.ndarray, np.ndarray]:

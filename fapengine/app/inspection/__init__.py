@@ -1,1 +1,1 @@
-"""What ``fapengine inspect`` finds in files: a row for each kind in :mod:`.kinds`, a module for related kinds."""
+"""Reports of ``fapengine inspect``: one row per kind of file in :mod:`.kinds`, one module for related kinds."""

@@ -1,4 +1,4 @@
-"""Sounds, videos and images."""
+"""Audio, video and images."""
 
 from typing import Any
 
@@ -61,7 +61,7 @@ def describe_recording(source: Source) -> tuple[dict[str, Any], list[float]]:
         count, power = count + len(piece), power + float((size.astype(np.float64) ** 2).sum())
         peak, clipped = max(peak, int(size.max(initial=0))), clipped + int((size >= np.iinfo(np.int16).max).sum())
     if not count:
-        raise DataError(f"{source.path}: holds no sound")
+        raise DataError(f"{source.path}: contains no audio")
     if len(rest):
         levels.append(_db(float(np.sqrt((rest**2).mean()))))
     facts["sound"] = {
@@ -90,7 +90,7 @@ def _image(source: Source) -> Report:
         }  # fmt: skip
     moving = f", {facts['frames']} frames, {facts['seconds']:.2f} s" if frames > 1 else ""
     text = [f"{facts['format']}: {facts['width']}x{facts['height']}{moving}"]
-    return Report(facts=facts, text=text, plot="is a picture itself, so there is nothing to plot")
+    return Report(facts=facts, text=text, plot="is an image itself, so there is nothing to plot")
 
 
 RECORDING = FileKind(

@@ -32,7 +32,7 @@ def _is_stream(source: Source) -> bool:
 
 
 def _stream(source: Source) -> Report:
-    """Describe a stream; damage is reported, not refused."""
+    """Describe a stream; damage is reported, not an error."""
     facts = describe_stream(
         load_fba(source.path, errors="resync", with_costs=True), len(read_stream(source.path))
     )  # fmt: skip
@@ -45,7 +45,7 @@ def _stream(source: Source) -> Report:
         f"Simple Face Animation: {f'level {level}' if level else 'within no level'}",
     ]
     if facts["body_planes"]:
-        text.append(f"{facts['body_planes']} planes carry a body, which is left out")
+        text.append(f"{facts['body_planes']} planes contain a body, which is ignored")
     rows = []
     for plane in planes:
         bar = _bar(plane["bits"], longest)
@@ -130,7 +130,7 @@ def _motion(source: Source, what: str) -> Report:
     """Describe face motion as FAPs; ``what`` is what the file holds."""
     track = load_motion(source.path)
     if not len(track.frame_numbers):
-        raise DataError(f"{source.path}: got no frame, expected one or more")
+        raise DataError(f"{source.path}: contains no frames")
     facts = describe_track(track)
     skipped = f", {facts['skipped']} skipped" if facts["skipped"] else ""
     moving = sorted(facts["faps"].items(), key=lambda item: -_reach(item[1]))

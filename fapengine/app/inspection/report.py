@@ -1,4 +1,4 @@
-"""What a kind of file is, what is asked of a file, and what is found in it: values, lines and tables, and a plot."""
+"""The parts of a report: a kind of file, its source, and what was found: values, lines, tables and a plot."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -19,7 +19,7 @@ BARS = 120
 
 @dataclass(frozen=True)
 class Source:
-    """A file or a folder, or the name of a profile or a head; and what was said of phone timings."""
+    """A file, a folder, or the name of a profile or a head; with options of phone timings."""
 
     path: Path
     file_format: str | None = None
@@ -40,12 +40,12 @@ class Source:
 
     @property
     def ending(self) -> str:
-        """Ending of the name, in small letters."""
+        """Ending of the name, in lower case."""
         return self.path.suffix.lower()
 
 
 class Markup(str):
-    """A text with the markup of rich; other texts are printed as they are."""
+    """A text with rich markup; other texts are printed unchanged."""
 
     __slots__ = ()
 
@@ -55,7 +55,7 @@ class Table:
     """Rows of which the first are shown, or all."""
 
     rows: Sequence[Sequence[str] | str]
-    """Cells; or lines, where there are no columns."""
+    """Cells; or lines, if there are no columns."""
     columns: tuple[str, ...] = ()
     right: int = 0
     """Number of columns, from the left, that are aligned to the right."""
@@ -74,7 +74,7 @@ class Report:
     """Plain values, for JSON."""
     text: Sequence[str | Table]
     plot: Callable[[], Picture] | str
-    """Draws a plot; or says why there is none."""
+    """Draws a plot; or the reason why there is none."""
     sliders: Callable[[], bytes] | None = None
     """Makes a page with a slider for each component of a profile."""
     warnings: Sequence[str] = ()
@@ -94,14 +94,14 @@ class Report:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FileKind:
-    """A kind of file: how it is found, and what is told of it."""
+    """A kind of file: how it is recognized and described."""
 
     name: str
-    """What it is called in help and errors."""
+    """Its name in help and errors."""
     fits: Callable[[Source], bool]
     describe: Callable[[Source], Report]
     endings: tuple[str, ...] = field(default=())
-    """Endings that it usually has, for the help."""
+    """Usual endings, for the help."""
 
 
 def level_bars(values: NDArray[np.generic], title: str, seconds: float) -> Picture:

@@ -89,7 +89,7 @@ def test_an_error_names_the_avatar(avatar: Path, tmp_path: Path) -> None:
 
 
 def test_a_track_without_a_frame_is_refused(avatar: Path, tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="got no frame"):
+    with pytest.raises(UsageError, match="contains no frames"):
         save_scene(tmp_path / "a.glb", FapTrack.of(np.zeros((0, 68), np.int32), rate_hz=25.0), Into(avatar))
 
 

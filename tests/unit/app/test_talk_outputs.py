@@ -106,10 +106,10 @@ def test_every_ending_is_one_row_and_its_files_have_rows_too() -> None:
 @pytest.mark.parametrize(
     ("name", "command", "shapes", "message"),
     [
-        ("a.mp4", "say", "rhubarb", r"shapes: got rhubarb for a\.mp4, expected none"),
-        ("a.mp4", "say", "oculus", r"shapes: got oculus for a\.mp4, expected none"),
+        ("a.mp4", "say", "rhubarb", r"path: got a\.mp4, expected a name that ends with \.json, .* for shapes=rhubarb"),
+        ("a.mp4", "say", "foo", r"shapes: got foo for a\.mp4, expected shapes=arkit or"),
         ("a.json", "convert", None, r"shapes: got none for a\.json, expected shapes=rhubarb"),
-        ("a.fap", "convert", "oculus", r"shapes: got oculus for a\.fap, expected none"),
+        ("a.json", "convert", "oculus", r"shapes: got oculus for a\.json, expected shapes=rhubarb"),
         ("a.csv", "say", None, r"path: got a\.csv"),
         ("a.mp4", "convert", None, r"path: got a\.mp4"),
     ],

@@ -109,7 +109,7 @@ def test_a_film_is_played_at_its_own_rate() -> None:
 
 def test_what_cannot_move_a_face_is_told() -> None:
     for source, message in (
-        ("talk.wav", "expected webcam, or a film"),
+        ("talk.wav", "expected webcam or a video"),
         ("webcam:front", "webcam:1 for the second"),
         ("none.mp4", "no such file"),
     ):

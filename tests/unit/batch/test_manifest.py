@@ -57,7 +57,8 @@ def test_all_mistakes_are_told_at_once(folder: Path) -> None:
     told = raised.value.message.splitlines()
     assert told[0] == "corpus.csv: 7 invalid rows:"
     expected = (
-        "line 3: id: got '../up'", "line 4: row: text, timings and audio are missing", "line 5: timings: got b.pho, expected an existing file",
+        "line 3: id: got '../up'", "line 4: row: text, timings and audio are missing",
+        "line 5: timings: got b.pho, expected an existing file",
         "line 6: fps: ", "line 7: expressions: got 'glee'", "line 8: id: got 'GOOD' again, as in line 2",
         "line 9: text: cannot be combined with timings",
     )  # fmt: skip

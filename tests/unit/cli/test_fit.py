@@ -150,7 +150,7 @@ def test_what_is_no_profile_is_not_overwritten(recorded, tmp_path):
     (tmp_path / "letters").mkdir()
     (tmp_path / "letters" / "dear.txt").write_text("x")
     for target in (tmp_path / "letters", tmp_path / "letters" / "dear.txt"):
-        with pytest.raises(UsageError, match="no profile"):
+        with pytest.raises(UsageError, match="is not a profile"):
             run("fit", recorded, "-o", target)
 
 

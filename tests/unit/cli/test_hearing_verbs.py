@@ -181,7 +181,7 @@ def test_refusals(talk: Path, tmp_path: Path) -> None:
         (
             ["align", talk, "--transcript", "The weather forecast for tomorrow is probably wrong."],
             DataError,
-            "not said",
+            "are not in the recording",
         ),
         (["align", talk, "--transcript", "ja", "--language", "xx"], UsageError, "xx"),
     ]

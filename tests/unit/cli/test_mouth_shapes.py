@@ -50,7 +50,7 @@ def test_performance_and_save_write_them(tmp_path: Path) -> None:
     ("arguments", "message"),
     [
         (("say", "Hi.", "-o", "talk.json"), "--shapes: got none for talk.json, expected --shapes rhubarb"),
-        (("say", "Hi.", "--shapes", "rhubarb", "-o", "talk.mp4"), "--shapes: got rhubarb"),
+        (("say", "Hi.", "--shapes", "rhubarb", "-o", "talk.mp4"), "--output: got talk.mp4"),
         (("convert", "a.fap", "--shapes", "oculus", "-o", "a.xml"), "--shapes: got oculus"),
     ],
 )

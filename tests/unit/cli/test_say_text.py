@@ -62,7 +62,7 @@ def test_markup_and_scripts_are_told(tmp_path: Path) -> None:
         (["--mic"], "--mic: requires --live"),
         (["--live", "--mic", "Hello."], "--mic: cannot be used with a text"),
         (["--live", "--mic-device", "1", "Hello."], "--mic: cannot be used with a text"),
-        (["--live", "--mic", "-e", "joy@hello"], "--expression: got one with times, expected none of a microphone"),
+        (["--live", "--mic", "-e", "joy@hello"], "--expression: cannot have times or words with a microphone"),
     ],
 )
 def test_a_microphone_takes_no_text(tmp_path: Path, options: list[str], told: str) -> None:

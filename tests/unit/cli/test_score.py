@@ -64,7 +64,7 @@ def test_recordings_of_every_kind(talk: Path, name: str, opening_r: float) -> No
 
 def test_the_plan_may_stand_for_a_truth(talk: Path) -> None:
     said = run("score", talk / "talk.fap", "--phones", talk / "talk.lab", "--plan")
-    assert "not likeness to a person" in said
+    assert "own plan of the phones, not with a person" in said
     found = json.loads(run("score", talk / "talk.fap", "--phones", talk / "talk.lab", "--plan", "--json"))
     assert found["truth"]["likeness"]["opening_r"] > 0.98
     assert found["truth"]["behaviour"]["blinks"] == 0
@@ -72,14 +72,14 @@ def test_the_plan_may_stand_for_a_truth(talk: Path) -> None:
 
 def test_alone_it_says_that_nothing_was_compared(talk: Path) -> None:
     said = run("score", talk / "talk.fap")
-    assert "Nothing to compare with" in said
+    assert "No reference" in said
     assert "blinks a minute" in said
 
 
 @pytest.mark.parametrize(
     ("arguments", "error", "message"),
     [
-        (("talk.fap", "--plan"), UsageError, "--plan: expected phones"),
+        (("talk.fap", "--plan"), UsageError, "--plan: requires phones"),
         (("talk.fap", "-o", "score.pdf"), UsageError, "--output: got score.pdf"),
         (("talk.wav",), DataError, "talk.wav"),
         (("none.fap",), UsageError, "cannot be read"),

@@ -103,7 +103,7 @@ def test_fit_puts_our_own_head_on_to_the_dense_face(tmp_path, monkeypatch):
     shutil.rmtree(session / "scans")
     text = (session / "session.toml").read_text()
     (session / "session.toml").write_text(text[: text.index("[[scan]]")])
-    with pytest.raises(DataError, match="no dense face, expected 3"):
+    with pytest.raises(DataError, match="no dense face; it needs 3"):
         run("fit", session, "-o", profile, "--adapt", "--no-report")
     assert (profile / "head").exists()  # what failed changes nothing
     run("fit", session, "-o", profile, "--no-report")

@@ -1,4 +1,4 @@
-"""What every verb gets: groups of options, and errors in the words of the command line."""
+"""What every command gets: groups of options, and errors that name options."""
 
 import re
 import signal
@@ -13,8 +13,8 @@ import typer
 from typer.testing import CliRunner
 
 from fapengine.cli import head
+from fapengine.cli._command import command, with_flags
 from fapengine.cli._ending import EXIT_CODES, FAULT
-from fapengine.cli._verb import verb, with_flags
 from fapengine.cli.main import COMMANDS, app
 from fapengine.errors import DataError, ResourceError, UsageError
 
@@ -27,7 +27,7 @@ class Pair:
 
 def invoke(function, *arguments: str) -> BaseException | None:
     runner = typer.Typer(pretty_exceptions_enable=False)
-    runner.command()(verb(function))
+    runner.command()(command(function))
     result = CliRunner().invoke(runner, list(arguments))
     return None if isinstance(result.exception, SystemExit) else result.exception
 
@@ -76,10 +76,10 @@ def test_every_command_rewords_its_errors() -> None:
     """Even those that have no group of options."""
     group: Any = typer.main.get_command(app)
     alone = {name: group.get_command(None, name) for name in COMMANDS}
-    every = [*(command for name, command in alone.items() if name != "head"), *alone["head"].commands.values()]
+    every = [*(each for name, each in alone.items() if name != "head"), *alone["head"].commands.values()]
     assert len(every) == len(COMMANDS) + 2
-    for command in every:
-        assert command.callback.__wrapped__.__code__.co_filename.endswith("_verb.py"), command.name
+    for each in every:
+        assert each.callback.__wrapped__.__code__.co_filename.endswith("_command.py"), each.name
 
 
 def test_a_command_imports_no_other() -> None:

@@ -1,7 +1,7 @@
-"""What every verb gets: groups of options as values, and errors in the words of the command line.
+"""What every command gets: groups of options as values, and errors that name options.
 
-Library code names parameters (``without: got 'ears'``, ``name one with tier=NAME``); here they become the options that
-the user typed (``--without: got 'ears'``, ``name one with --tier NAME``).
+Library code names parameters (``without: got 'ears'``, ``name one with tier=NAME``); here they become options
+(``--without: got 'ears'``, ``name one with --tier NAME``).
 """
 
 import functools
@@ -22,23 +22,23 @@ from fapengine.errors import DataError, FapEngineError, UsageError
 from fapengine.speaking import Described
 
 MANNER = "Speech and motion"
-"""Title of the options of :mod:`fapengine.speaking` in a verb's help."""
+"""Title of the options of :mod:`fapengine.speaking` in the help."""
 
 ALIASES = {
     "path": "output", "rate_hz": "fps", "rate_wpm": "rate", "expressions": "expression", "sinks": "sink",
     "kbit_s": "kbps", "loudness_db": "loudness", "format": "log", "edges": "antialias",
     "offset_s": "offset", "bus": "nats", "sound": "play",
 }  # fmt: skip
-"""Library's names of parameters to those of the verbs, where they differ."""
+"""Parameter names of the library to those of the commands, where they differ."""
 at_end: ContextVar[Callable[[Callable[[], object]], object]] = ContextVar("at_end")
-"""Takes what is to be called when the verb that runs has ended, well or not."""
+"""Registers a function that is called when the running command has ended, in success or failure."""
 
 
-def verb(function: Callable[..., None]) -> Callable[..., None]:
-    """Make a function a verb.
+def command(function: Callable[..., None]) -> Callable[..., None]:
+    """Make a command of a function.
 
-    A parameter whose type is a dataclass becomes one option for each field, and the function gets the dataclass. Errors
-    are raised again with the names of options in their messages.
+    A parameter whose type is a dataclass becomes one option per field, and the function gets the dataclass. Errors are
+    raised again with the names of options in their messages.
     """
     parameters = [inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context)]
     groups: dict[str, Any] = {}
@@ -71,7 +71,7 @@ def verb(function: Callable[..., None]) -> Callable[..., None]:
 
 
 def help_of(docstring: str) -> str:
-    r"""Make the help of a verb: paragraphs as wide as the terminal, indented ones (examples) line by line as they are.
+    r"""Format a docstring as help: paragraphs are wrapped by the terminal, indented lines (examples) are kept.
 
     Examples
     --------
@@ -91,16 +91,16 @@ def help_of(docstring: str) -> str:
 
 
 def with_flags(text: str, flags: Mapping[str, str], *, names_parameter: bool = True) -> str:
-    """Put options in the place of parameters.
+    """Replace parameter names by options.
 
     Parameters
     ----------
     text : str
-        Message of an error.
+        Error message.
     flags : mapping of str to str
-        Parameter to option; ``name=False`` to the option that switches it off.
+        Option of each parameter; ``name=False`` has the option that switches it off.
     names_parameter : bool
-        Whether the message may begin with a parameter: ``"size: got ..."``.
+        True if the message may begin with a parameter: ``"size: got ..."``.
 
     Examples
     --------
@@ -121,9 +121,9 @@ def with_flags(text: str, flags: Mapping[str, str], *, names_parameter: bool = T
 
 
 def _checked(name: str, value: Any, kind: Any) -> Any:
-    """Refuse a number that is infinite or none, and an option of speaking that is out of its range."""
+    """Reject NaN, infinite numbers, and speaking options out of range."""
     if isinstance(value, float) and not isfinite(value):
-        raise UsageError(f"{name}: got {value}, expected a number")
+        raise UsageError(f"{name}: got {value}, expected a finite number")
     if _described(kind) is None or value is None:
         return value
     value = tuple(value) if isinstance(value, list) else value
@@ -132,13 +132,13 @@ def _checked(name: str, value: Any, kind: Any) -> Any:
 
 
 def _described(kind: Any) -> Described | None:
-    """Find the description of an option of speaking; None for other annotations."""
+    """Return the description of a speaking option; None for other annotations."""
     parts = [meta for each in (kind, *get_args(kind)) if get_origin(each) is Annotated for meta in get_args(each)[1:]]
     return next((meta for meta in parts if isinstance(meta, Described)), None)
 
 
 def _spelled(parameter: inspect.Parameter) -> inspect.Parameter:
-    """Make an option of the command line of one of speaking; other parameters stay as they are."""
+    """Convert a speaking option to an option of the command line; other parameters are unchanged."""
     kind = parameter.annotation
     described = _described(kind)
     if described is None:
@@ -167,7 +167,7 @@ def _completion(choices: tuple[str, ...]) -> Callable[[str], list[str]] | None:
 
 
 def _complete_voice(incomplete: str) -> list[tuple[str, str]]:
-    """Codes of voices that begin so, each with its name, for the shell."""
+    """Voices whose codes begin so, each with its name, for shell completion."""
     from fapengine.errors import ResourceError
     from fapengine.voices.espeak import voices
 
@@ -185,7 +185,7 @@ def _option(field: "Field[Any]") -> inspect.Parameter:
 
 
 def _flags(context: typer.Context) -> dict[str, str]:
-    """Parameter to option of the verb that runs; ``name=False`` to the option that switches it off."""
+    """Return the option of each parameter of the running command, for :func:`with_flags`."""
     flags: dict[str, str] = {}
     for parameter in context.command.params:
         if parameter.param_type_name == "option" and parameter.name:
