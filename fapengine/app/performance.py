@@ -12,7 +12,7 @@ import numpy as np
 from fapengine.app.manner import Expressions, Manner, check_expressions, moods_of
 from fapengine.app.outputs import SaveOptions, Sound, write_output
 from fapengine.engine.commands import Express
-from fapengine.engine.marked import command_ramps, commands_of
+from fapengine.engine.gestures import command_ramps, commands_of
 from fapengine.errors import UsageError
 from fapengine.files.profiles import load_profile
 from fapengine.mesh.face_mesh import FaceMesh
@@ -155,7 +155,12 @@ def perform(
         expressions=[*moods_of(manner.expressions, phones), *moods],
         style=manner.style,
         duration_s=len(sound[0]) / sound[1] if sound else None,
-        gestures=[ramp for at_s, command in commands for ramp in command_ramps(command, at_s)],
+        gestures=[
+            ramp
+            for at_s, command in commands
+            if not isinstance(command, Express)
+            for ramp in command_ramps(command, at_s)
+        ],
     )
     return Performance(
         track=planned.track, phones=phones, sound=sound, text=text, remarks=(*remarks, *lacking), marks=marks

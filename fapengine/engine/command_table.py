@@ -9,7 +9,6 @@ carries the same units as Python.
 """
 
 import math
-import re
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, fields, replace
 from math import inf, isfinite, isnan
@@ -244,18 +243,6 @@ def _read_fields(kind: type[Command]) -> dict[str, FieldSpec]:
 def defaults_of(kind: type[Command]) -> dict[str, Any]:
     """Return the defaults of the fields that have one."""
     return {each.name: each.default for each in fields(cast("Any", kind)) if each.default is not MISSING}
-
-
-def python_name(kind: type[Command]) -> str:
-    """Return the name of the methods that send a command and that handle it.
-
-    Examples
-    --------
-    >>> class TurnHead(Command): ...
-    >>> python_name(TurnHead)
-    'turn_head'
-    """
-    return re.sub(r"(?<!^)(?=[A-Z])", "_", kind.__name__).lower()
 
 
 def checked(command: SomeCommand) -> SomeCommand:

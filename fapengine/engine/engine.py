@@ -2,16 +2,16 @@
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from math import inf, nextafter
-from operator import itemgetter
+from operator import attrgetter, itemgetter
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine.engine.command_table import checked, python_name
+from fapengine.engine.command_table import checked
 from fapengine.engine.commands import (
     Append,
     Audio,
@@ -29,7 +29,6 @@ from fapengine.engine.session import Counters, Event, Limits, Session, State
 from fapengine.engine.utterance import StreamClock, Utterance
 from fapengine.errors import ElsewhereError, UsageError
 from fapengine.profiles import Profile
-from fapengine.speaking import GENERATORS
 from fapengine.trajectory.batch import BatchPlanner
 from fapengine.trajectory.style import Style
 
@@ -53,12 +52,11 @@ class EngineFrame:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fault:
-    """A session that was ended, for its frame could not be made. Each is a bug."""
+    """A session that was ended because its frame could not be made. Each is a bug."""
 
     session: str
     error: Exception
     counters: Counters
-    """Counts of what it had met with."""
 
 
 class Engine:
@@ -71,15 +69,15 @@ class Engine:
     profile : Profile
         Of all sessions.
     rng : numpy.random.Generator
-        Chance of the gestures; each session draws from streams of its own. The first session's are those of
+        Random numbers of the gestures; each session draws from its own streams. The first session's are those of
         :func:`fapengine.trajectory.planner.plan` with the same seed.
     limits : Limits
     style : Style
-        Of every session until it is told otherwise.
+        Of every session at first.
 
     Examples
     --------
-    One face says "ma", and its FAPs are read at 50 frames a second::
+    One face says "ma", and its FAPs are read at 50 frames per second::
 
         engine = Engine(profile, rng=np.random.default_rng(1))
         engine.open("anna", now_s=0.0)
@@ -110,9 +108,9 @@ class Engine:
         self.open_listeners: list[Callable[[], None]] = []
         """Called when a session was opened."""
         self.may_open: Callable[[str], bool] = lambda session: True
-        """Tells whether a session may be opened here: another process may have it."""
+        """Whether a session may be opened here: another process may have it."""
         self.room: int | None = None
-        """Sessions that may still be opened beside the open ones, as the load allows; None: any number."""
+        """Number of sessions that may still be opened, as the load allows; None: any number."""
         self.refused = 0
         """Sessions that were not opened because there was no room."""
         self.touched_s: dict[str, float] = {}
@@ -121,9 +119,7 @@ class Engine:
         self._new_events: list[Event] = []
         self._events: deque[Event] = deque(maxlen=MAX_EVENTS)
         self._faults: list[Fault] = []
-        self._awake: set[str] = set()
         self._shown_s = -np.inf
-        self._wake_s = np.zeros(0)
 
     def __contains__(self, session: object) -> bool:
         """Whether a session is open."""
@@ -144,8 +140,8 @@ class Engine:
         Raises
         ------
         UsageError
-            If there are as many as there may be, there is no time for one more, it is open already, or its name cannot
-            be sent on every wire: ``Limits.name_bytes`` of UTF-8 at most, printable.
+            If the limit is reached, there is no time for one more, it is open already, or its name cannot be sent on
+            every wire: ``Limits.name_bytes`` of UTF-8 at most, printable.
         """
         if session in self._by_name:
             raise UsageError(f"session: got {session!r}, which is open already")
@@ -167,7 +163,6 @@ class Engine:
         )
         self._by_name[session] = made
         self._rows.append(made)
-        self._wake_s = np.append(self._wake_s, np.inf)
         self._names = tuple(opened.name for opened in self._rows)
         self.touched_s[session] = now_s
         if self.room is not None:
@@ -195,14 +190,11 @@ class Engine:
         self._gestures.close(row)
         self._rows[row] = self._rows[-1]
         self._rows.pop()
-        self._wake_s[row] = self._wake_s[-1]
-        self._wake_s = self._wake_s[:-1]
         self._names = tuple(opened.name for opened in self._rows)
-        self._awake.discard(session)
         del self._by_name[session]
 
     def rest(self, session: str, at_s: float, now_s: float) -> None:
-        """Let a session's gestures come to rest by a time, as those of a file do by its end; none follows.
+        """End a session's gestures by a time, as those of a file end; none follows.
 
         Raises
         ------
@@ -212,7 +204,7 @@ class Engine:
         self._gestures.end(self._batch.row(self._session(session).number), at_s, max(now_s, self._shown_s))
 
     def apply(self, session: str, command: Command, now_s: float) -> None:
-        """Tell a session something. What cannot be meant, or cannot be used, is counted (:meth:`counters`), not raised.
+        """Apply a command to a session. One that is out of range or cannot be used is counted (:meth:`counters`).
 
         Raises
         ------
@@ -220,10 +212,10 @@ class Engine:
             If the session is not open.
         """
         target = self._session(session)
-        self._awake.add(session)
-        answer = _APPLY.get(type(command), Engine._gesture)
+        target.wake_s = -inf
+        answer = _ANSWERS.get(type(command), Session.gesture)
         try:
-            answer(self, target, checked(command), max(now_s, self._shown_s))
+            answer(target, checked(command), max(now_s, self._shown_s))
         except UsageError:
             target.counters.refused += 1
         self.touched_s[session] = now_s
@@ -231,32 +223,25 @@ class Engine:
             listener(session, command, now_s)
 
     def frame(self, now_s: float) -> EngineFrame:
-        """One frame of every session. One that fails is ended, the others go on: see :meth:`faults`.
+        """Make one frame of every session. A session that fails is ended (:meth:`faults`); the others continue.
 
         Parameters
         ----------
         now_s : float
-            Engine time, not before that of the last frame.
+            Engine time, not earlier than that of the last frame.
 
         Raises
         ------
         UsageError
-            If time goes back, or is none.
+            If time goes back, or is not finite.
         """
         if not self._shown_s <= now_s < inf:
             raise UsageError(f"time_s: got {now_s:g} s, expected rising times from {self._shown_s:g} s")
-        for row in np.flatnonzero(self._wake_s <= now_s):
-            self._awake.add(self._rows[row].name)
-        awake = [self._by_name[name] for name in sorted(self._awake)]
+        awake = sorted((session for session in self._rows if session.wake_s <= now_s), key=attrgetter("name"))
         awake = [session for session in awake if self._succeeds(session, session.advance, now_s)]
         self._plan([session for session in awake if session.fresh], now_s)
-        for session in awake:
-            if session.name not in self._by_name:
-                continue
-            self._wake_s[self._batch.row(session.number)] = session.wake_s
         elapsed_s = now_s - self._shown_s
-        self._awake.clear()
-        if np.isfinite(elapsed_s):
+        if elapsed_s < inf:
             for session in [session for session in self._rows if session.slew_left_s]:
                 self._succeeds(session, session.slew, elapsed_s)
         try:
@@ -283,7 +268,7 @@ class Engine:
         """Take a step of one session; one that fails is ended."""
         try:
             step(argument)
-        except Exception as error:  # noqa: BLE001  a bug, but one session's: the other faces go on
+        except Exception as error:  # noqa: BLE001  a bug, but one session's: the other faces continue
             self._faults.append(Fault(session.name, error, session.counters))
             self._new_events += [
                 Event(session.name, utterance.number, "error", self._shown_s) for utterance in session.queue
@@ -293,7 +278,7 @@ class Engine:
         return True
 
     def _end_guilty(self, now_s: float) -> bool:
-        """Find the sessions for which a frame of all failed, one by one, and end them."""
+        """Find the sessions because of which a frame failed, one by one, and end them."""
         before = len(self._faults)
         for session in tuple(self._rows):
             self._succeeds(session, partial(self._prepare, session), now_s)
@@ -304,7 +289,7 @@ class Engine:
         self._batch.renew(session.number, now_s)
 
     def faults(self) -> list[Fault]:
-        """Tell which sessions were ended for a fault since it was last asked."""
+        """Return the sessions that were ended for a fault since the last call."""
         faults, self._faults = self._faults, []
         return faults
 
@@ -325,7 +310,7 @@ class Engine:
                 listener(event)
 
     def counters(self, session: str) -> Counters:
-        """Tell what a session has met with.
+        """Return the counters of a session.
 
         Raises
         ------
@@ -335,11 +320,11 @@ class Engine:
         return self._session(session).report()
 
     def totals(self) -> Counters:
-        """Sum up what all sessions have met with, closed ones included."""
+        """Return the sum of the counters of all sessions, closed ones included."""
         return self._closed.plus(*(session.report() for session in self._rows))
 
     def state(self, session: str) -> State:
-        """Tell what a session is doing.
+        """Return the state of a session.
 
         Raises
         ------
@@ -349,7 +334,7 @@ class Engine:
         return self._session(session).state
 
     def utterance(self, session: str, number: int) -> Utterance | None:
-        """Find an utterance that is not over.
+        """Find an utterance that has not finished.
 
         Raises
         ------
@@ -359,7 +344,7 @@ class Engine:
         return self._session(session).find(number)
 
     def style(self, session: str) -> Style:
-        """How a session speaks.
+        """Return the style of a session.
 
         Raises
         ------
@@ -373,26 +358,15 @@ class Engine:
             raise UsageError(f"session: got {session!r}, which is not open")
         return self._by_name[session]
 
-    def _gesture(self, target: Session, command: Command, now_s: float) -> None:
-        """Have a command answered by the method of its name."""
-        answer = getattr(self._gestures, python_name(type(command)))
-        answer(self._batch.row(target.number), command, now_s)
 
-    def _set_parameter(self, target: Session, command: SetParameter, now_s: float) -> None:
-        value = bool(command.value) if command.parameter in GENERATORS else command.value
-        changes: dict[str, Any] = {command.parameter: value}
-        target.style = replace(target.style, **changes)
-        self._gestures.behave(self._batch.row(target.number), target.style, now_s)
-
-
-_APPLY: dict[type, Callable[[Engine, Session, Any, float], None]] = {
-    Begin: lambda engine, session, command, now_s: session.begin(command, now_s),
-    Append: lambda engine, session, command, now_s: session.append(command, now_s),
-    End: lambda engine, session, command, now_s: session.end(command, now_s),
-    Cancel: lambda engine, session, command, now_s: session.cancel(command, now_s),
-    Pause: lambda engine, session, command, now_s: session.pause(command, now_s),
-    Resume: lambda engine, session, command, now_s: session.resume(command, now_s),
-    Seek: lambda engine, session, command, now_s: session.seek(command, now_s),
-    Audio: lambda engine, session, command, now_s: session.audio(command, now_s),
-    SetParameter: Engine._set_parameter,
+_ANSWERS: dict[type, Callable[[Session, Any, float], None]] = {
+    Begin: Session.begin,
+    Append: Session.append,
+    End: Session.end,
+    Cancel: Session.cancel,
+    Pause: Session.pause,
+    Resume: Session.resume,
+    Seek: Session.seek,
+    Audio: Session.audio,
+    SetParameter: Session.set_parameter,
 }

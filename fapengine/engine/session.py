@@ -10,16 +10,19 @@ give the utterance another zero. :mod:`.states` lists the states of an utterance
 Nothing runs per frame: a session says when it must be woken (:attr:`Session.wake_s`), and every command wakes it.
 """
 
+from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
+from itertools import groupby
 from math import inf, nextafter
-from typing import Literal
+from operator import itemgetter
+from typing import Any, Literal
 
 from fapengine._counters import Counts
-from fapengine.engine.commands import Append, Audio, Begin, Cancel, End, Pause, Resume, Seek
+from fapengine.engine.commands import Append, Audio, Begin, Cancel, Command, End, Pause, Resume, Seek, SetParameter
 from fapengine.engine.gestures import BatchGestures
-from fapengine.engine.states import Step
-from fapengine.engine.utterance import StreamClock, Utterance
+from fapengine.engine.utterance import Step, StreamClock, Utterance
+from fapengine.speaking import GENERATORS
 from fapengine.speech.phone_track import SILENCE, Phone
 from fapengine.trajectory.batch import BatchPlanner
 from fapengine.trajectory.stream import AHEAD_PHONES, SAME_S
@@ -141,14 +144,11 @@ class Session:
     slew_left_s: float = 0.0
     """Remaining offset between audio and face; positive if the face is late."""
     cancels: list[tuple[float, Cancel]] = field(default_factory=list)
-    fresh: list[Phone] = field(default_factory=list)
-    """Phones for the planner, at the next frame."""
-    stand_ins: list[Phone] = field(default_factory=list)
-    """Those of them that stand in for lost phones: not counted as late."""
+    fresh: list[tuple[int | None, Phone]] = field(default_factory=list)
+    """Phones for the planner, at the next frame, with their utterances; None for those that the session made up, which
+    are not counted as late."""
     fresh_since_s: float = -inf
     """Engine time at which the first of them arrived."""
-    fresh_for: int = -1
-    """Utterance of the last of them."""
 
     @property
     def state(self) -> State:
@@ -293,6 +293,18 @@ class Session:
             else:
                 self.slew_left_s = error_s
 
+    def set_parameter(self, command: SetParameter, now_s: float) -> None:
+        """Change the style."""
+        changes: dict[str, Any] = {
+            command.parameter: bool(command.value) if command.parameter in GENERATORS else command.value
+        }
+        self.style = replace(self.style, **changes)
+        self.gestures.behave(self._row, self.style, now_s)
+
+    def gesture(self, command: Command, now_s: float) -> None:
+        """Make a gesture, or show an expression."""
+        self.gestures.make(self._row, command, now_s)
+
     # Time -----------------------------------------------------------------------------------------------------------
 
     def advance(self, now_s: float) -> None:
@@ -321,20 +333,19 @@ class Session:
         self.batch.retime(self.number, self.clock.begins_s)
 
     def flush(self, now_s: float) -> None:
-        """Send the phones that have arrived to the planner."""
-        counts = self.batch.counts(self.number)
-        before = counts.late + counts.dropped
-        self.batch.feed(self.number, self.fresh, self.stand_ins)
-        late = counts.late + counts.dropped - before
-        utterance = self.find(self.fresh_for)
-        if late and utterance is not None:
-            self._tell(utterance, "late", now_s, late)
-        self.fresh, self.stand_ins = [], []
+        """Send the phones that have arrived to the planner, and report those that came late."""
+        late: Counter[int | None] = Counter()
+        for number, phones in groupby(self.fresh, key=itemgetter(0)):
+            late[number] += self.batch.feed(self.number, [phone for _, phone in phones], is_counted=number is not None)
+        self.fresh = []
+        for utterance in self.queue:
+            if late[utterance.number]:
+                self._tell(utterance, "late", now_s, late[utterance.number])
 
     def plan_by_s(self) -> tuple[float, float]:
         """Engine times by which fresh phones must be planned, and should be; in between more may arrive."""
         planned = self.batch.planned(self.number)
-        first_s = min(phone.start_s for phone in self.fresh)
+        first_s = min(phone.start_s for _, phone in self.fresh)
         if planned and first_s < planned[-1].end_s - SAME_S:
             return -inf, -inf
         matter_s = self.fresh_since_s + GATHER_S
@@ -414,12 +425,19 @@ class Session:
         skips = utterance.state.has_started or utterance.anchor != "at"
         self._feed(utterance, utterance.phones.values(), now_s, self.clock.stream_s(now_s) if skips else 0.0)
 
-    def _feed(self, utterance: Utterance, phones: Iterable[Phone], now_s: float, from_s: float = 0.0) -> None:
+    def _feed(
+        self,
+        utterance: Utterance,
+        phones: Iterable[Phone],
+        now_s: float,
+        from_s: float = 0.0,
+        *,
+        is_counted: bool = True,
+    ) -> None:
         shifted = utterance.in_stream(phones, from_s)
         if not self.fresh:
             self.fresh_since_s = now_s
-        self.fresh += shifted
-        self.fresh_for = utterance.number
+        self.fresh += [(utterance.number if is_counted else None, phone) for phone in shifted]
         begins_s = self.clock.begins_s
         if shifted:
             self.gestures.hear(self._row, [(phone.start_s + begins_s, phone) for phone in shifted], now_s)
@@ -449,7 +467,7 @@ class Session:
         utterance.revise(revision, max(utterance.position_s(now_s), 0.0))
         if utterance.zero_s is not None and utterance.zero_s + last_s > self.clock.stream_s(now_s):
             start_s = max(self.clock.stream_s(now_s), utterance.zero_s, 0.0)
-            self.fresh.append(Phone(SILENCE, start_s, utterance.zero_s + last_s))
+            self.fresh.append((None, Phone(SILENCE, start_s, utterance.zero_s + last_s)))
             self.gestures.hush(self._row, now_s)
 
     def _conceal(self, utterance: Utterance, before: Phone, after: Phone, between: range, now_s: float) -> None:
@@ -457,9 +475,8 @@ class Session:
         self.counters.concealed += len(between)
         self._tell(utterance, "concealed", now_s, len(between))
         if not before.is_silence and after.start_s > before.end_s:
-            stand_in = replace(before, start_s=before.end_s, end_s=after.start_s, stress=0)
-            self._feed(utterance, [stand_in], now_s)
-            self.stand_ins += utterance.in_stream([stand_in], 0.0)
+            bridge = replace(before, start_s=before.end_s, end_s=after.start_s, stress=0)
+            self._feed(utterance, [bridge], now_s, is_counted=False)
 
     def _silence(self, now_s: float, fade_s: float) -> None:
         """Drop all planned speech and fade to neutral."""

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from fapengine.engine.commands import Anchor, Append, Audio, Begin, Cancel, Command, End, without_neutral
 from fapengine.engine.engine import Engine
-from fapengine.engine.marked import commands_of
+from fapengine.engine.gestures import commands_of
 from fapengine.errors import UsageError
 from fapengine.mpeg4 import fap
 from fapengine.speech.phone_track import Phone

@@ -24,7 +24,7 @@ from functools import lru_cache
 import numpy as np
 
 from fapengine.engine.commands import Command
-from fapengine.engine.marked import commands_of
+from fapengine.engine.gestures import commands_of
 from fapengine.speech import ipa
 from fapengine.speech.marks import BRIEF_S, Feel, MarkedText, TimedMark, read_marks
 from fapengine.speech.phone_track import Phone

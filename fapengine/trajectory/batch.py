@@ -9,7 +9,7 @@ together (:func:`.targets.speech_keys`). Showing is the same for all, so it is d
    plan has changed, when another plan takes over, or when the window is used up.
 2. *segment*: coefficients of the quintic between two knots. Computed when a session crosses a knot, for all that do.
 3. every frame: one Horner scheme over all sessions in the space of modes, what is left of fades, FAPs with expressions,
-   contacts and gestures (:mod:`.compose`), and rounding.
+   contacts and gestures (:mod:`.faps`), and rounding.
 
 A row equals the frame of a planner of its own, FAP for FAP; only the order of additions differs.
 """
@@ -27,7 +27,7 @@ from fapengine.profiles import Profile
 from fapengine.speech.phone_track import Phone
 from fapengine.trajectory import hermite
 from fapengine.trajectory.closures import CONTACTS, RAMP_S, Hold
-from fapengine.trajectory.compose import Composer, Overlay
+from fapengine.trajectory.faps import Composer, Overlay
 from fapengine.trajectory.phonetics import WIDTH
 from fapengine.trajectory.stream import Counts, StreamingPlanner, plan_together
 from fapengine.trajectory.style import Style
@@ -202,11 +202,10 @@ class BatchPlanner:
         del self._row_of[session]
         self._due.pop(session, None)
 
-    def feed(self, session: int, phones: Sequence[Phone], stand_ins: Sequence[Phone] = ()) -> None:
-        """Take phones in, in the session's time; see :meth:`~fapengine.trajectory.stream.StreamingPlanner.take`."""
-        planner = self._changed(session)
-        planner.take(phones, stand_ins)
-        self._due[session] = planner
+    def feed(self, session: int, phones: Sequence[Phone], *, is_counted: bool = True) -> int:
+        """Add phones, in the session's time; see :meth:`~fapengine.trajectory.stream.StreamingPlanner.take`."""
+        planner = self._due[session] = self._changed(session)
+        return planner.take(phones, is_counted=is_counted)
 
     def cancel(self, session: int, at_s: float, *, fade_s: float = 0.2) -> None:
         """End speech at a moment of its time; see :meth:`~fapengine.trajectory.stream.StreamingPlanner.cancel`."""

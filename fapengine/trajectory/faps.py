@@ -1,16 +1,27 @@
-"""Feature point displacements to FAPs: through the FAPU of the recorded face and each FAP's direction.
+"""From the viseme space to FAPs, for files and live sessions.
 
-The space determines FAP 3-18 (jaw, inner lips, chin), 39-42 (cheeks) and 51-60 (outer lips).
-FAP 18 moves the chin boss against the jaw: what the jaw carries it is taken off.
+Displacements become FAPs through the FAPU of the recorded face and each FAP's direction
+(:func:`displacements_to_faps`). The space determines FAP 3-18 (jaw, inner lips, chin), 39-42 (cheeks) and 51-60 (outer
+lips). FAP 18 moves the chin boss against the jaw: what the jaw carries it is taken off.
+
+So speech is one matrix product (:class:`Composer`). An expression is added to it, less where it pulls at held corners
+(:func:`.phonetics.give_way`); then contacts are made (:func:`.closures.settle`), and gestures are added.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import Fapu
+from fapengine.profiles import Profile
+from fapengine.trajectory.closures import settle
+from fapengine.trajectory.phonetics import ROUND, give_way, layer_faps, layer_gain
+from fapengine.trajectory.style import Style, jaw_share
+
+Array = NDArray[np.float64]
 
 DETERMINED = (*range(3, 19), *range(39, 43), *range(51, 61))
 
@@ -42,3 +53,61 @@ def displacements_to_faps(
             moved = moved - displacement_mm[:, index["2.1"]]
         faps[:, fap.column(number)] = moved @ np.array(fap.HEAD_AXES[row.positive]) / fapu.unit(row.unit)
     return faps
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Overlay:
+    """Expressions, gestures and gains of N frames of speech."""
+
+    expression: Array
+    """(68, N) FAPU, added before contacts are made."""
+    gestures: Array
+    """(68, N) FAPU, added afterwards."""
+    jaw: Array
+    """(N,): size of the jaw's part of speech, times that of the style."""
+    lips: Array
+    """(N,): the same of the lips' part."""
+
+    @classmethod
+    def empty(cls, count: int) -> "Overlay":
+        """Add nothing to speech."""
+        nothing, one = np.zeros((fap.FAP_COUNT, count)), np.ones(count)
+        return cls(nothing, nothing, one, one)
+
+
+class Composer:
+    """FAPs of a profile's speech in a style."""
+
+    def __init__(self, profile: Profile, style: Style) -> None:
+        space = profile.space
+        self._style, self._modes, self._jaws = style, space.mode_count, jaw_share(profile).T
+        modes = style.gains(profile) @ displacements_to_faps(space.modes_mm, space.points, profile.fapu)
+        self._lift = np.vstack([modes, layer_faps(profile)]).T
+        """(68, K + axes) FAPU per weight, and per unit of :mod:`.phonetics`."""
+
+    def faps(self, weights: Array, held: Array, overlay: Overlay) -> Array:
+        """Compose N frames: of many sessions at one time, or of one file.
+
+        Parameters
+        ----------
+        weights : (K + axes, N) float64
+            Places on paths; overwritten.
+        held : (4, N) float64
+            How far each frame is under a hold of each of :data:`.closures.CONTACTS`, 0 to 1; overwritten.
+        overlay : Overlay
+
+        Returns
+        -------
+        (N, 68) float64, FAPU
+        """
+        modes, layer = weights[: self._modes], weights[self._modes :]
+        jaws = (overlay.jaw - overlay.lips) * (self._jaws @ modes)
+        modes *= overlay.lips
+        modes += jaws
+        layer *= layer_gain(self._style.lips_gain * overlay.lips)
+        faps = (self._lift @ weights).T
+        faps += give_way(overlay.expression, layer[ROUND]).T
+        held[2] *= np.minimum(1.0, self._style.jaw_gain * overlay.jaw)
+        settled = settle(faps, held)
+        settled += overlay.gestures.T
+        return settled

@@ -29,8 +29,8 @@ from fapengine.profiles import Profile
 from fapengine.speaking import RATES_HZ
 from fapengine.speech.phone_track import PhoneTrack
 from fapengine.trajectory.closures import Holds, held, holds_of
-from fapengine.trajectory.compose import Composer, Overlay
 from fapengine.trajectory.expression import Mood, expression_faps, mood_ramps
+from fapengine.trajectory.faps import Composer, Overlay
 from fapengine.trajectory.gestures import gestures_of
 from fapengine.trajectory.methods import sample_path
 from fapengine.trajectory.ramps import Ramp, sample_ramps

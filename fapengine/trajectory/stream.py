@@ -139,23 +139,34 @@ class StreamingPlanner:
         """Time up to which nothing changes any more."""
         return max(self._shown_s + self.horizon_s, self._cancelled_s)
 
-    def take(self, phones: Sequence[Phone], stand_ins: Sequence[Phone] = ()) -> None:
-        """Take phones in, in any order; :func:`plan_together`, which must come next, plans their path.
+    def take(self, phones: Sequence[Phone], *, is_counted: bool = True) -> int:
+        """Add phones, in any order; :func:`plan_together`, which must come next, plans their path.
 
-        Phones come in stream time. Each replaces what it overlaps; a silence removes what it overlaps. Those of them
-        that are ``stand_ins`` for lost phones are not counted as late: they move the face alone.
+        Phones come in stream time. Each replaces what it overlaps; a silence removes what it overlaps.
+
+        Parameters
+        ----------
+        phones : sequence of Phone
+        is_counted : bool
+            Whether they are counted as late or dropped; phones that replace lost ones are not.
+
+        Returns
+        -------
+        int
+            Number of those that are late or dropped.
         """
-        edge = self.edge_s
+        edge, before = self.edge_s, self.counts.late + self.counts.dropped
         for phone in phones:
-            is_counted = not phone.is_silence and phone not in stand_ins
+            is_mine = is_counted and not phone.is_silence
             if phone.end_s <= edge:
-                self.counts.dropped += is_counted
+                self.counts.dropped += is_mine
                 self._close_late(phone, edge)
             else:
-                self.counts.late += phone.start_s < edge and is_counted
+                self.counts.late += phone.start_s < edge and is_mine
                 self.counts.unknown += not phone.is_silence and not ipa.letters(phone.label)
                 self._place(phone)
         self._due = edge, FADE_S
+        return self.counts.late + self.counts.dropped - before
 
     def _place(self, phone: Phone) -> None:
         if not phone.is_silence and (not self._phones or phone.start_s >= self._phones[-1].end_s):

@@ -13,7 +13,7 @@ import pytest
 from design import command_tables
 from fapengine.clients.sender import Client
 from fapengine.engine import commands
-from fapengine.engine.command_table import Angle, Command, CommandSpec, Duration, Time, fields_of, python_name
+from fapengine.engine.command_table import Angle, Command, CommandSpec, Duration, Time, fields_of
 from fapengine.engine.engine import Engine
 from fapengine.engine.gestures import BatchGestures
 from fapengine.errors import DataError, UsageError
@@ -43,7 +43,7 @@ def listed(monkeypatch: pytest.MonkeyPatch) -> list[object]:
     answered: list[object] = []
     monkeypatch.setattr(commands, "COMMANDS", (*commands.COMMANDS, RaiseBrow))
     answer = lambda gestures, row, command, now_s: answered.append((row, command, now_s))  # noqa: E731
-    monkeypatch.setattr(BatchGestures, "raise_brow", answer, raising=False)
+    monkeypatch.setattr(BatchGestures, "make", answer)
     return answered
 
 
@@ -101,6 +101,10 @@ def test_a_new_command_is_in_the_tables_of_the_documentation(listed: list[object
 @pytest.mark.parametrize("name", sorted(command_tables.PAGES))
 def test_the_tables_of_the_documentation_are_current(name: str) -> None:
     assert command_tables.page(name) == (command_tables.DOCS / name).read_text(), "run: python -m design.command_tables"
+
+
+def python_name(kind: type[Command]) -> str:
+    return re.sub(r"(?<!^)(?=[A-Z])", "_", kind.__name__).lower()
 
 
 @pytest.mark.parametrize("kind", commands.COMMANDS, ids=python_name)

@@ -26,8 +26,7 @@ from fapengine.engine.commands import (
 )
 from fapengine.engine.engine import Engine
 from fapengine.engine.session import Limits
-from fapengine.engine.states import TRANSITIONS, Step, UtteranceState, next_state
-from fapengine.engine.utterance import gaps
+from fapengine.engine.utterance import TRANSITIONS, Step, StreamClock, Utterance, UtteranceState, gaps
 from fapengine.errors import UsageError
 from fapengine.expressions import Expression
 from fapengine.mpeg4 import fap
@@ -91,7 +90,9 @@ def test_chunks_that_come_early_are_planned_together_and_show_the_same(monkeypat
     say(whole, phones)
     fed = []
     monkeypatch.setattr(
-        chunks._batch, "feed", lambda *args: fed.append(args) or type(chunks._batch).feed(chunks._batch, *args)
+        chunks._batch,
+        "feed",
+        lambda *args, **named: fed.append(args) or type(chunks._batch).feed(chunks._batch, *args, **named),
     )
     chunks.apply("anna", Begin(1), 0.0)
     sent = 0
@@ -727,6 +728,21 @@ def test_late_phones_are_reported_once_each_even_after_one_that_was_dropped():
     assert (counters.dropped, counters.late) == (1, 2)
 
 
+def test_late_phones_of_two_utterances_in_one_frame_are_reported_to_each():
+    face = engine()
+    phones = sentence(["a"] * 12)
+    face.apply("anna", Begin(1), 0.0)
+    face.apply("anna", Append(1, 0, phones[:3]), 0.0)
+    face.apply("anna", Begin(2, "at", 0.0), 0.0)
+    frames(face, 0.0, 1.0)
+    face.events()
+    for number, part in ((1, phones[3:5]), (2, phones[3:4]), (1, phones[5:6])):
+        face.apply("anna", Append(number, phones.index(part[0]), part), 1.0)
+    face.frame(1.0)
+    late = [(event.utterance, event.count) for event in face.events() if event.kind == "late"]
+    assert late == [(1, 3), (2, 1)]
+
+
 def test_a_concealed_gap_is_not_concealed_again_after_a_revision():
     face = engine()
     phones = sentence(["a"] * 12)
@@ -819,11 +835,13 @@ def test_an_utterance_without_an_end_is_looked_at_only_when_something_is_due(ope
 @pytest.mark.parametrize("state", list(UtteranceState))
 def test_every_transition_is_in_the_table_and_nothing_leaves_over(state):
     for step in Step:
+        utterance = Utterance(1, StreamClock(0.0), state)
         if step in TRANSITIONS[state]:
-            assert next_state(state, step) is TRANSITIONS[state][step]
+            utterance.step(step)
+            assert utterance.state is TRANSITIONS[state][step]
         else:
             with pytest.raises(RuntimeError, match=f"cannot {step.value} while {state.value}"):
-                next_state(state, step)
+                utterance.step(step)
     assert (Step.CLOSE in TRANSITIONS[state]) == (state is not UtteranceState.OVER)
 
 

@@ -8,7 +8,7 @@ from fapengine.app.manner import Manner
 from fapengine.app.performance import perform, speak
 from fapengine.engine.commands import Blink, Cancel, Express, Look, TurnHead
 from fapengine.engine.engine import Engine
-from fapengine.engine.marked import commands_of
+from fapengine.engine.gestures import commands_of
 from fapengine.expressions import Expression
 from fapengine.host.hub import Hub
 from fapengine.mpeg4 import fap
