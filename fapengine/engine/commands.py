@@ -8,15 +8,7 @@ from dataclasses import dataclass, replace
 from math import inf
 from typing import Annotated, ClassVar, Literal
 
-from fapengine.engine.command_table import (
-    Angle,
-    Choice,
-    CommandSpec,
-    Duration,
-    EndlessDuration,
-    FieldSpec,
-    Time,
-)
+from fapengine.engine.command_table import Angle, Choice, CommandSpec, Duration, EndlessDuration, FieldSpec, Time
 from fapengine.engine.command_table import Command as Command
 from fapengine.expressions import EXPRESSION_NAMES, EXPRESSIONS, Expression
 from fapengine.speech.phone_track import Phone

@@ -12,18 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.engine.command_table import checked
-from fapengine.engine.commands import (
-    Append,
-    Audio,
-    Begin,
-    Cancel,
-    Command,
-    End,
-    Pause,
-    Resume,
-    Seek,
-    SetParameter,
-)
+from fapengine.engine.commands import Append, Audio, Begin, Cancel, Command, End, Pause, Resume, Seek, SetParameter
 from fapengine.engine.gestures import BatchGestures
 from fapengine.engine.session import Counters, Event, Limits, Session, State
 from fapengine.engine.utterance import StreamClock, Utterance
@@ -88,12 +77,7 @@ class Engine:
     """
 
     def __init__(
-        self,
-        profile: Profile,
-        *,
-        rng: np.random.Generator,
-        limits: Limits | None = None,
-        style: Style | None = None,
+        self, profile: Profile, *, rng: np.random.Generator, limits: Limits | None = None, style: Style | None = None
     ) -> None:
         self._rng, self._limits, self._style = rng, limits or Limits(), style or Style()
         self._batch = BatchPlanner(profile, Style.still(method=self._style.method))

@@ -84,12 +84,7 @@ TRANSITIONS = MappingProxyType(
             Step.PAUSE: _S.HELD,
             Step.CLOSE: _S.OVER,
         },
-        _S.SPEAKING: {
-            Step.BEGIN: _S.SPEAKING,
-            Step.PLACE: _S.SPEAKING,
-            Step.PAUSE: _S.PAUSED,
-            Step.CLOSE: _S.OVER,
-        },
+        _S.SPEAKING: {Step.BEGIN: _S.SPEAKING, Step.PLACE: _S.SPEAKING, Step.PAUSE: _S.PAUSED, Step.CLOSE: _S.OVER},
         _S.HELD: {Step.BEGIN: _S.HELD, Step.PLACE: _S.PLACED, Step.CLOSE: _S.OVER},
         _S.PAUSED: {Step.BEGIN: _S.PAUSED, Step.PLACE: _S.SPEAKING, Step.CLOSE: _S.OVER},
         _S.OVER: {},

@@ -287,9 +287,7 @@ class Hub:
         return frames
 
     async def run(
-        self,
-        before: Callable[[float, float], None] | None = None,
-        after: Callable[[float], None] | None = None,
+        self, before: Callable[[float, float], None] | None = None, after: Callable[[float], None] | None = None
     ) -> None:
         """Tick at the rate until :meth:`stop`; less often while there is no session.
 

@@ -113,12 +113,7 @@ class VisemeSpace:
 
 
 def fit_viseme_space(
-    markers_mm: ArrayLike,
-    markers: Sequence[str],
-    followers_mm: ArrayLike,
-    followers: Sequence[str],
-    *,
-    mode_count: int,
+    markers_mm: ArrayLike, markers: Sequence[str], followers_mm: ArrayLike, followers: Sequence[str], *, mode_count: int
 ) -> tuple[VisemeSpace, NDArray[np.float64]]:
     """Learn the space from fluent speech.
 

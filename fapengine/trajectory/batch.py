@@ -15,7 +15,6 @@ A row equals the frame of a planner of its own, FAP for FAP; only the order of a
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,83 +40,54 @@ FIRST_ROWS, FIRST_HOLDS = 16, 4
 """Numbers of rows, and of holds in each, that a batch begins with; they double when they are full."""
 
 
-@dataclass(slots=True, eq=False)
 class _Rows:
-    """State of each session, (rows, ...) each; times are the session's own.
+    """State of each session, (rows, ...) each; times are the session's own. Stateful."""
 
-    Stateful.
-    """
-
-    session: NDArray[np.int64]
-    begins_s: Array
-    """Batch's time at which the session's time is 0."""
-    shown_s: Array
-    """Its time in the last frame; minus infinity before the first."""
-    reload_s: Array
-    """Time from which on the window is of no use."""
-    knots_s: Array
-    """(rows, KNOTS), rising, filled up with infinity."""
-    jets: Array
-    """(rows, KNOTS, 3, K): value, velocity and acceleration at the knots."""
-    last: NDArray[np.int64]
-    """Knot that begins the last segment."""
-    fade_from_s: Array
-    fade_rate: Array
-    """One over the length of the fade."""
-    momentum_rate: Array
-    """One over the time in which velocity and acceleration fade."""
-    fade: Array
-    """(rows, 3, K): value, velocity and acceleration that fade, the last two per their fade and its square."""
-    hold_start_s: Array
-    """(rows, holds), filled up with infinity; so the next."""
-    hold_stop_s: Array
-    hold_contact: NDArray[np.int64]
-    """(rows, holds): index in :data:`CONTACTS`."""
-    until_s: Array
-    """End of the segment."""
-    from_s: Array
-    rate: Array
-    """One over the segment's length."""
-    quintic: Array
-    """(rows, 6, K): coefficients of the segment."""
-
-    @classmethod
-    def empty(cls, rows: int, holds: int, modes: int) -> "_Rows":
-        def rows_inmost(*shape: int) -> Array:  # so that whole columns of sessions lie side by side in memory
-            return np.moveaxis(np.zeros((*shape, rows)), -1, 0)
-
-        return cls(
-            session=np.zeros(rows, np.int64),
-            begins_s=np.zeros(rows),
-            shown_s=np.zeros(rows),
-            reload_s=np.zeros(rows),
-            knots_s=np.zeros((rows, KNOTS)),
-            jets=np.zeros((rows, KNOTS, 3, modes)),
-            last=np.zeros(rows, np.int64),
-            fade_from_s=np.zeros(rows),
-            fade_rate=np.zeros(rows),
-            momentum_rate=np.zeros(rows),
-            fade=rows_inmost(3, modes),
-            hold_start_s=np.full((rows, holds), np.inf),
-            hold_stop_s=np.full((rows, holds), np.inf),
-            hold_contact=np.zeros((rows, holds), np.int64),
-            until_s=np.zeros(rows),
-            from_s=np.zeros(rows),
-            rate=np.zeros(rows),
-            quintic=rows_inmost(6, modes),
-        )
+    def __init__(self, rows: int, holds: int, modes: int) -> None:
+        self.session = np.zeros(rows, np.int64)
+        self.begins_s = np.zeros(rows)
+        """Batch's time at which the session's time is 0."""
+        self.shown_s = np.full(rows, -np.inf)
+        """Its time in the last frame; minus infinity before the first."""
+        self.reload_s = np.full(rows, -np.inf)
+        """Time from which the window is of no use."""
+        self.knots_s = np.zeros((rows, KNOTS))
+        """Rising, filled up with infinity."""
+        self.jets = np.zeros((rows, KNOTS, 3, modes))
+        """Value, velocity and acceleration at the knots."""
+        self.last = np.zeros(rows, np.int64)
+        """Knot that begins the last segment."""
+        self.fade_from_s = np.zeros(rows)
+        self.fade_rate = np.zeros(rows)
+        """One over the length of the fade."""
+        self.momentum_rate = np.zeros(rows)
+        """One over the time in which velocity and acceleration fade."""
+        self.fade = np.moveaxis(np.zeros((3, modes, rows)), -1, 0)
+        """Value, velocity and acceleration that fade, the last two per their fade and its square. Sessions are next to
+        each other in memory."""
+        self.hold_start_s = np.full((rows, holds), np.inf)
+        """Filled up with infinity; so the next."""
+        self.hold_stop_s = np.full((rows, holds), np.inf)
+        self.hold_contact = np.zeros((rows, holds), np.int64)
+        """Index in :data:`.closures.CONTACTS`."""
+        self.until_s = np.zeros(rows)
+        """End of the segment."""
+        self.from_s = np.zeros(rows)
+        self.rate = np.zeros(rows)
+        """One over the segment's length."""
+        self.quintic = np.moveaxis(np.zeros((6, modes, rows)), -1, 0)
+        """Coefficients of the segment. Sessions are next to each other in memory."""
 
     def grown(self, rows: int, holds: int) -> "_Rows":
         """Copy into more room."""
-        wider = _Rows.empty(rows, holds, self.jets.shape[-1])
-        for name in (column.name for column in fields(self)):
-            old, new = getattr(self, name), getattr(wider, name)
-            new[tuple(slice(length) for length in old.shape)] = old
+        wider = _Rows(rows, holds, self.jets.shape[-1])
+        for name, old in vars(self).items():
+            getattr(wider, name)[tuple(slice(length) for length in old.shape)] = old
         return wider
 
     def move(self, source: int, target: int) -> None:
-        for name in (column.name for column in fields(self)):
-            array = getattr(self, name)
+        """Copy a row to another."""
+        for array in vars(self).values():
             array[target] = array[source]
 
 
@@ -147,7 +117,7 @@ class BatchPlanner:
         """Those that have taken phones since they were planned, by session."""
         self._opened = 0
         self._now_s = -np.inf
-        self._rows = _Rows.empty(FIRST_ROWS, FIRST_HOLDS, profile.space.mode_count + WIDTH)
+        self._rows = _Rows(FIRST_ROWS, FIRST_HOLDS, profile.space.mode_count + WIDTH)
         self._composer = Composer(profile, self._style)
 
     def __len__(self) -> int:

@@ -97,7 +97,7 @@ def _sample(start: float, queue: list[Ramp], times_s: Array) -> Array:
     return values
 
 
-Quintic = tuple[float, float, float, float, float, float]
+Quintic = tuple[float, ...]
 _NOTHING: Quintic = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -122,12 +122,7 @@ class _Motion(NamedTuple):
                 momentum_s = min(momentum_s, length_s)
         way = hermite.quintic(ramp.over_s, (value, 0.0, 0.0), (ramp.goal, 0.0, 0.0))
         momentum = hermite.quintic(momentum_s, (0.0, velocity, acceleration), (0.0, 0.0, 0.0))
-        return _Motion(ramp.at_s, ramp.over_s, momentum_s, _six(way), _six(momentum))
-
-
-def _six(coefficients: tuple[float, ...]) -> Quintic:
-    c0, c1, c2, c3, c4, c5 = coefficients
-    return c0, c1, c2, c3, c4, c5
+        return _Motion(ramp.at_s, ramp.over_s, momentum_s, way, momentum)
 
 
 def _horner(powers: Iterable[Array] | Array, share: Array) -> Array:

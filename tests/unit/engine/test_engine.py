@@ -632,7 +632,7 @@ def test_many_clauses_at_once_are_planned_over_several_frames_and_in_time(monkey
     for n in range(40):
         face.open(f"s{n}", 0.0)
     feed = face._batch.feed
-    monkeypatch.setattr(face._batch, "feed", lambda *args: fed.append(args) or feed(*args))
+    monkeypatch.setattr(face._batch, "feed", lambda *args, **named: fed.append(args) or feed(*args, **named))
     for n in range(40):
         say(face, sentence(lead_s=0.8), session=f"s{n}")
     counts = []
