@@ -18,7 +18,7 @@ import numpy as np
 from fapengine.agents.face import AgentFace
 from fapengine.files.heads.load import load_head_for_calls
 from fapengine.files.profiles import load_profile
-from fapengine.host.stream import StreamHost, StreamHosts
+from fapengine.host.stream import StreamHost
 from fapengine.host.words import TimedWord
 from fapengine.mpeg4.track import FapTrack
 from fapengine.recognition.process import DirectRecognizer
@@ -66,8 +66,6 @@ SAID_NOW = (
 RATE_HZ, SIDE_PX = 25, 512
 DRAWN = 100
 """Frames of which drawing and encoding are measured."""
-TOGETHER = 100
-"""Agents on one engine."""
 
 
 def _shown(stage: StreamHost, samples: np.ndarray, rate_hz: int) -> list[np.ndarray]:
@@ -107,19 +105,8 @@ def measured() -> dict[str, float]:
         stage = StreamHost(profile, rng=np.random.default_rng(1), ear=DirectRecognizer(ear()))
         return _shown(stage, speech.samples, speech.sample_rate_hz)
 
-    def by_words_together() -> None:
-        hosts = StreamHosts(profile, rng=np.random.default_rng(1))
-        for number in range(TOGETHER):
-            stage = hosts.open(str(number), pronounce=lambda _: known)
-            stage.words(words)
-            stage.push(speech.samples, speech.sample_rate_hz)
-            stage.end()
-        while any(stage.is_speaking for stage in hosts.hosts.values()):
-            hosts.next(1 / RATE_HZ)
-
     frames = by_words()
     costs = {"stage, alone": _cpu_s(by_words, length_s)}
-    costs[f"stage, {TOGETHER} together"] = _cpu_s(by_words_together, TOGETHER * length_s, repeats=2)
     costs |= _pronouncing(voice)
     ears: dict[str, Callable[[], Recognizer]] = {"PocketSphinx": SphinxRecognizer, "small ear": SmallRecognizer}
     for name, ear in ears.items():
@@ -220,11 +207,11 @@ KINDS = {
     "drawn, with words": ("stage, alone", "words, one by one", "drawing", "VP8, 500 kbit/s"),
     "drawn, hard edges, words": ("stage, alone", "words, one by one", "drawing, hard edges", "VP8, 500 kbit/s"),
     "drawn, listening": ("drawing, listening", "VP8, listening"),
-    "FAPs, PocketSphinx": (f"stage, {TOGETHER} together", "PocketSphinx", "FAPs as OSC"),
-    "FAPs, small ear": (f"stage, {TOGETHER} together", "small ear", "FAPs as OSC"),
-    "FAPs, word by word": (f"stage, {TOGETHER} together", "words, one by one", "FAPs as OSC"),
-    "FAPs, by sentences": (f"stage, {TOGETHER} together", "words, by sentences", "FAPs as OSC"),
-    "FAPs, with phones": (f"stage, {TOGETHER} together", "FAPs as OSC"),
+    "FAPs, PocketSphinx": ("stage, alone", "PocketSphinx", "FAPs as OSC"),
+    "FAPs, small ear": ("stage, alone", "small ear", "FAPs as OSC"),
+    "FAPs, word by word": ("stage, alone", "words, one by one", "FAPs as OSC"),
+    "FAPs, by sentences": ("stage, alone", "words, by sentences", "FAPs as OSC"),
+    "FAPs, with phones": ("stage, alone", "FAPs as OSC"),
 }
 """Ways to give an agent a face, each with the parts of the work that it needs."""
 

@@ -84,6 +84,15 @@ def frozen(
     return copy
 
 
+def freeze(owner: object, dtype: DTypeLike = np.float64, **shapes: Sequence[str | int]) -> None:
+    """Replace fields of a frozen dataclass by :func:`frozen` copies; an axis name has one length in all of them."""
+    lengths: dict[str | int, int] = {}
+    for name, shape in shapes.items():
+        values = frozen(getattr(owner, name), name, [lengths.get(axis, axis) for axis in shape], dtype)
+        lengths |= dict(zip(shape, values.shape, strict=True))
+        object.__setattr__(owner, name, values)
+
+
 def _fits(got: tuple[int, ...], wanted: Sequence[str | int]) -> bool:
     if wanted and wanted[0] == "...":
         wanted = wanted[1:]

@@ -15,6 +15,7 @@ from fapengine.engine.session import Event
 from fapengine.voices.protocol import Speech
 
 Unsubscribe = Callable[[], None]
+
 Place = Callable[[float], float | None]
 """Engine time to the time in a sound that belongs there; minus infinity: it does not sound yet, None: it is over."""
 
@@ -93,109 +94,91 @@ class HubCounts(Counts):
 
 
 class Listeners:
-    """Listeners by what they want.
+    """Listeners by what they listen to.
 
     Stateful. Each method that adds one returns a function that removes it; a session of None stands for all sessions.
 
     Parameters
     ----------
     counts : HubCounts
-        Counts those that are dropped.
+        Counts the listeners that are dropped.
     """
 
     def __init__(self, counts: HubCounts) -> None:
         self._counts = counts
         self._keys = count()
-        self._frames: dict[int, Callable[[HubFrames], None]] = {}
-        self._frame: dict[str, dict[int, Callable[[HubFrame], None]]] = {}
-        self._event: dict[int, tuple[str | None, Callable[[Event], None]]] = {}
-        self._command: dict[int, tuple[str | None, Callable[[str, Command, float], None]]] = {}
-        self._speech: dict[int, tuple[str | None, bool, Callable[[Spoken], None]]] = {}
+        self._of: dict[str, dict[int, Any]] = {kind: {} for kind in ("frames", "frame", "event", "command", "speech")}
 
     def on_frame(self, session: str, listener: Callable[[HubFrame], None]) -> Unsubscribe:
-        """Have every frame of one session, as long as it is open."""
-        listeners = self._frame.setdefault(session, {})
-        remove = self._add(listeners, listener)
-
-        def stop() -> None:
-            remove()
-            if not listeners and self._frame.get(session) is listeners:
-                del self._frame[session]
-
-        return stop
+        """Receive every frame of one session, as long as it is open."""
+        return self._add("frame", session, listener)
 
     def on_frames(self, listener: Callable[[HubFrames], None]) -> Unsubscribe:
-        """Have every frame of all sessions, in one call a tick."""
-        return self._add(self._frames, listener)
+        """Receive every frame of all sessions, in one call per tick."""
+        return self._add("frames", None, listener)
 
     def on_event(self, session: str | None, listener: Callable[[Event], None]) -> Unsubscribe:
-        """Hear what becomes of utterances: ``fapengine.engine`` Events."""
-        return self._add(self._event, (session, listener))
+        """Receive the events of utterances."""
+        return self._add("event", session, listener)
 
     def on_command(self, session: str | None, listener: Callable[[str, Command, float], None]) -> Unsubscribe:
-        """Get the commands of a session: session, command, engine time. A phone ticker is made of it."""
-        return self._add(self._command, (session, listener))
+        """Receive the commands of a session: session, command, engine time."""
+        return self._add("command", session, listener)
 
     def on_speech(self, session: str | None, listener: Callable[[Spoken], None], *, plays: bool) -> Unsubscribe:
-        """Have the sound of what a voice says.
+        """Receive the audio of what a voice says.
 
         Parameters
         ----------
         session : str or None
-            None: of all sessions.
         listener : callable
-            Takes a :class:`Spoken`.
         plays : bool
-            Whether it plays the sound and tells where it is, with :class:`~fapengine.engine.commands.Audio`. The
+            Whether it plays the audio and reports its position, with :class:`~fapengine.engine.commands.Audio`. The
             face then waits for that.
         """
-        return self._add(self._speech, (session, plays, listener))
+        return self._add("speech", session, listener, plays=plays)
 
     def plays(self, session: str) -> bool:
-        """Return whether a listener plays the sound of a session's voice."""
-        return any(plays for wanted, plays, _ in self._speech.values() if wanted in (None, session))
+        """Whether a listener plays the audio of a session's voice."""
+        return any(plays for wanted, _, plays in self._of["speech"].values() if wanted in (None, session))
 
     def tell_frames(self, frames: HubFrames) -> None:
         """Hand out the frames of one tick: whole, and row by row."""
-        for key, listener in tuple(self._frames.items()):
-            self._call(self._frames, key, listener, frames)
-        if not self._frame:
-            return
-        rows = {session: row for row, session in enumerate(frames.sessions)}
-        for session, listeners in tuple(self._frame.items()):
-            row = rows.get(session)
-            if row is not None:
-                frame = HubFrame(session, frames.number, frames.time_s, frames.faps[row])
-                for key, of_one in tuple(listeners.items()):
-                    self._call(listeners, key, of_one, frame)
+        self._tell("frames", None, frames)
+        rows = {session: row for row, session in enumerate(frames.sessions)} if self._of["frame"] else {}
+        for key, (session, listener, _) in tuple(self._of["frame"].items()):
+            if session in rows:
+                frame = HubFrame(session, frames.number, frames.time_s, frames.faps[rows[session]])
+                self._call("frame", key, listener, frame)
 
     def tell_event(self, event: Event) -> None:
-        """Tell what became of an utterance."""
-        for key, (session, listener) in tuple(self._event.items()):
-            if session in (None, event.session):
-                self._call(self._event, key, listener, event)
+        """Report an event."""
+        self._tell("event", event.session, event)
 
     def tell_command(self, session: str, command: Command, now_s: float) -> None:
         """Report a command of a session."""
-        for key, (wanted, listener) in tuple(self._command.items()):
-            if wanted in (None, session):
-                self._call(self._command, key, listener, session, command, now_s)
+        self._tell("command", session, session, command, now_s)
 
     def tell_speech(self, spoken: Spoken) -> None:
-        """Hand out the sound of what a voice said."""
-        for key, (wanted, _, listener) in tuple(self._speech.items()):
-            if wanted in (None, spoken.session):
-                self._call(self._speech, key, listener, spoken)
+        """Hand out the audio of what a voice said."""
+        self._tell("speech", spoken.session, spoken)
 
-    def _add(self, listeners: dict[int, Any], listener: Any) -> Unsubscribe:
-        key = next(self._keys)
-        listeners[key] = listener
+    def _add(
+        self, kind: str, session: str | None, listener: Callable[..., None], *, plays: bool = False
+    ) -> Unsubscribe:
+        key, listeners = next(self._keys), self._of[kind]
+        listeners[key] = session, listener, plays
         return lambda: listeners.pop(key, None)
 
-    def _call(self, listeners: dict[int, Any], key: int, listener: Callable[..., None], *arguments: object) -> None:
+    def _tell(self, kind: str, session: str | None, *arguments: object) -> None:
+        for key, (wanted, listener, _) in tuple(self._of[kind].items()):
+            if wanted in (None, session):
+                self._call(kind, key, listener, *arguments)
+
+    def _call(self, kind: str, key: int, listener: Callable[..., None], *arguments: object) -> None:
         try:
             listener(*arguments)
         except Exception:  # one listener's fault must not stop the other faces
             log.exception("a listener failed and is dropped", extra={"listener": repr(listener)})
-            listeners.pop(key, None)
+            self._of[kind].pop(key, None)
             self._counts.listeners_dropped += 1

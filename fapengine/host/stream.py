@@ -20,7 +20,7 @@ that much delay, and makes lips that are ready for what comes. Then:
 - **An interruption** ends all utterances at once; the lips are at rest within :data:`REST_S`.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from math import inf, nextafter
 from typing import Literal
@@ -164,36 +164,9 @@ class StreamHost(Host, GestureMethods):
         ear: StreamRecognizer | None = None,
         pronounce: Pronounce | None = None,
     ) -> None:
-        engine = Engine(profile, rng=rng, limits=replace(LIMITS, sessions=1), style=style)
-        self._begin(engine, _FACE, 0.0, ear, pronounce)
-
-    @classmethod
-    def on(
-        cls,
-        engine: Engine,
-        session: str,
-        now_s: float,
-        *,
-        ear: StreamRecognizer | None = None,
-        pronounce: Pronounce | None = None,
-    ) -> "StreamHost":
-        """Make a host for a new session of an engine that many hosts share: see :class:`StreamHosts`.
-
-        Raises
-        ------
-        UsageError
-            If the engine has no place for it, or the session is open.
-        """
-        host = cls.__new__(cls)
-        host._begin(engine, session, now_s, ear, pronounce)
-        return host
-
-    def _begin(
-        self, engine: Engine, session: str, now_s: float, ear: StreamRecognizer | None, pronounce: Pronounce | None
-    ) -> None:
-        Host.__init__(self, engine, session)
-        engine.open(session, now_s)
-        self._now_s = now_s
+        super().__init__(Engine(profile, rng=rng, limits=replace(LIMITS, sessions=1), style=style), _FACE)
+        self.engine.open(_FACE, 0.0)
+        self._now_s = 0.0
         self.counts = StreamCounts()
         self._ear, self._pronounce = ear, pronounce
         self._newest = 0
@@ -279,26 +252,14 @@ class StreamHost(Host, GestureMethods):
         UsageError
             If there is no such time.
         """
-        begins_s = self._now_s
-        sounds = self.prepare(dt_s)
-        faps = self.engine.frame(begins_s).faps[0]
-        self.engine.events()
-        return StreamFrame(faps, sounds)
-
-    def prepare(self, dt_s: float) -> tuple[Sound, ...]:
-        """Hand out the sound of the next frame, and have the engine ready to show it; the part of :meth:`next` before.
-
-        Raises
-        ------
-        UsageError
-            If there is no such time.
-        """
         if not 1e-3 <= dt_s <= 1.0:
             raise UsageError(f"dt_s: got {dt_s:g} s, expected 0.001..1")
         self._listen()
-        sounds = self._speak(dt_s)
+        sounds, begins_s = self._speak(dt_s), self._now_s
         self._now_s += dt_s
-        return sounds
+        faps = self.engine.frame(begins_s).faps[0]
+        self.engine.events()
+        return StreamFrame(faps, sounds)
 
     def events(self) -> list[StreamEvent]:
         """Return what became of utterances since the last call."""
@@ -459,58 +420,3 @@ class StreamHost(Host, GestureMethods):
         if self._listening is not None and self._listening[0] is utterance and self._ear is not None:
             self._ear.begin()
             self._listening = None
-
-
-class StreamHosts:
-    """Many faces on one engine: a frame of all costs little more than a frame of one. Stateful.
-
-    Parameters
-    ----------
-    profile : Profile
-        Speaker profile of all.
-    rng : numpy.random.Generator
-        Chance of blinks, glances and head motion.
-    style : Style, optional
-    """
-
-    def __init__(self, profile: Profile, *, rng: np.random.Generator, style: Style | None = None) -> None:
-        self._engine = Engine(profile, rng=rng, limits=LIMITS, style=style)
-        self._hosts: dict[str, StreamHost] = {}
-        self._now_s = 0.0
-
-    @property
-    def hosts(self) -> Mapping[str, StreamHost]:
-        """Hosts by name."""
-        return self._hosts
-
-    def open(self, name: str, *, ear: StreamRecognizer | None = None, pronounce: Pronounce | None = None) -> StreamHost:
-        """Add a host. It is shown by :meth:`next` alone, not by its own.
-
-        Raises
-        ------
-        UsageError
-            If there is one of that name, or as many as there may be.
-        """
-        self._hosts[name] = host = StreamHost.on(self._engine, name, self._now_s, ear=ear, pronounce=pronounce)
-        return host
-
-    def close(self, name: str) -> None:
-        """Remove a host.
-
-        Raises
-        ------
-        UsageError
-            If there is none of that name.
-        """
-        self._engine.close(name, self._now_s)
-        del self._hosts[name]
-
-    def next(self, dt_s: float) -> dict[str, StreamFrame]:
-        """Show the next frame of every host, each for ``dt_s``. Raises as :meth:`StreamHost.next`."""
-        sounds = {name: host.prepare(dt_s) for name, host in self._hosts.items()}
-        shown = self._engine.frame(self._now_s)
-        self._engine.events()
-        self._now_s += dt_s
-        return {
-            name: StreamFrame(faps, sounds[name]) for name, faps in zip(shown.sessions, shown.faps, strict=True)
-        }  # fmt: skip

@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import Delaunay, cKDTree
 
-from fapengine._arrays import frozen
+from fapengine._arrays import freeze, frozen
 from fapengine.errors import DataError, UsageError
 from fapengine.geometry.surface import Surface, continue_smoothly, vertex_normals
 
@@ -59,11 +59,9 @@ class Binding:
     """(V,): false for a vertex too far outside of every facet."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "facets", frozen(self.facets, "facets", ("V", 3), np.int64))
-        shape = (len(self.facets), 3)
-        object.__setattr__(self, "weights", frozen(self.weights, "weights", shape, np.float64))
-        object.__setattr__(self, "height_mm", frozen(self.height_mm, "height_mm", shape[:1], np.float64))
-        object.__setattr__(self, "bound", frozen(self.bound, "bound", shape[:1], np.bool_))
+        freeze(self, np.int64, facets=("V", 3))
+        freeze(self, weights=(len(self.facets), 3), height_mm=(len(self.facets),))
+        freeze(self, np.bool_, bound=(len(self.facets),))
 
     def lines(
         self, points_mm: NDArray[np.float64], triangles: ArrayLike
@@ -89,9 +87,7 @@ class DenseModes:
     """Mean square root of the squared distance of a vertex, each posture predicted from the others."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "mean_mm", frozen(self.mean_mm, "mean_mm", ("V", 3), np.float64))
-        shape = ("K", len(self.mean_mm), 3)
-        object.__setattr__(self, "modes_mm", frozen(self.modes_mm, "modes_mm", shape, np.float64))
+        freeze(self, mean_mm=("V", 3), modes_mm=("K", "V", 3))
 
     def faces_mm(self, scores: ArrayLike) -> NDArray[np.float64]:
         """Equation 3: (..., K) -> (..., V, 3)."""
@@ -292,12 +288,8 @@ class LinearEstimator:
     """(K, 3M): ``A``, mm of a mode for each mm of a marker coordinate."""
 
     def __post_init__(self) -> None:
-        for field, shape in (("mean_markers_mm", ("M", 3)), ("mean_face_mm", ("V", 3)), ("variances", ("K",))):
-            object.__setattr__(self, field, frozen(getattr(self, field), field, shape, np.float64))
-        count = len(self.variances)
-        object.__setattr__(self, "modes", frozen(self.modes, "modes", (count, len(self.mean_face_mm), 3), np.float64))
-        size = self.mean_markers_mm.size
-        object.__setattr__(self, "matrix", frozen(self.matrix, "matrix", (count, size), np.float64))
+        freeze(self, mean_markers_mm=("M", 3), mean_face_mm=("V", 3), variances=("K",), modes=("K", "V", 3))
+        freeze(self, matrix=(len(self.variances), self.mean_markers_mm.size))
 
     def coefficients(self, markers_mm: ArrayLike) -> NDArray[np.float64]:
         """Equation 11: (..., M, 3) mm -> (..., K) mm."""

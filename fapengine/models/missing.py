@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fapengine._arrays import frozen
+from fapengine._arrays import freeze, frozen
 from fapengine.errors import DataError, UsageError
 
 FEW_ALWAYS_SEEN = 0.4
@@ -49,9 +49,7 @@ class GapModel:
     """EM steps after the start."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "mean_mm", frozen(self.mean_mm, "mean_mm", ("M", 3), np.float64))
-        shape = ("K", len(self.mean_mm), 3)
-        object.__setattr__(self, "modes_mm", frozen(self.modes_mm, "modes_mm", shape, np.float64))
+        freeze(self, mean_mm=("M", 3), modes_mm=("K", "M", 3))
 
     def scores(self, frames_mm: ArrayLike, seen: ArrayLike) -> NDArray[np.float64]:
         """(T, K): most probable weights of each frame, in standard deviations; 0 where nothing is seen."""

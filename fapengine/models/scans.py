@@ -26,7 +26,7 @@ from scipy.interpolate import LinearNDInterpolator
 from scipy.ndimage import gaussian_filter, zoom
 from scipy.spatial.transform import Rotation
 
-from fapengine._arrays import frozen
+from fapengine._arrays import freeze, frozen
 from fapengine.errors import DataError, UsageError
 from fapengine.geometry.rigid import RigidMotion, fit_rigid
 from fapengine.geometry.smooth import smoothstep
@@ -63,9 +63,7 @@ class ScanFit:
     """The last step moved no point by more than 0.1 um; false: the limit of steps came first."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "scores", frozen(self.scores, "scores", ("K",), np.float64))
-        object.__setattr__(self, "points_mm", frozen(self.points_mm, "points_mm", ("M", 3), np.float64))
-        object.__setattr__(self, "trust", frozen(self.trust, "trust", (len(self.points_mm),), np.float64))
+        freeze(self, scores=("K",), points_mm=("M", 3), trust=("M",))
 
 
 def fit_scan(

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import lapack, qr, solve_triangular
 
-from fapengine._arrays import frozen
+from fapengine._arrays import freeze, frozen
 from fapengine.errors import DataError, UsageError
 
 ILL_CONDITIONED = 1e-6
@@ -42,9 +42,8 @@ class PivotedFactor:
     """(M, M), upper triangular, columns in ``order``, mm."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "order", frozen(self.order, "order", ("M",), np.intp))
-        count = len(self.order)
-        object.__setattr__(self, "r", frozen(self.r, "r", (count, count), np.float64))
+        freeze(self, np.intp, order=("M",))
+        freeze(self, r=(len(self.order), len(self.order)))
 
     @property
     def diagonal(self) -> NDArray[np.float64]:
@@ -74,9 +73,8 @@ class MarkerSubset:
     """``||R22||_F`` of the training data, mm (a norm over all frames, not a mean)."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "primary", frozen(self.primary, "primary", ("k",), np.intp))
-        shape = (len(self.primary), "M")
-        object.__setattr__(self, "weights", frozen(self.weights, "weights", shape, np.float64))
+        freeze(self, np.intp, primary=("k",))
+        freeze(self, weights=(len(self.primary), "M"))
 
     @property
     def secondary(self) -> NDArray[np.intp]:

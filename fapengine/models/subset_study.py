@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import RBFInterpolator
 from scipy.spatial import Delaunay
 
-from fapengine._arrays import frozen
+from fapengine._arrays import freeze, frozen
 from fapengine.errors import UsageError
 from fapengine.models.subset import MarkerSubset, factorise_gram, gram, search_swaps, select
 
@@ -37,8 +37,8 @@ class KinematicRegions:
     """(N,): within the hull of the markers; beyond it the weights are a guess."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "weights", frozen(self.weights, "weights", ("k", "N"), np.float64))
-        object.__setattr__(self, "inside", frozen(self.inside, "inside", (self.weights.shape[1],), np.bool_))
+        freeze(self, weights=("k", "N"))
+        freeze(self, np.bool_, inside=(self.weights.shape[1],))
 
     def signs(self, notable: float = 0.1) -> NDArray[np.int8]:
         """(k, N): +1 moves with the primary marker, -1 against it, 0 hardly (below ``notable``) or outside."""
@@ -89,8 +89,8 @@ class FullMap:
     """(3k, 3M): coordinates of a marker lie side by side."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "primary", frozen(self.primary, "primary", ("k",), np.intp))
-        object.__setattr__(self, "matrix", frozen(self.matrix, "matrix", (3 * len(self.primary), "3M"), np.float64))
+        freeze(self, np.intp, primary=("k",))
+        freeze(self, matrix=(3 * len(self.primary), "3M"))
 
     def synthesise(self, primary_mm: ArrayLike) -> NDArray[np.float64]:
         """Drive all markers: displacements (..., k, 3) mm of the primary ones -> (..., M, 3) mm."""
@@ -168,8 +168,8 @@ class ErrorCurve:
     """(N, folds): mean distance of the driven markers in the sentences left out, mm."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "k", frozen(self.k, "k", ("N",), np.intp))
-        object.__setattr__(self, "fold_mm", frozen(self.fold_mm, "fold_mm", (len(self.k), "folds"), np.float64))
+        freeze(self, np.intp, k=("N",))
+        freeze(self, fold_mm=(len(self.k), "folds"))
 
     @property
     def mean_mm(self) -> NDArray[np.float64]:

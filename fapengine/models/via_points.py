@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fapengine._arrays import frozen
+from fapengine._arrays import freeze, frozen
 from fapengine.errors import UsageError
 from fapengine.geometry.smooth import low_pass
 
@@ -52,9 +52,7 @@ class ViaPoints:
     """(N, M, 3)."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "times_s", frozen(self.times_s, "times_s", ("N",), np.float64))
-        shape = (len(self.times_s), "M", 3)
-        object.__setattr__(self, "positions_mm", frozen(self.positions_mm, "positions_mm", shape, np.float64))
+        freeze(self, times_s=("N",), positions_mm=("N", "M", 3))
         if len(self.times_s) < MIN_POINTS or (np.diff(self.times_s) <= 0).any():
             raise UsageError(f"times_s: needs at least {MIN_POINTS} times, strictly rising, got {len(self.times_s)}")
 
@@ -235,10 +233,9 @@ class KeyedCurve:
     """(N, W) a second, of the cubic Hermite curve; None where it goes straight from key to key."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "times_s", frozen(self.times_s, "times_s", ("N",), np.float64))
-        object.__setattr__(self, "values", frozen(self.values, "values", (len(self.times_s), "W"), np.float64))
+        freeze(self, times_s=("N",), values=("N", "W"))
         if self.slopes is not None:
-            object.__setattr__(self, "slopes", frozen(self.slopes, "slopes", self.values.shape, np.float64))
+            freeze(self, slopes=self.values.shape)
 
 
 def key_curve(values: Array, rate_hz: float, way: str = STRAIGHT, tolerance: float = 0.0) -> KeyedCurve:

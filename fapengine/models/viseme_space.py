@@ -22,7 +22,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fapengine._arrays import frozen
+from fapengine._arrays import freeze, frozen
 from fapengine.errors import UsageError
 
 
@@ -38,9 +38,7 @@ class Components:
     """(K,), in squared units of the data."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "mean", frozen(self.mean, "mean", ("D",), np.float64))
-        object.__setattr__(self, "vectors", frozen(self.vectors, "vectors", ("K", "D"), np.float64))
-        object.__setattr__(self, "variances", frozen(self.variances, "variances", ("K",), np.float64))
+        freeze(self, mean=("D",), vectors=("K", "D"), variances=("K",))
 
     def share(self) -> NDArray[np.float64]:
         """(K,): variance carried by the first 1, 2, ... K components, as a fraction of the whole."""
@@ -88,8 +86,7 @@ class VisemeSpace:
     """(K, P, 3), mm per unit weight. Over the markers the rows are orthonormal."""
 
     def __post_init__(self) -> None:
-        shape = ("K", len(self.points), 3)
-        object.__setattr__(self, "modes_mm", frozen(self.modes_mm, "modes_mm", shape, np.float64))
+        freeze(self, modes_mm=("K", len(self.points), 3))
         if not 0 < self.marker_count <= len(self.points):
             raise UsageError(f"marker_count: must be 1 to {len(self.points)}, got {self.marker_count}")
 
