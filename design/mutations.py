@@ -117,7 +117,7 @@ MUTATIONS = (
     ),
     Mutation(
         "late phones", "fapengine/engine/session.py",
-        "late = counts.late + counts.dropped - before", "late = counts.late + counts.dropped - before + 1",
+        '"late", now_s, late[utterance.number])', '"late", now_s, late[utterance.number] + 1)',
         "the sender is told how many phones came late",
         ("tests/unit/engine/test_engine.py",),
     ),

@@ -20,8 +20,7 @@ from fapengine.engine.engine import Engine
 from fapengine.engine.gesture_methods import GestureMethods
 from fapengine.expressions import EXPRESSIONS
 from fapengine.files.profiles import load_profile
-from fapengine.host.hub import Hub
-from fapengine.host.pacer import FramePacer
+from fapengine.host.hub import FramePacer, Hub
 from fapengine.host.playback import Playback
 from fapengine.profiles import Profile
 from fapengine.server.sinks.kinds import parse_sink

@@ -11,6 +11,7 @@ carries the same units as Python.
 import math
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, fields, replace
+from functools import cache
 from math import inf, isfinite, isnan
 from typing import Any, ClassVar, TypeVar, cast, get_type_hints
 
@@ -180,10 +181,6 @@ class Choice(FieldSpec):
         """Convert to the name."""
         return self.to_json(value)
 
-    def from_osc(self, value: str) -> Any:
-        """Return the value of a name or synonym."""
-        return self.named(value)
-
     def to_json(self, value: Any) -> str:
         """Convert to the name."""
         names = {**self.values, **self.synonyms}
@@ -199,7 +196,7 @@ class Choice(FieldSpec):
             raise UsageError(f"{self.what}: got {value!r}, expected one of {', '.join(self.values)}")
         return value
 
-    def named(self, name: str) -> Any:
+    def from_osc(self, value: str) -> Any:
         """Return the value of a name or synonym, in any case.
 
         Raises
@@ -208,9 +205,9 @@ class Choice(FieldSpec):
             If there is no such name.
         """
         names = {**self.values, **self.synonyms}
-        plain = name.strip().lower()
+        plain = value.strip().lower()
         if plain not in names:
-            raise DataError(f"{self.what}: got {name!r:.40}, expected one of {', '.join(names)}")
+            raise DataError(f"{self.what}: got {value!r:.40}, expected one of {', '.join(names)}")
         return names[plain]
 
 
@@ -224,17 +221,9 @@ class Command:
 SomeCommand = TypeVar("SomeCommand", bound=Command)
 
 
-_FIELDS: dict[type[Command], dict[str, FieldSpec]] = {}
-
-
+@cache
 def fields_of(kind: type[Command]) -> dict[str, FieldSpec]:
     """Return the fields of a command that are sent, by Python name, in the order of OSC."""
-    if kind not in _FIELDS:
-        _FIELDS[kind] = _read_fields(kind)
-    return _FIELDS[kind]
-
-
-def _read_fields(kind: type[Command]) -> dict[str, FieldSpec]:
     hints, kinds = get_type_hints(kind, include_extras=True), cast("Any", kind)
     specs = ((each.name, getattr(hints[each.name], "__metadata__", ())) for each in fields(kinds))
     return {name: spec for name, metadata in specs for spec in metadata if isinstance(spec, FieldSpec)}

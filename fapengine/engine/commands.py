@@ -235,5 +235,5 @@ def expression_named(name: str) -> Expression:
     DataError
         If there is no such expression.
     """
-    expression: Expression = _EXPRESSION.named(name)
+    expression: Expression = _EXPRESSION.from_osc(name)
     return expression

@@ -5,7 +5,7 @@ Theory of operation
 A session has its own clock, *stream time*. It runs with engine time; only :class:`.commands.Audio` speeds it up or
 slows it down, by at most :data:`SLEW`. Each utterance gets a place in stream time, its *zero*. From then on its phones
 go to the session's planner. Pausing, seeking and audio that jumps take the phones back, fade the face to neutral and
-give the utterance another zero. :mod:`.states` lists the states of an utterance.
+give the utterance another zero. :data:`.utterance.TRANSITIONS` lists the states of an utterance.
 
 Nothing runs per frame: a session says when it must be woken (:attr:`Session.wake_s`), and every command wakes it.
 """

@@ -1,1 +1,1 @@
-"""Hosts of the engine: what a face says, hears and plays, frame by frame, on a clock that is an argument."""
+"""Hosts of the engine: speech, recognition and playback of faces, frame by frame; the clock is an argument."""

@@ -1,13 +1,13 @@
-"""Faces that are moved by sound: a recognizer for each session with sound, and its phones into the session.
+"""Faces that are moved by audio: a recognizer for each session with audio, and its phones into the session.
 
 Theory of operation
 -------------------
-:meth:`Hearing.hear` takes sound of an utterance that a sender numbers; :meth:`Hearing.listen` takes sound without an
-end, of a microphone: speech in it is an utterance, over after :data:`PAUSE_S` of silence. Each
-session's sound goes to a recognizer process (:class:`fapengine.recognition.process.RecognizerProcess`), which reports
-phones :data:`fapengine.recognition.sphinx_recognizer.LOOK_AHEAD_S` and a little more after it; so the face follows the
-sound :data:`DELAY_S` later. What cancels an utterance also empties its recognizer. The number of recognizers is
-bounded, and so is the sound that each keeps before it is processed; what is more is refused and counted.
+:meth:`Hearing.hear` accepts audio of an utterance that a sender numbers; :meth:`Hearing.listen` accepts endless audio
+of a microphone: speech in it is an utterance, which ends after :data:`PAUSE_S` of silence. Each session's audio goes to
+a recognizer process (:class:`fapengine.recognition.process.RecognizerProcess`), which reports phones
+:data:`fapengine.recognition.sphinx_recognizer.LOOK_AHEAD_S` and a little more after it; so the face follows the audio
+:data:`DELAY_S` later. What cancels an utterance also empties its recognizer. The number of recognizers is limited, and
+so is the audio that each keeps before it is processed; more audio is refused and counted.
 """
 
 import logging
@@ -32,39 +32,34 @@ from fapengine.recognition.sphinx_recognizer import LOOK_AHEAD_S
 from fapengine.speech.phone_track import Phone
 
 DELAY_S = 0.5
-"""Time by which the face follows sound that comes as it is spoken; docs/how-to/sound.md says what less costs."""
+"""Delay of the face after audio that comes as it is spoken; docs/how-to/sound.md says what less costs."""
 MAX_EARS = 4
 MAX_WAITING_S = 20.0
-"""Length of sound of one session that waits to be heard."""
+"""Most audio of one session that waits for its recognizer."""
 IDLE_S = 30.0
-"""Time without sound after which a session releases its recognizer."""
+"""Time without audio after which a session releases its recognizer."""
 QUIET_S = 0.5
-"""Time without a piece of it after which a microphone's sound is over."""
+"""Time without audio after which a microphone's stream ends."""
 JUMP_S = 0.3
-"""Time that a microphone's sound may come late before it counts as another sound."""
+"""Time by which a microphone's audio may be late before it counts as a new stream."""
 DRIFT = 1e-3
-"""Share by which a microphone's clock may be slower than ours."""
+"""Fraction by which a microphone's clock may be slower than ours."""
 PAUSE_S = 0.5
 
 log = logging.getLogger("fapengine.hub")
 
 
-def _delay_s(one: "_Session") -> float:
-    """Delay of a session's face: :data:`DELAY_S`, and more for a recognizer that looks farther ahead."""
-    return DELAY_S + max(one.ear.look_ahead_s - LOOK_AHEAD_S, 0.0)
-
-
 @dataclass(slots=True)
 class HearingCounts(Counts):
-    """Counts of what recognizers were given. Stateful."""
+    """Counts of audio and phones. Stateful."""
 
     METRIC = "sound", "Sound that ears were given, s, and its phones, by what became of it."
 
     ears: int = metric("ears", "Processes that hear sound.", is_gauge=True)
     heard_s: float = 0.0
-    """Sound that was heard."""
+    """Audio that was recognized."""
     refused_s: float = 0.0
-    """Sound beyond what may wait, or without a recognizer."""
+    """Audio beyond what may wait, or without a recognizer."""
     phones: int = 0
     ended: int = 0
     """Recognizers that ended by themselves: each is a bug, or was killed."""
@@ -72,7 +67,7 @@ class HearingCounts(Counts):
 
 @dataclass(slots=True)
 class _Utterance:
-    """Where the phones of a stream go. Stateful."""
+    """Utterance that the phones of a stream go to. Stateful."""
 
     number: int
     offset_s: float
@@ -89,7 +84,7 @@ class _Session:
     ear: StreamRecognizer
     touched_s: float
     utterance: _Utterance | None = None
-    """Utterance that is said now."""
+    """Current utterance."""
     is_endless: bool = False
     """True where the stream is a microphone's."""
     zero_s: float = 0.0
@@ -97,16 +92,21 @@ class _Session:
     pushed_s: float = 0.0
     """Length of the stream."""
     deaf_s: float = 0.0
-    """Time in a microphone's stream before which phones are dropped: they were cancelled."""
+    """Time in a microphone's stream before which phones are dropped because they were cancelled."""
     rate_hz: int = 0
     source: Hashable = None
-    """Source of a microphone's sound."""
+    """Source of a microphone's audio."""
     ends: bool = False
     heard_s: float = 0.0
     stream: int = 0
-    """Counts its streams."""
+    """Number of its stream."""
     place: Place = lambda now_s: None
     """Place of the stream in engine time: see :class:`HeardSound`."""
+
+    @property
+    def delay_s(self) -> float:
+        """Delay of the face: :data:`DELAY_S`, and more for a recognizer that looks farther ahead."""
+        return DELAY_S + max(self.ear.look_ahead_s - LOOK_AHEAD_S, 0.0)
 
 
 @dataclass(slots=True, eq=False)
@@ -138,28 +138,28 @@ class Hearing:
         is_placed: bool = True,
         is_last: bool = False,
     ) -> None:
-        """Take sound of an utterance: pieces of one follow each other, and end the one before.
+        """Add audio of an utterance; another utterance ends the one before.
 
         Parameters
         ----------
         session : str
-            An open one.
+            An open session.
         utterance : int
             The engine's number.
         samples : (N,) int16
             Mono.
         rate_hz : int
         first_s : float
-            Time in the utterance of its first sample of all.
+            Time in the utterance of its very first sample.
         is_placed : bool
-            Whether the engine was told when it begins; else that is told here, :data:`DELAY_S` from now.
+            Whether the engine knows when it begins; otherwise it begins :data:`DELAY_S` from now.
         is_last : bool
-            Nothing of it follows.
+            Whether no more audio of it follows.
 
         Raises
         ------
         ResourceError
-            If there is no ear for it.
+            If no recognizer is free.
         """
         one = self._session(session, len(samples) / rate_hz)
         if one.is_endless or one.utterance is None or one.utterance.number != utterance:
@@ -173,7 +173,7 @@ class Hearing:
             one.ear.end()
 
     def on_sound(self, session: str, taker: Callable[[HeardSound], None]) -> Callable[[], None]:
-        """Have the sound that moves a session, and where it belongs; until what is returned is called."""
+        """Receive the audio that moves a session, and its place, until the returned function is called."""
         entry = (session, taker)
         self._takers.append(entry)
         return lambda: self._takers.remove(entry) if entry in self._takers else None
@@ -184,14 +184,14 @@ class Hearing:
         return self.max_ears > 0 and is_installed(self.model)
 
     def listen(self, session: str, samples: NDArray[np.int16], rate_hz: int, *, source: Hashable = None) -> bool:
-        """Take the next sound of a microphone, (N,) int16, as it comes; False if it was refused.
+        """Add the next audio of a microphone, (N,) int16, as it comes; False if it was refused.
 
-        It is refused where too much waits, and as long as another source, or an utterance with sound, has the ear.
+        It is refused if too much waits, or while another source, or an utterance with audio, has the recognizer.
 
         Raises
         ------
         ResourceError
-            If there is no ear for it.
+            If no recognizer is free.
         """
         before = self._sessions.get(session)
         if before is not None and not before.ends and before.rate_hz:
@@ -214,7 +214,7 @@ class Hearing:
         return self._push(session, one, samples, rate_hz)
 
     def tick(self, now_s: float) -> None:
-        """Tell the sessions what was heard."""
+        """Send recognized phones to their sessions."""
         for session, one in list(self._sessions.items()):
             if one.is_endless and not one.ends and now_s - one.touched_s > QUIET_S:
                 one.ends = True
@@ -231,12 +231,14 @@ class Hearing:
                 self.counts.heard_s += heard.position_s - one.heard_s
                 one.heard_s = heard.position_s
                 self._tell(session, one, heard, now_s)
-            self._begin_unplaced(session, one, now_s)
+            waits = one.utterance is not None and not one.utterance.is_begun
+            if waits and one.ear.is_ready and session in self.hub.engine:
+                self._begin(session, one, now_s)  # with what has come so far
             if session not in self.hub.engine or now_s - one.touched_s > IDLE_S:
                 self._close(session, keep=session in self.hub.engine)
 
     def drop(self, session: str) -> None:
-        """Drop a session's sound, which has no listener any more."""
+        """Drop a session's audio."""
         if session in self._sessions:
             self._end_utterance(session, self._sessions[session])
             self._close(session, keep=True)
@@ -318,7 +320,7 @@ class Hearing:
         def place(now_s: float) -> float | None:
             if self._sessions.get(session) is not one or one.stream != stream:
                 return None
-            at_s = now_s - one.zero_s - _delay_s(one)
+            at_s = now_s - one.zero_s - one.delay_s
             return at_s if at_s >= max(one.deaf_s, 0.0) else -inf
 
         return place
@@ -339,28 +341,22 @@ class Hearing:
         if heard.is_over:
             self._end_utterance(session, one)
 
-    def _begin_unplaced(self, session: str, one: _Session, now_s: float) -> None:
-        """Begin what has come so far, as soon as the recognizer is ready."""
-        waits = one.utterance is not None and not one.utterance.is_begun
-        if waits and one.ear.is_ready and session in self.hub.engine:
-            self._begin(session, one, now_s)
-
     def _begin(self, session: str, one: _Session, now_s: float) -> None:
         utterance = one.utterance
         if utterance is not None:
             utterance.is_begun = True
-            zero_s = now_s + _delay_s(one) - utterance.offset_s
+            zero_s = now_s + one.delay_s - utterance.offset_s
             self.hub.apply(session, Begin(utterance.number, "at", zero_s))
 
     def _follow(self, session: str, one: _Session, phone: Phone) -> None:
-        """Tell a phone of a microphone's sound; those between two utterances are silences."""
+        """Add a phone of a microphone's audio; phones between two utterances are silences."""
         if phone.start_s < one.deaf_s:
             return
         if one.utterance is None:
             if phone.is_silence:
                 return
             one.utterance = _Utterance(self.hub.new_number(), -phone.start_s, is_begun=True)
-            self.hub.apply(session, Begin(one.utterance.number, "at", one.zero_s + phone.start_s + _delay_s(one)))
+            self.hub.apply(session, Begin(one.utterance.number, "at", one.zero_s + phone.start_s + one.delay_s))
         self._append(session, one.utterance, (phone,))
         if not phone.is_silence:
             one.utterance.end_s = phone.end_s + one.utterance.offset_s
@@ -402,7 +398,7 @@ class Hearing:
             self._empty(one)
 
     def _empty(self, one: _Session) -> None:
-        """Forget what is said now, and what was not heard yet of it."""
+        """Drop the current utterance, with its audio that was not recognized yet."""
         one.utterance = None
         if one.is_endless:
             one.deaf_s = one.pushed_s

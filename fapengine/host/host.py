@@ -1,11 +1,11 @@
-"""One face on an engine: what it is given to say, what waits for its time, and what is laid over its frames.
+"""One face on an engine: its speech, commands that wait for their time, and FAPs from outside.
 
 Theory of operation
 -------------------
-Many hosts share one engine, a session each. A host has no clock: time is an argument. What is said comes as a whole
-(:meth:`Host.say`), as phones (:meth:`Host.begin`, :meth:`Host.phones`), or as sound (:class:`.stream.StreamHost`).
+Many hosts share one engine, with one session each. A host has no clock: time is an argument. Speech comes as a whole
+(:meth:`Host.say`), as phones (:meth:`Host.begin`, :meth:`Host.phones`), or as audio (:class:`.stream.StreamHost`).
 Commands may wait for their place in an utterance (:meth:`.stream.StreamHost.cue`). An utterance that follows a player's
-sound begins without it after :data:`SOUND_WAIT_S`.
+audio begins without it after :data:`SOUND_WAIT_S`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -27,9 +27,9 @@ from fapengine.voices.protocol import Speech
 
 PHONES_A_COMMAND = 64
 SOUND_WAIT_S = 1.5
-"""An utterance that should follow its sound, but whose player reports nothing for this long, continues by the clock."""
+"""An utterance that should follow its audio, but whose player reports nothing for this long, follows the clock."""
 PERFORMED_S, LET_GO_S = 0.3, 0.3
-"""Time after the last frame of :meth:`Host.perform` in which it still moves the face, and in which it then fades."""
+"""Time for which the last frame of :meth:`Host.perform` is held, and in which it then fades."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,13 +48,13 @@ class Host:
     ----------
     engine : Engine
     session : str
-        Opened by whoever makes the host.
+        An open session.
     """
 
     def __init__(self, engine: Engine, session: str) -> None:
         self.engine, self.session = engine, session
         self._soundless: dict[int, float] = {}
-        """Utterances that wait for their sound, and since when."""
+        """Utterances that wait for their audio, and since when."""
         self._order = count()
         self._cues: dict[int, list[tuple[float, int, Command]]] = {}
         """Commands of each utterance by their time in it, earliest first."""
@@ -62,7 +62,7 @@ class Host:
         """Column to the value at which it is held."""
         self._performed: _Performed | None = None
 
-    # What is said ----------------------------------------------------------------------------------------------------
+    # Speech ----------------------------------------------------------------------------------------------------------
 
     def apply(self, command: Command, now_s: float) -> None:
         """Apply a command now.
@@ -81,7 +81,7 @@ class Host:
         Raises
         ------
         UsageError
-            If the session is not open, or has as many utterances as there may be.
+            If the session is not open, or has too many utterances.
         """
         self.engine.apply(self.session, Begin(number, anchor, at_s), now_s)
         if self.engine.utterance(self.session, number) is None:
@@ -90,23 +90,23 @@ class Host:
     def phones(
         self, number: int, phones: Sequence[Phone], now_s: float, *, is_last: bool = True, duration_s: float = 0.0
     ) -> None:
-        """Continue an utterance that was begun; one that is over stays so.
+        """Add phones to an utterance; nothing happens if it has finished.
 
         Parameters
         ----------
         number : int
         phones : sequence of Phone
-            After those that came before, in the utterance's time; none only to end it.
+            In the utterance's time, after those that came before; none only to end it.
         now_s : float
         is_last : bool
             Whether no phone follows.
         duration_s : float
-            With the last: the utterance's length, if longer than its phones.
+            With the last phones: the utterance's length, if longer than its phones.
 
         Raises
         ------
         UsageError
-            If the session is not open, the utterance was ended, or the phones lie before those that came.
+            If the session is not open, the utterance was ended, or the phones are before those that came.
         """
         utterance = self.engine.utterance(self.session, number)
         if utterance is None:
@@ -127,12 +127,12 @@ class Host:
             self.engine.apply(self.session, End(number, first + len(phones), length_s), now_s)
 
     def say(self, number: int, speech: Speech, anchor: Anchor, now_s: float) -> None:
-        """Say what was spoken, with its marks.
+        """Say what a voice spoke, with its inline cues.
 
         Raises
         ------
         UsageError
-            If the session is not open, or has as many utterances as there may be.
+            If the session is not open, or has too many utterances.
         """
         self.begin(number, now_s, anchor=anchor)
         self.phones(number, speech.phones.phones, now_s, duration_s=speech.duration_s)
@@ -141,14 +141,14 @@ class Host:
         if anchor == "audio":
             self._soundless[number] = now_s
 
-    # What waits for its time -----------------------------------------------------------------------------------------
+    # Commands that wait ----------------------------------------------------------------------------------------------
 
     def add_cue(self, number: int, at_s: float, command: Command) -> None:
         """Apply a command at a time of an utterance."""
         heappush(self._cues.setdefault(number, []), (at_s, next(self._order), command))
 
     def give_cues(self, number: int, until_s: float, now_s: float) -> None:
-        """Apply the commands of an utterance up to a time of it, in order."""
+        """Apply the commands of an utterance up to a time in it, in order."""
         cues = self._cues.get(number, [])
         while cues and cues[0][0] <= until_s:
             self.apply(heappop(cues)[2], now_s)
@@ -156,17 +156,17 @@ class Host:
             self._cues.pop(number, None)
 
     def note(self, command: Audio | Cancel, now_s: float) -> None:
-        """Note that a sound is heard or cancelled; while a sound plays, utterances after it may wait for theirs."""
+        """Note that audio plays or is cancelled; while it plays, later utterances may wait for theirs."""
         stops = command if isinstance(command, Cancel) else Cancel(command.utterance)
         self._soundless = {number: now_s for number in self._soundless if not stops.means(number)}
 
     def tick(self, now_s: float) -> int:
-        """Apply what is due, before a frame; the commands of an utterance that is over are dropped.
+        """Apply what is due, before a frame; commands of finished utterances are dropped.
 
         Returns
         -------
         int
-            Number of utterances that begin without their sound, for nothing was reported of it.
+            Number of utterances that begin without their audio because no position was reported.
         """
         unheard = 0
         for number in tuple(self._soundless):
@@ -186,7 +186,7 @@ class Host:
                 self.give_cues(number, utterance.position_s(now_s), now_s)
         return unheard
 
-    # What is laid over its frames ------------------------------------------------------------------------------------
+    # FAPs from outside -----------------------------------------------------------------------------------------------
 
     @property
     def pins(self) -> dict[int, int]:
@@ -194,7 +194,7 @@ class Host:
         return {column + 1: value for column, value in self._pins.items()}
 
     def pin(self, number: int, value: int | None) -> None:
-        """Hold FAP ``number`` at a value in FAPU, whatever the engine says; None releases it.
+        """Hold FAP ``number`` at a value in FAPU, whatever the engine shows; None releases it.
 
         Raises
         ------
@@ -209,7 +209,7 @@ class Host:
             self._pins[column] = value
 
     def perform(self, values: Mapping[int, int], now_s: float) -> None:
-        """Move the face by FAPs from outside, as a camera sees them: FAP number to FAPU, over what the engine says.
+        """Move the face by FAPs from outside, such as a camera's: FAP number to FAPU, in place of the engine's.
 
         They last until the next call; when none comes for :data:`PERFORMED_S`, they fade within :data:`LET_GO_S`.
 
@@ -228,7 +228,7 @@ class Host:
         return bool(self._pins) or self._performed is not None
 
     def overlay(self, faps: NDArray[np.int32], now_s: float) -> None:
-        """Put what comes from outside into a frame, (68,) int32 FAPU, in place."""
+        """Write FAPs from outside into a frame, (68,) int32 FAPU, in place."""
         if self._performed is not None:
             performed = self._performed
             share = float(np.clip(1 - (now_s - performed.at_s - PERFORMED_S) / LET_GO_S, 0.0, 1.0))

@@ -1,21 +1,23 @@
-"""Many hosts on one engine and one clock: commands come in from anywhere, frames go out to the listeners.
+"""Many hosts on one engine and one clock: commands come in from any source, frames go out to listeners.
 
 Theory of operation
 -------------------
-Everything happens on one thread, that of the event loop; only voices, which take tens of milliseconds, speak beside it
-(:mod:`.speaker`) and come back with sound and phones. :meth:`Hub.tick` asks the engine for one frame of all sessions
-and hands it out: once, whole, to those who take all sessions (sinks), and row by row to those who watch one (a page, a
-window). A listener that raises is dropped, logged and counted; the other faces do not notice.
+Everything happens on one thread, that of the event loop; only voices, which take tens of milliseconds, run in threads
+(:mod:`.speaker`) and return audio and phones. :meth:`Hub.tick` asks the engine for one frame of all sessions and hands
+it out: whole to listeners of all sessions (sinks), and row by row to listeners of one (a web page, a window). A
+listener that raises is dropped, logged and counted; the other faces do not notice.
 
-Each session has a :class:`.host.Host`. A session stays open while it is held (:meth:`Hub.hold`) or gets commands; after
-``idle_close_s`` of neither it is closed.
+Each session has a :class:`.host.Host`. A session stays open while it is held (:meth:`Hub.hold`) or receives commands;
+after ``idle_close_s`` without either it is closed.
 """
 
 import asyncio
 import logging
+import math
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from itertools import count
 
 import numpy as np
@@ -25,7 +27,6 @@ from fapengine.engine.engine import Engine
 from fapengine.errors import UsageError
 from fapengine.host.host import Host
 from fapengine.host.listeners import HubCounts, HubFrames, Listeners, Spoken, Unsubscribe
-from fapengine.host.pacer import FramePacer
 from fapengine.host.speaker import PieceVoice, Speaker, ThreadVoice
 from fapengine.speaking import DEFAULT_RATE_WPM, DEFAULT_VOICE
 from fapengine.speech.marks import read_marks
@@ -33,17 +34,67 @@ from fapengine.voices.choice import VoiceChoice
 from fapengine.voices.protocol import Speech
 
 RATE_HZ = 60.0
+MAX_RATE_HZ = 1000.0
 IDLE_CLOSE_S = 120.0
 DOZE_S = 0.1
 """Time between two frames of no session."""
 LOOK_EVERY_S = 1.0
-"""Interval at which idle sessions are searched."""
+"""Interval of the search for idle sessions."""
 MAX_TEXT, MAX_SOUND_S = 4000, 590.0
-"""Characters that are spoken at once, and seconds of their sound: an utterance may have 600 (``Limits.queued_s``)."""
+"""Longest text, in characters and in seconds of audio; an utterance may last 600 s (``Limits.queued_s``)."""
 LEAD_S, TAIL_S = 0.15, 0.25
 """Silence around a voice: the mouth opens from neutral and returns to it."""
 
 log = logging.getLogger("fapengine.server")
+
+
+@dataclass(slots=True)
+class FramePacer:
+    """A counter of frames at a steady rate, by absolute times, so that delays do not add up.
+
+    A frame whose successor is due already is skipped.
+
+    Stateful.
+
+    Raises
+    ------
+    UsageError
+        If the rate is not in 1..1000.
+
+    Examples
+    --------
+    >>> pacer = FramePacer(rate_hz=10.0, start_s=0.0)
+    >>> pacer.due(0.05), pacer.due(0.101), pacer.due(0.47)
+    ((0, 0), (1, 0), (4, 2))
+    >>> pacer.due(0.48) is None, round(pacer.next_s, 6)
+    (True, 0.5)
+    """
+
+    rate_hz: float
+    start_s: float
+    """Time of frame 0."""
+    skipped: int = 0
+    """Frames that were never shown, because the caller came too late for them."""
+    _next: int = 0
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.rate_hz <= MAX_RATE_HZ:
+            raise UsageError(f"rate_hz: got {self.rate_hz}, expected 1..{MAX_RATE_HZ:g}")
+
+    @property
+    def next_s(self) -> float:
+        """When the next frame is due."""
+        return self.start_s + self._next / self.rate_hz
+
+    def due(self, now_s: float) -> tuple[int, int] | None:
+        """Take the frame that is due: its number, and how many before it were skipped; None if none is due."""
+        number = math.floor((now_s - self.start_s) * self.rate_hz + 1e-6)  # a clock that says 0.0999999 means 0.1
+        if number < self._next:
+            return None
+        skipped = number - self._next
+        self.skipped += skipped
+        self._next = number + 1
+        return number, skipped
 
 
 class Hub:
@@ -54,17 +105,17 @@ class Hub:
     Parameters
     ----------
     engine : Engine
-        The hub alone drives it; others reach it through ``engine``.
+        Driven by the hub alone.
     rate_hz : float
-        Frames a second.
+        Frames per second.
     clock : callable
         Monotonic seconds; the engine's time.
     idle_close_s : float
-        A session that nobody holds or talks to is closed after so long.
+        Time without holder and commands after which a session is closed.
     voice : PieceVoice, optional
         Speaks texts; by default espeak-ng in a thread.
     most_sound_s : float
-        Length of a text's sound; the rest of what an utterance may have is left to the silence around it.
+        Longest audio of a text; the rest of an utterance's limit is left to the silence around it.
     """
 
     def __init__(
@@ -141,29 +192,29 @@ class Hub:
         return next(self._utterances)
 
     def host(self, session: str) -> Host:
-        """Return what a session says and holds; it is forgotten when the session is closed."""
+        """Return the host of a session; it is dropped when the session is closed."""
         return self._hosts.setdefault(session, Host(self.engine, session))
 
     # Voices
 
     def say(self, session: str, speech: Speech, *, text: str = "", anchor: Anchor | None = None) -> Spoken:
-        """Say what was spoken; the sound goes to its listeners.
+        """Say what a voice spoke; the audio goes to its listeners.
 
         Parameters
         ----------
         session : str
-            An open one.
+            An open session.
         speech : Speech
-            Sound, and phones in its time.
+            Audio, and phones in its time.
         text : str
-            For those who show it.
+            Text for listeners that show it.
         anchor : Anchor, optional
-            When the face begins; by default with the sound, if somebody plays it, else now or behind what is queued.
+            When the face begins; by default with the audio if a listener plays it, else now or after the queue.
 
         Raises
         ------
         UsageError
-            If the session is not open, or has as many utterances as there may be.
+            If the session is not open, or has too many utterances.
         """
         if anchor is None:
             anchor = "audio" if self.listeners.plays(session) else "now"
@@ -181,13 +232,13 @@ class Hub:
         rate_wpm: int = DEFAULT_RATE_WPM,
         ssml: bool = False,
     ) -> Spoken | None:
-        """Speak a text, in turn with other sessions; then the session says it, unless it was cancelled meanwhile.
+        """Speak a text, in turn with other sessions; then the session says it, unless it was cancelled.
 
         Raises
         ------
         UsageError
-            If the session is not open or has too many texts that wait, the text is empty, or too long in letters or in
-            sound, or the voice unknown.
+            If the session is not open or has too many texts waiting, the text is empty or too long, in characters or in
+            seconds, or the voice is unknown.
         ResourceError
             If the voice is not installed.
         """
@@ -213,12 +264,12 @@ class Hub:
         is_last: bool = True,
         duration_s: float = 0.0,
     ) -> int | None:
-        """Say words with known times, as a TTS reports them; their sound is played elsewhere.
+        """Say words with known times, as a TTS reports them; their audio is played elsewhere.
 
         Parameters
         ----------
         session : str
-            An open one.
+            An open session.
         words : sequence of (str, float, float)
             Word, start and end in s from the utterance's beginning.
         voice : str
@@ -237,12 +288,12 @@ class Hub:
         Returns
         -------
         int or None
-            Number of the utterance; None if it is over, or the session was told to stop meanwhile.
+            Number of the utterance; None if it has finished, or was cancelled in the meantime.
 
         Raises
         ------
         UsageError
-            If the session is not open or has no place, the times are out of order, or the voice is unknown.
+            If the session is not open or its queue is full, the times are out of order, or the voice is unknown.
         ResourceError
             If the voice is not installed.
         """
@@ -294,7 +345,7 @@ class Hub:
         Parameters
         ----------
         before : callable, optional
-            Called before each frame with the time, and when it was due: what came in since is taken then.
+            Called before each frame with the time, and the time at which it was due, to process input.
         after : callable, optional
             Called with the time when a frame has been handed out.
         """
@@ -327,7 +378,7 @@ class Hub:
         self._stopped = True
 
     def _tell_faults(self, now_s: float) -> None:
-        """Log what failed; a session that is held is opened again, at neutral."""
+        """Log faults; a session that is held is opened again, at neutral."""
         for fault in self.engine.faults():
             self.counts.faulted += 1
             log.error(

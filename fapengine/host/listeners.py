@@ -1,4 +1,4 @@
-"""Who wants frames, events, commands or sound of the hub, and what they get; a listener that raises is dropped."""
+"""Listeners to frames, events, commands and audio of the hub. A listener that raises is dropped."""
 
 import logging
 from collections.abc import Callable, Hashable
@@ -17,7 +17,7 @@ from fapengine.voices.protocol import Speech
 Unsubscribe = Callable[[], None]
 
 Place = Callable[[float], float | None]
-"""Engine time to the time in a sound that belongs there; minus infinity: it does not sound yet, None: it is over."""
+"""Engine time to the position in a piece of audio; minus infinity before it begins, None after its end."""
 
 log = logging.getLogger("fapengine.server")
 
@@ -27,7 +27,7 @@ class HubFrames:
     """One frame of every session."""
 
     number: int
-    """Counts ticks of the hub; what is missing was skipped for lateness."""
+    """Number of the hub's tick; missing numbers were skipped because the hub was late."""
     time_s: float
     """Engine time."""
     sessions: tuple[str, ...]
@@ -56,23 +56,23 @@ class Spoken:
     text: str
     speech: Speech
     anchor: Anchor
-    """``"audio"``: the player of the sound must report its position, for the face to begin
+    """``"audio"``: the face begins when the player of the audio reports its position
     (:class:`~fapengine.engine.commands.Audio`)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeardSound:
-    """A piece of the sound that a recognizer was given, for those who play it."""
+    """A piece of the audio that a recognizer received, for listeners that play it."""
 
     key: Hashable
-    """Name of the sound that it continues."""
+    """Name of the stream that it continues."""
     samples: NDArray[np.int16]
     """(N,) int16, mono."""
     rate_hz: int
     first_s: float
-    """Time in the sound of its first sample."""
+    """Time of its first sample in the stream."""
     place: Place
-    """Place of the sound, as the face follows it."""
+    """Place of the stream, as the face follows it."""
     is_endless: bool
     """True for a microphone's."""
 

@@ -1,13 +1,13 @@
-"""Plays what one of a hub's faces says, and reports where the sound really is, so that the face follows.
+"""Plays the speech of one of a hub's faces, and reports the position of the audio, so that the face follows.
 
 Theory of operation
 -------------------
-An utterance whose sound is played here is begun with the anchor ``"audio"``: its face waits. :meth:`Playback.follow`
-is called before every frame; it reads the sound's place from the output, whose clock is the sound card's, and hands it
-on as :class:`fapengine.engine.commands.Audio`. The engine slews to it, or jumps where it must. A sound that stands
-still is told as one that does, and its face rests. A device that is gone is replaced by silence of the same length: the
-face goes on. A sound that is stopped ends its utterance, and an utterance that is cancelled or given up its sound; a
-face that is told to pause takes its sound along.
+An utterance that is played here begins with the anchor ``"audio"``: its face waits. :meth:`Playback.follow` is called
+before every frame; it reads the position from the output, whose clock is the sound card's, and applies it as
+:class:`fapengine.engine.commands.Audio`. The engine slews to it, or jumps if it must. Audio that stops is reported with
+rate 0, and its face pauses. A device that is gone is replaced by silence of the same length: the face continues.
+Stopping the audio ends its utterance; cancelling an utterance, or giving it up, stops its audio; pausing a face pauses
+its audio.
 """
 
 from fapengine.audio.device import open_output
@@ -19,11 +19,11 @@ from fapengine.host.hub import Hub
 from fapengine.host.listeners import Spoken
 
 LEAP_S = 0.04
-"""Face and sound that are farther apart are brought together at once; the engine slews what is less by 2 %."""
+"""Offset of face and audio above which the face jumps; the engine slews smaller ones by 2 %."""
 
 
 class Playback:
-    """The sound of a face; on the hub's thread. Close it.
+    """The audio of a face; on the hub's thread. Close it.
 
     Stateful.
 
@@ -31,7 +31,7 @@ class Playback:
     ----------
     hub : Hub
     session : str
-        Whose voice is played.
+        Session whose voice is played.
     opens : callable
         Sample rate in Hz to an output; called once for each rate.
     """
@@ -40,7 +40,7 @@ class Playback:
         self._hub, self.session = hub, session
         self._player = SoundPlayer(opens)
         self.off_s: float | None = None
-        """How far the face was ahead of the sound at the last :meth:`follow`; None while nothing sounds."""
+        """Time by which the face was ahead of the audio at the last :meth:`follow`; None while nothing plays."""
         self._unsubscribe = (
             hub.listeners.on_speech(session, self._play, plays=True),
             hub.listeners.on_event(session, self._event),
@@ -49,34 +49,34 @@ class Playback:
 
     @property
     def description(self) -> str:
-        """The device, or why there is none; empty before anything was played."""
+        """Name of the device, or why there is none; empty before anything was played."""
         return "; ".join(output.description for output in self._player.outputs.values())
 
     @property
     def is_silent(self) -> bool:
-        """Whether sounds are only kept time of."""
+        """Whether nothing is heard because there is no device."""
         return any(output.is_silent for output in self._player.outputs.values())
 
     @property
     def is_playing(self) -> bool:
-        """Whether a sound plays or waits."""
+        """Whether audio plays or waits."""
         return bool(self._player.playing)
 
     @property
     def is_paused(self) -> bool:
-        """Whether the face was paused, and its sound with it; its sound's position is then not reported."""
+        """Whether the face was paused, and its audio with it; the position is then not reported."""
         return self._player.is_paused
 
     def zero_s(self, utterance: int) -> float | None:
-        """Engine time of the beginning of an utterance's sound; None if that is not known (yet, or any more)."""
+        """Engine time at which an utterance's audio began; None if that is not known."""
         return next((entry.zero_s for entry in self._player.playing if entry.utterance == utterance), None)
 
     def open(self, sample_rate_hz: int) -> Output:
-        """Open the output now, so that the first sound need not wait for it."""
+        """Open the output now, so that the first audio need not wait for it."""
         return self._player.open(sample_rate_hz)
 
     def follow(self, now_s: float) -> None:
-        """Tell the face where its sound is; call it before each frame.
+        """Report the position of the audio to the face; call it before each frame.
 
         Parameters
         ----------
@@ -95,13 +95,13 @@ class Playback:
                 self._player.drop(utterance)
 
     def stop(self) -> None:
-        """Fall silent at once, and end what was being said."""
+        """Stop at once, and end the current utterances."""
         for utterance in self._player.stop():
             if self.session in self._hub.engine:
                 self._hub.apply(self.session, Cancel(utterance))
 
     def close(self) -> None:
-        """Play no more, and close the devices."""
+        """Stop, and close the devices."""
         self.stop()
         for unsubscribe in self._unsubscribe:
             unsubscribe()
@@ -116,7 +116,7 @@ class Playback:
             self._player.drop(event.utterance)
 
     def _command(self, session: str, command: Command, now_s: float) -> None:
-        """Pause and resume with the face; a face that says nothing is not paused."""
+        """Pause and resume with the face; a face that does not speak is not paused."""
         if isinstance(command, Pause | Resume):
             self._player.pause(self._hub.engine.state(session) == "paused")
 
@@ -134,7 +134,7 @@ class Playback:
             self.off_s = self._apart_s(number, place_s, now_s)
 
     def _apart_s(self, number: int, place_s: float, now_s: float) -> float | None:
-        """How far the face is ahead; None before it has begun, and while it stands."""
+        """Time by which the face is ahead; None before it has begun, and while it is paused."""
         utterance = self._hub.engine.utterance(self.session, number)
         if utterance is None or not utterance.state.is_placed:
             return None

@@ -1,12 +1,12 @@
-"""What speaks for the hub: one piece of a text after the other, in turn between sessions.
+"""The voice of the hub: it speaks texts piece by piece, in turn between sessions.
 
 Theory of operation
 -------------------
-A text is cut into pieces (:mod:`fapengine.speech.text.pieces`). The voice takes one piece at a time, and each session
-has one piece in the line at most, so the line is a turn of the sessions: a long text of one costs the others a piece
-each, not all of it. A text whose sound grows beyond its limit is given up, and who asked is told.
+A text is cut into pieces (:mod:`fapengine.speech.text.pieces`). The voice speaks one piece at a time, and each session
+has at most one piece in the queue, so sessions take turns: a long text of one delays the others by a piece each, not by
+all of it. A text whose audio exceeds its limit is given up with an error.
 
-Words that have times are pronounced beside the event loop, those of one utterance one message after the other.
+Words that have times are pronounced in a thread, those of one utterance one message after the other.
 """
 
 import asyncio
@@ -30,9 +30,9 @@ Words = Sequence[tuple[str, float, float]]
 SENTENCE_PAUSE_S, PAUSE_S = 0.35, 0.15
 """Silence between pieces, as espeak-ng puts it after a sentence and after a comma (measured with 1.52)."""
 MAX_TEXTS = 4
-"""Texts of one session that wait; more are refused."""
+"""Number of texts of one session that may wait; more are refused."""
 MAX_VOICES = 8
-"""Voices that are remembered, with the words that they know; with one more, all are forgotten."""
+"""Number of voices in the cache, with the words that they know; with one more, all are dropped."""
 
 
 class PieceVoice(Protocol):
@@ -44,19 +44,19 @@ class PieceVoice(Protocol):
         Raises
         ------
         UsageError
-            If there is nothing to speak, or more than ``most_s`` seconds.
+            If there is nothing to speak, or its audio exceeds ``most_s`` seconds.
         ResourceError
             If the voice is not installed, or was ended.
         """
         ...
 
     def close(self) -> None:
-        """Stop at once, whatever is being spoken."""
+        """Stop at once."""
         ...
 
 
 class ThreadVoice:
-    """A voice in a thread: quick to start, but it cannot be stopped."""
+    """A voice in a thread: it starts quickly, but cannot be stopped."""
 
     async def speak(self, text: str, choice: VoiceChoice, most_s: float) -> Speech:
         """Speak a piece; see :class:`PieceVoice`."""
@@ -68,7 +68,7 @@ class ThreadVoice:
 
 @dataclass(slots=True, eq=False)
 class Asked:
-    """A text that a voice is turning into sound.
+    """A request to the voice.
 
     Stateful.
     """
@@ -85,12 +85,12 @@ class _Line:
     """
 
     first: asyncio.Lock = field(default_factory=asyncio.Lock)
-    """Whoever has it is the text whose pieces are spoken."""
+    """Held by the text whose pieces are spoken."""
     texts: int = 0
 
 
 class Speaker:
-    """Texts of all sessions to sound, in turn, and words with times to phones; see the theory of operation.
+    """Texts of all sessions to audio, and words with times to phones; see the theory of operation.
 
     Stateful.
 
@@ -98,30 +98,30 @@ class Speaker:
     ----------
     voice : PieceVoice
     most_s : float
-        Length of a text's sound, seconds.
+        Longest audio of a text, s.
     """
 
     def __init__(self, voice: PieceVoice, most_s: float) -> None:
         self._voice, self._most_s = voice, most_s
         self._lines: dict[str, _Line] = {}
         self._turn = asyncio.Lock()
-        """Locks of asyncio are first come, first served; a session has one piece in the line at most."""
+        """Locks of asyncio are first come, first served; a session has at most one piece in the queue."""
         self._asked: list[Asked] = []
         self._pronouncers: dict[str, Pronouncer] = {}
         self._word_turns: WeakValueDictionary[tuple[str, int], asyncio.Lock] = WeakValueDictionary()
 
     def cancel(self, session: str) -> None:
-        """Drop what a session has asked for so far."""
+        """Drop all requests of a session."""
         for asked in self._asked:
             asked.is_cancelled |= asked.session == session
 
     async def speak(self, session: str, text: str, choice: VoiceChoice) -> Speech | None:
-        """Speak a text; None if it was cancelled meanwhile.
+        """Speak a text; None if it was cancelled in the meantime.
 
         Raises
         ------
         UsageError
-            If it is empty or too long, or the session has too many already.
+            If it is empty or too long, or the session has too many texts waiting.
         ResourceError
             If the voice is not installed, or was ended.
         """
@@ -141,7 +141,7 @@ class Speaker:
                 del self._lines[session]
 
     async def pronounce(self, session: str, words: Words, voice: str) -> list[Phone] | None:
-        """Pronounce words in a language; None if it was cancelled meanwhile.
+        """Pronounce words in a language; None if it was cancelled in the meantime.
 
         Raises
         ------
@@ -163,7 +163,7 @@ class Speaker:
         return self._word_turns.setdefault((session, utterance), asyncio.Lock())
 
     def _pronouncer(self, voice: str) -> Pronouncer:
-        """Load a voice once; a name that no voice has is not remembered."""
+        """Load a voice once; an unknown name is not cached."""
         pronouncer = self._pronouncers.get(voice)
         if pronouncer is None:
             pronouncer = Pronouncer(VoiceChoice(voice).load())
@@ -201,7 +201,7 @@ class Speaker:
 
 
 def joined(spoken: list[tuple[Speech, float]]) -> Speech:
-    """Put pieces together, each but the last with the silence after it."""
+    """Join pieces, each but the last with the silence after it."""
     if len(spoken) == 1:
         return spoken[0][0]
     rate_hz = spoken[0][0].sample_rate_hz

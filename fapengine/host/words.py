@@ -128,14 +128,9 @@ class WordQueue:
                 break
             self._words.pop(0)
             moved = adjusted(word, heard)
-            chosen += _behind(moved, now_s)
+            chosen += [replace(p, start_s=max(p.start_s, now_s)) for p in moved if p.end_s > now_s]
             now_s = max(now_s, moved[-1].end_s)
         return chosen
-
-
-def _behind(phones: Sequence[Phone], from_s: float) -> list[Phone]:
-    """Give phones without what lies before a time."""
-    return [replace(phone, start_s=max(phone.start_s, from_s)) for phone in phones if phone.end_s > from_s]
 
 
 def adjusted(word: Sequence[Phone], heard: Sequence[Phone]) -> list[Phone]:
@@ -190,25 +185,24 @@ def adjusted(word: Sequence[Phone], heard: Sequence[Phone]) -> list[Phone]:
 
 def _counterparts(word: Sequence[Phone], heard: Sequence[Phone]) -> list[tuple[int, int]]:
     """Pair phones of a word with those that were heard for them: least sum of changes (Wagner and Fischer, 1974)."""
+    starts_s, heard_s = ([phone.start_s for phone in phones] for phones in (word, heard))
+    unlike = np.array([[_unlike(phone.label, other.label) for other in heard] for phone in word])
+    changes = unlike + 0.3 * np.abs(np.subtract.outer(starts_s, heard_s)) / MAX_MOVE_S
     costs = np.zeros((len(word) + 1, len(heard) + 1))
     costs[:, 0] = LEFT_OUT * np.arange(len(word) + 1)
-    costs[0] = 0.3 * np.arange(len(heard) + 1)  # those around are other words'
-    for row, phone in enumerate(word, start=1):
-        for column, other in enumerate(heard, start=1):
-            away = abs(phone.start_s - other.start_s) / MAX_MOVE_S
-            costs[row, column] = min(
-                costs[row - 1, column - 1] + _unlike(phone.label, other.label) + 0.3 * away,
-                costs[row - 1, column] + LEFT_OUT,
-                costs[row, column - 1] + LEFT_OUT,
-            )
+    costs[0] = 0.3 * np.arange(len(heard) + 1)  # those around belong to other words
+    for row, column in np.ndindex(changes.shape):
+        costs[row + 1, column + 1] = min(
+            costs[row, column] + changes[row, column],
+            costs[row, column + 1] + LEFT_OUT,
+            costs[row + 1, column] + LEFT_OUT,
+        )
     row, column = len(word), int(np.argmin(costs[-1] + 0.3 * np.arange(len(heard), -1, -1)))
     pairs = []
     while row and column:
-        phone, other = word[row - 1], heard[column - 1]
-        away = abs(phone.start_s - other.start_s) / MAX_MOVE_S
-        if costs[row, column] == costs[row - 1, column - 1] + _unlike(phone.label, other.label) + 0.3 * away:
+        if costs[row, column] == costs[row - 1, column - 1] + changes[row - 1, column - 1]:
             row, column = row - 1, column - 1
-            if _unlike(phone.label, other.label) <= ALIKE:
+            if unlike[row, column] <= ALIKE:
                 pairs.append((row, column))
         elif costs[row, column] == costs[row - 1, column] + LEFT_OUT:
             row -= 1

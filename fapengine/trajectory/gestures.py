@@ -4,8 +4,8 @@ Theory of operation
 -------------------
 Gestures are defined here once, for files and for live sessions. A :class:`GestureGenerator` draws them as ramps
 (:mod:`.ramps`), in time order and each at its own time, whatever the frame rate is; :func:`gesture_faps` turns the
-values of all ramps, and of the sines that never end, into FAPs. Offline :func:`sample_gestures` draws all at once and
-evaluates them on an array of times; live :mod:`fapengine.engine.gestures` draws on as time goes by.
+values of all ramps, and of the sines that never end, into FAPs. Offline :func:`gestures_of` draws all at once and
+evaluates them on an array of times; live :mod:`fapengine.engine.gestures` draws them as time goes by.
 
 - Chance: each of :data:`fapengine.speaking.GENERATORS` has a random generator of its own, spawned from one. To switch
   one off changes nothing in the others, for it is drawn all the same.

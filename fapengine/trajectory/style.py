@@ -44,7 +44,7 @@ class Style:
     loudness_db: float = 0.0
     """Against the recorded speaker, -20..20: louder speech opens the jaw farther."""
     method: Method = "context"
-    """Way from phones to a path: :data:`fapengine.trajectory.methods.METHODS`."""
+    """Method from phones to a path: see :mod:`fapengine.trajectory.methods`."""
     blinks: bool = True
     head_motion: bool = True
     gaze: bool = True

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fapengine.errors import UsageError
-from fapengine.host.pacer import FramePacer
+from fapengine.host.hub import FramePacer
 from fapengine.server.intake.ingress import FairQueue
 
 
