@@ -1,4 +1,4 @@
-"""What a listener's eye misses when it is absent: blinks, head motion, gaze, idle drifts, emphasis on stress.
+"""Gestures that make a face look alive: blinks, head motion, gaze, idle drifts, emphasis on stress.
 
 Theory of operation
 -------------------
@@ -7,20 +7,20 @@ Gestures are defined here once, for files and for live sessions. A :class:`Gestu
 values of all ramps, and of the sines that never end, into FAPs. Offline :func:`gestures_of` draws all at once and
 evaluates them on an array of times; live :mod:`fapengine.engine.gestures` draws them as time goes by.
 
-- Chance: each of :data:`fapengine.speaking.GENERATORS` has a random generator of its own, spawned from one. To switch
-  one off changes nothing in the others, for it is drawn all the same.
+- Each of :data:`fapengine.speaking.GENERATORS` has its own random generator, spawned from one. Switching one off
+  changes nothing in the others, because it is drawn all the same.
 - A *nod*, with raised brows, belongs to the strongest accent of a phrase (:mod:`.phrases`), not to every stress. It
   begins :data:`NOD_RISE_S` before the phone, or as soon as the phone is known where that is later; a phone whose
-  beginning has passed by then makes none. It is chosen and its strength drawn when it begins, so it does not matter in
-  which pieces phones come, as long as they come :data:`.phrases.REACH_S` before that. A nod that begins takes over from
-  the one before.
+  beginning has passed by then makes none. It is chosen and its strength drawn when it begins, so the pieces in which
+  phones come do not matter, as long as they come :data:`.phrases.REACH_S` before that. A nod that begins replaces the
+  one before.
 - *Blinks* are a process whose rate depends on what is spoken at the time: they are drawn to pauses and ends of phrases
   (Nakano and Kitazawa 2010, doi:10.1007/s00221-010-2387-z).
 - The *head* moves on when speech begins after a pause, and settles when a phrase ends before one (Hadar et al. 1984,
   Human Movement Science 3).
 - The eyes counter the head (vestibulo-ocular reflex), so that the gaze rests where it was; lids follow the eyes, but
   for lids that a blink has shut.
-- Where an end is set, all comes to rest by then. A file has an end; a live session has one only if it is told.
+- If an end is set, all gestures have ended by then. A file has an end; a live session has one only if it is set.
 """
 
 from bisect import insort
@@ -80,7 +80,7 @@ BLINKS_PER_S = {"silent": 0.35, "speaking": 0.38, "pausing": 3.0}
 (``python -m bench.life``): rest and conversation in Bentivoglio et al. 1997, Movement Disorders 12, 1028; people who
 converse blink 10.5 to 32.5 times a minute (Doughty 2001)."""
 BLINK_BEFORE_END_S, BLINK_BEHIND_END_S = 0.1, 0.5
-"""Time before and behind a phrase's end in which a blink begins as in a pause."""
+"""Time before and after a phrase's end in which a blink begins as in a pause."""
 BLINK_CLOSE_S, BLINK_SHUT_S, BLINK_OPEN_S = 0.09, 0.04, 0.17
 """Lids fall about twice as fast as they rise (Guitton et al. 1991, J. Neurophysiology 65)."""
 UPPER_LID, LOWER_LID = 960.0, 100.0
@@ -99,7 +99,7 @@ Munhall et al. 2004, doi:10.1111/j.0963-7214.2004.01502010.x."""
 NOD_RAD = 0.018
 BROW_FAPU = 75.0
 ONSET_PAUSE_S = 0.25
-"""Silence behind which speech begins anew, and the head moves."""
+"""Silence after which speech begins again, and the head moves."""
 ONSET_AHEAD_S, ONSET_S, SETTLE_S = 0.25, 0.6, 0.9
 """Time by which the head moves before speech; how long that takes, and how long settling does."""
 STANCE_RAD = {
@@ -112,7 +112,7 @@ are ours; Hadar calls movements at onsets wide, those at ends medium."""
 SETTLED, SETTLED_PITCH_RAD = 0.4, 0.010
 """Part of a turn that is left when a phrase has ended, and how far the chin is down then."""
 EDGE_S = 0.5
-"""Time over which head motion and drifts grow from nothing, and return to it."""
+"""Time over which head motion and drifts begin and end."""
 FIXATION_S = (0.6, 1.4)
 """Shortest time that the eyes rest on a place, and mean of the exponential time added."""
 GLANCE_RAD = 0.022
@@ -160,11 +160,11 @@ class GestureGenerator:
     Parameters
     ----------
     rng : numpy.random.Generator
-        Chance; one generator is spawned from it for each of :data:`fapengine.speaking.GENERATORS`.
+        One generator is spawned from it for each of :data:`fapengine.speaking.GENERATORS`.
     style : Style
         Gestures that are shown.
     begins_s : float
-        Time at which the face begins, at rest.
+        Time at which the face begins, neutral.
     """
 
     def __init__(self, rng: np.random.Generator, style: Style, *, begins_s: float = 0.0) -> None:
@@ -186,16 +186,16 @@ class GestureGenerator:
 
     @property
     def due_s(self) -> float:
-        """Time up to which there is nothing to draw."""
+        """Time of the next gesture."""
         nod_s = self._nods[0][0] if self._nods else inf
         return min(self._blink_s, self._next_glance_s(), nod_s, self._next_stance_s())
 
     def begin(self) -> list[Ramp]:
-        """Let head motion and drifts grow from nothing."""
+        """Begin head motion and drifts."""
         return _switches(self._style, self._begins_s, EDGE_S)[:2]
 
     def end(self, at_s: float, now_s: float) -> list[Ramp]:
-        """Let all gestures come to rest by a time; none follows."""
+        """End all gestures by a time; none follows."""
         self._ends_s = at_s
         channels = ((Channel.HEAD_MOTION, EDGE_S), (Channel.IDLE, EDGE_S), (Channel.NOD, NOD_FALL_S))
         return [Ramp(max(at_s - over_s, now_s), channel, 0.0, over_s) for channel, over_s in channels]
@@ -206,7 +206,7 @@ class GestureGenerator:
         return [] if now_s >= self._ends_s - EDGE_S else _switches(style, now_s, over_s)
 
     def hear(self, phones: Iterable[tuple[float, Phone]], now_s: float) -> None:
-        """Take phones that have become known: time at which each begins, and the phone."""
+        """Add phones that have become known: time at which each begins, and the phone."""
         for start_s, phone in phones:
             self._phrases.learn(start_s, phone)
             if start_s - ONSET_AHEAD_S < now_s <= start_s:
@@ -215,7 +215,7 @@ class GestureGenerator:
                 insort(self._nods, (max(start_s - NOD_RISE_S, now_s), start_s, phone), key=lambda nod: nod[:2])
 
     def hush(self, now_s: float) -> list[Ramp]:
-        """Forget what was to be said, and end the nod that is seen."""
+        """Drop planned phones, and end the current nod."""
         self._nods.clear()
         self._phrases.forget_from(now_s)
         return [Ramp(now_s, Channel.NOD, 0.0, NOD_FALL_S, takes_over=True)]
@@ -255,7 +255,7 @@ class GestureGenerator:
         return shown if self._style.blinks else ()
 
     def _state(self, at_s: float) -> str:
-        """Tell whether the face speaks, pauses, or is silent."""
+        """Whether the face speaks, pauses, or is silent: a key of :data:`BLINKS_PER_S`."""
         phrase = self._phrases.around(at_s)
         if phrase is None or at_s > phrase[1] + BLINK_BEHIND_END_S:
             return "silent"
@@ -320,7 +320,7 @@ def blink(at_s: float) -> tuple[Ramp, Ramp]:
 
 
 def _switches(style: Style, at_s: float, over_s: float) -> list[Ramp]:
-    """Let what a style switches on come, and the rest go."""
+    """Fade in what a style switches on, and fade out the rest."""
     levels = ((Channel.HEAD_MOTION, style.head_motion), (Channel.IDLE, style.idle), (Channel.GAZE, style.gaze))
     return [Ramp(at_s, channel, float(level), over_s) for channel, level in levels]
 
@@ -348,7 +348,7 @@ def gesture_faps(levels: Array, waves: Array, since_s: Array) -> Array:
     Returns
     -------
     (68, N) float64, FAPU
-        To be added behind all that :mod:`.closures` settles.
+        To be added after :func:`.closures.settle`.
     """
     faps = np.zeros((fap.FAP_COUNT, levels.shape[1]))
     moving, idle, nod = levels[Channel.HEAD_MOTION], levels[Channel.IDLE], levels[Channel.NOD]
@@ -370,13 +370,13 @@ def gesture_faps(levels: Array, waves: Array, since_s: Array) -> Array:
     for numbers, per_rad in LIDS_FOLLOW.items():
         _add(faps, numbers, per_rad * AU_RAD * (1.0 - shut) * faps[fap.column(25)])
     turns = ((48, Channel.PITCH), (49, Channel.YAW), (50, Channel.ROLL))
-    for number, channel in turns:  # the eyes turn with a head that is told to turn
+    for number, channel in turns:  # the eyes turn with a head that a command turns
         faps[fap.column(number)] += levels[channel] / AU_RAD
     return faps
 
 
 def _move_eyes(faps: Array, levels: Array) -> None:
-    """Look where they are told to, glance, and counter the head's own motion."""
+    """Look where commands say, glance, and counter the head's own motion."""
     eyes = (
         ((23, 24), Channel.LOOK_YAW, Channel.GLANCE_YAW, 49),
         ((25, 26), Channel.LOOK_PITCH, Channel.GLANCE_PITCH, 48),
@@ -406,16 +406,16 @@ def gestures_of(
     times_s : (T,) float64, s
         Times from 0 on.
     end_s : float
-        When all is at rest again.
+        Time by which all gestures have ended.
     phones : iterable of Phone
-        What is spoken; accents make nods, pauses draw blinks.
+        Spoken phones; accents make nods, pauses draw blinks.
     wanted : iterable of Ramp
-        Gestures that are made besides.
+        Further gestures.
 
     Returns
     -------
     callable
-        Gives the FAPs of any of these times: a slice of them -> (68, N) float64, FAPU.
+        A slice of the times -> FAPs at these times, (68, N) float64, FAPU.
     """
     generator = GestureGenerator(rng, style)
     generator.hear(((phone.start_s, phone) for phone in phones), 0.0)

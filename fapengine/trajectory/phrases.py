@@ -1,13 +1,12 @@
-"""Phrases: when a face speaks, pauses and stresses, as far as it is known. Phones add to it as they come.
+"""Phrases and accents of a face's speech, as far as they are known; phones add to them as they come.
 
 Theory of operation
 -------------------
-Phones that follow each other within :data:`PAUSE_S` are one phrase. What becomes known is entered as it comes, in any
-order; a stop's closure or a lost phone ends no phrase. Of accents (stressed phones) few are *outstanding*: an accent is
-passed over for :data:`REACH_S` after one that was, and while a stronger one of the same phrase comes within that time;
-but after twice that time there is one in any case. So a phrase of two seconds has one, its strongest; a long one has
-one every 1.2 to 3 s. Accents are judged in time order, and who knows phones :data:`REACH_S` ahead finds the same ones
-as who knows all.
+Phones that follow each other within :data:`PAUSE_S` are one phrase. They are added in any order; a stop's closure or a
+lost phone ends no phrase. Few accents (stressed phones) are *outstanding*: an accent is skipped for :data:`REACH_S`
+after an outstanding one, and while a stronger one of the same phrase follows within that time; but after twice that
+time there is one in any case. So a phrase of two seconds has one, its strongest; a long one has one every 1.2 to 3 s.
+Accents are judged in time order, and phones that are known :data:`REACH_S` ahead give the same ones as all phones.
 """
 
 from bisect import bisect_left, bisect_right, insort
@@ -16,20 +15,20 @@ from math import log2
 from fapengine.speech.phone_track import Phone
 
 PAUSE_S = 0.15
-"""Silence that parts two phrases. Closures of stops are shorter, and are phones besides."""
+"""Silence between two phrases. Closures of stops are shorter, and are phones anyway."""
 REACH_S = 1.6
 """Time within which accents of a phrase compete: our choice."""
 SECONDARY_DB = 3.0
-"""Loudness that makes good for a secondary stress: our choice."""
+"""Loudness that makes up for a secondary stress: our choice."""
 DB_PER_DOUBLE_LENGTH = 3.0
-"""Loudness that counts as much as twice the length, for a stressed vowel is longer and louder: our choice."""
+"""Loudness that counts as much as twice the length, because stressed vowels are longer and louder: our choice."""
 USUAL_S = 0.1
 KEPT_S = 5.0
-"""Time for which what is over is kept."""
+"""Time for which the past is kept."""
 
 
 class Phrases:
-    """When a face speaks, as far as it is known.
+    """Phrases and accents of one face.
 
     Stateful.
     """
@@ -39,7 +38,7 @@ class Phrases:
         self._accents: list[tuple[float, float]] = []
 
     def learn(self, start_s: float, phone: Phone) -> None:
-        """Enter a phone that begins at a time."""
+        """Add a phone that begins at a time."""
         if phone.is_silence:
             return
         end_s = start_s + phone.duration_s
@@ -55,14 +54,14 @@ class Phrases:
             insort(self._accents, (start_s, strength_db(phone)))
 
     def forget_from(self, now_s: float) -> None:
-        """Forget what was to be said from now on."""
+        """Drop what is planned from now on."""
         self._accents = self._accents[: bisect_right(self._accents, (now_s, float("inf")))]
         self._spans = self._spans[: bisect_right(self._spans, now_s, key=lambda span: span[0])]
         if self._spans:
             self._spans[-1][1] = min(self._spans[-1][1], now_s)
 
     def forget_before(self, now_s: float) -> None:
-        """Forget what is over for :data:`KEPT_S`."""
+        """Drop what ended more than :data:`KEPT_S` ago."""
         if self._spans and self._spans[0][1] < now_s - KEPT_S:
             del self._spans[: bisect_left(self._spans, now_s - KEPT_S, key=lambda span: span[1])]
         if self._accents and self._accents[0][0] < now_s - KEPT_S:

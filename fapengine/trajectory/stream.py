@@ -1,17 +1,17 @@
-"""The planner for a stream of phones: late, early, in any order, revised, or not at all.
+"""The planner for a stream of phones, which may come late, early, in any order, revised, or not at all.
 
 Theory of operation
 -------------------
-Times up to the *edge*, ``horizon_s`` after the last frame asked for, are settled: what was or may have been shown
-there never changes. Beyond it the path is planned again whenever phones change. The new path need not meet the old
-one at the edge; the difference in value, velocity and acceleration is added and fades to nothing over :data:`FADE_S`
-along a quintic, so the motion stays C2 whatever happens. Velocity and acceleration fade in :data:`MOMENTUM_S` at the
-most, and within the length of the fade that they come from: a face that hurries to rest does not shoot beyond it when
-it is called back. The path is local (:mod:`.hermite`): phones that come
-:data:`AHEAD_PHONES` phones early change nothing at the edge, and the stream then equals the offline plan.
+Times up to the *edge*, ``horizon_s`` after the last frame, are settled: what was or may have been shown there never
+changes. After it the path is planned again whenever phones change. The new path need not meet the old one at the edge;
+the difference in value, velocity and acceleration is added and fades over :data:`FADE_S` along a quintic, so the motion
+stays C2. Velocity and acceleration fade in :data:`MOMENTUM_S` at most, and within the length of the fade that they come
+from: a face that returns to neutral quickly does not overshoot when it speaks again. The path is local
+(:mod:`.hermite`): phones that come :data:`AHEAD_PHONES` phones early change nothing at the edge, and the stream then
+equals the offline plan.
 
-A bilabial that comes too late for its time still closes the lips, as soon as they can. When phones stop coming, the
-face goes to rest after the last one; when speech is cancelled, it is at rest after the fade, from wherever it was.
+A bilabial that comes too late still closes the lips, as soon as they can. When phones stop coming, the face returns to
+neutral after the last one; when speech is cancelled, it is neutral after the fade, from any position.
 """
 
 from bisect import bisect_left, bisect_right
@@ -43,7 +43,7 @@ FADE_S = 0.15
 MOMENTUM_S = 0.15
 """Longest time over which velocity and acceleration fade when speech is cancelled, however long the fade."""
 AHEAD_PHONES = 5
-"""Three neighbours that a phone looks at, and two keys that a segment does."""
+"""Three neighbours that a phone depends on, and two keys that a segment depends on."""
 KEYS_BEHIND = 3
 """Most phones before the edge with keys that a plan needs: a segment needs two keys, and one may give way to a nearer
 one."""
@@ -51,14 +51,14 @@ LONG_S = 0.06
 """Least length, for each character of its label, of a phone that keeps its keys, whatever is before it: no shorter
 than twice :data:`.targets.APART_S`, and its first key comes :data:`.targets.CLOSEST_KEYS_S` after its beginning."""
 BEHIND_PHONES = REACH + KEYS_BEHIND
-"""Number of past phones that a new plan looks back at; farther back nothing touches the path at the edge."""
+"""Number of past phones that a new plan depends on."""
 _END = attrgetter("end_s")
 KEPT_S = 2.0
-"""Length of the past that is kept; older phones are forgotten."""
+"""Length of the past that is kept."""
 LATEST_CLOSURE_S = 0.15
-"""A bilabial that ended longer ago is dropped with its closure."""
+"""A bilabial that ended longer ago makes no closure."""
 SAME_S = 1e-3
-"""Phones that begin so near each other replace one another."""
+"""Phones whose times differ by less are the same."""
 
 
 @dataclass(slots=True)
@@ -97,18 +97,17 @@ class StreamPlan:
 
 @dataclass(slots=True)
 class StreamingPlanner:
-    """Phones in as they come, FAPs out as they are due. All times count from the stream's beginning.
+    """Planner of one stream. All times count from the stream's beginning.
 
     Stateful.
 
     Parameters
     ----------
     style : Style
-        Articulation and context; gestures are for whoever shows the face.
+        Articulation and method; gestures are not made here.
     horizon_s : float
-        Time after the last frame asked for up to which the plan is settled. 0 reacts soonest, and costs nothing: what
-        counts is how early the sender knows its phones. 0.5 s ahead is as good as all of them, 0.3 s costs 0.01 mm of
-        lip error,
+        Time after the last frame up to which the plan is settled. 0 reacts soonest, and costs nothing: what counts is
+        how early the sender knows its phones. 0.5 s ahead is as good as all of them, 0.3 s costs 0.01 mm of lip error,
         0.2 s 0.08, 0.1 s 0.23, none 1.4 (``design/look_ahead.py``).
     """
 
@@ -136,7 +135,7 @@ class StreamingPlanner:
 
     @property
     def edge_s(self) -> float:
-        """Time up to which nothing changes any more."""
+        """Time up to which the plan is settled."""
         return max(self._shown_s + self.horizon_s, self._cancelled_s)
 
     def take(self, phones: Sequence[Phone], *, is_counted: bool = True) -> int:
@@ -183,15 +182,15 @@ class StreamingPlanner:
         self._phones[first:behind] = placed
 
     def _close_late(self, phone: Phone, edge: float) -> None:
-        """Close the lips for a bilabial whose time is over, if it is not long over."""
+        """Close the lips for a bilabial that has just ended."""
         keys = speech_keys([([] if phone.is_silence else [phone], 0)], self.profile, context=False)
         if any(contact == "lips" for _, contact in keys.said[0]) and phone.end_s > edge - LATEST_CLOSURE_S:
             self._kept_holds.append(Hold(edge + RAMP_S, edge + RAMP_S + MIN_HOLD_S))
 
     def cancel(self, at_s: float, *, fade_s: float = 0.2) -> None:
-        """End speech: phones at or after ``at_s`` are not said, and the face is at rest ``fade_s`` later.
+        """End speech: phones at or after ``at_s`` are not said, and the face is neutral ``fade_s`` later.
 
-        What was planned before ``at_s`` is settled by it, so phones that are fed afterwards speak from there on.
+        The plan before ``at_s`` is settled; phones that are added afterwards are spoken after it.
         """
         if not fade_s > 0:
             raise UsageError(f"fade_s: must be a positive time, got {fade_s}")
@@ -220,7 +219,7 @@ class StreamingPlanner:
         return phones[max(own - REACH, 0) :], min(own, REACH)
 
     def _follow(self, path: hermite.Path, said: Sequence[tuple[Phone, str]], left_over: Array) -> None:
-        """Take a new plan; what it lacks at its edge, ``left_over``, fades."""
+        """Follow a new path; its difference to the old one at the edge, ``left_over``, fades."""
         edge, fade_s = self._due or (self.edge_s, FADE_S)
         self._due = None
         self._renew_holds([(phone, contact) for phone, contact in said if contact != "none"], edge)
@@ -233,7 +232,7 @@ class StreamingPlanner:
             del self._plans[0]
 
     def _renew_holds(self, contacts: Sequence[tuple[Phone, str]], edge: float) -> None:
-        """Bilabials that are too late close as soon as they can; holds that have begun stay, whatever is revised."""
+        """Renew holds: late bilabials close as soon as they can; holds that have begun stay."""
         before, self._holds = self._holds, {}
         for phone, contact in contacts:
             key = phone.start_s, phone.end_s, phone.label
@@ -251,16 +250,16 @@ class StreamingPlanner:
 
     @property
     def phones(self) -> Sequence[Phone]:
-        """Phones of the plan, in time order; silences and what is long over are left out."""
+        """Phones of the plan, in time order, without silences and old phones."""
         return self._phones
 
     @property
     def holds(self) -> list[Hold]:
-        """Holds of contacts, as far as phones have come, in any order."""
+        """Holds of contacts, in any order."""
         return [*self._holds.values(), *self._kept_holds]
 
     def holds_near(self, from_s: float, until_s: float) -> list[Hold]:
-        """Those of :attr:`holds` that may be seen between two times."""
+        """List the holds that affect the time between two times."""
         return [hold for hold in self.holds if hold.start_s - RAMP_S < until_s and hold.stop_s + RAMP_S > from_s]
 
     def plan_at(self, time_s: float) -> tuple[StreamPlan, float]:
@@ -272,12 +271,12 @@ class StreamingPlanner:
         return self._plans[index], until_s
 
     def settle(self, time_s: float) -> None:
-        """Note that frames up to ``time_s`` were shown: nothing up to the horizon after it changes any more."""
+        """Settle the plan up to the horizon after ``time_s``, which was shown."""
         self._shown_s = max(self._shown_s, time_s)
 
 
 def _shut_already(phone: Phone, before: Mapping[_Timed, Hold], edge_s: float) -> _Timed | None:
-    """Find the hold of a phone of which only the end has changed: it is the same one, and not shut once more."""
+    """Find the hold of a phone of which only the end has changed: it closes once, not twice."""
     for other, hold in before.items():
         if other[::2] == (phone.start_s, phone.label) and hold.start_s - RAMP_S < edge_s:
             return other
@@ -285,7 +284,7 @@ def _shut_already(phone: Phone, before: Mapping[_Timed, Hold], edge_s: float) ->
 
 
 def plan_together(planners: Sequence[StreamingPlanner]) -> None:
-    """Plan ahead of the edge of each stream that has taken phones; the more of them, the less each costs.
+    """Plan streams with new phones, from the edge of each on; the more of them, the less each costs.
 
     Parameters
     ----------
@@ -310,7 +309,7 @@ def plan_together(planners: Sequence[StreamingPlanner]) -> None:
 
 
 def jets_at(plans: Sequence[StreamPlan], times_s: Array) -> Array:
-    """(S, 3, K): value, velocity and acceleration of many plans, each at a time of its own, (S,) s."""
+    """(S, 3, K): value, velocity and acceleration of many plans, each at its own time, (S,) s."""
     jets = hermite.jets_at([plan.path for plan in plans], times_s)
     timing = np.array([(plan.start_s, plan.fade_s, plan.momentum_s) for plan in plans])
     since_s, fade_s, momentum_s = times_s - timing[:, 0], timing[:, 1], timing[:, 2]
