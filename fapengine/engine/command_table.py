@@ -242,17 +242,18 @@ def checked(command: SomeCommand) -> SomeCommand:
     UsageError
         If another value is out of range.
     """
-    change: Any = replace
-    values = {name: spec.checked(getattr(command, name)) for name, spec in fields_of(type(command)).items()}
-    result: SomeCommand = change(command, **values)
-    return result
+    kind: type[Command] = type(command)
+    return _changed(command, {name: spec.checked(getattr(command, name)) for name, spec in fields_of(kind).items()})
 
 
 def shifted(command: SomeCommand, by_s: float) -> SomeCommand:
     """Return a command with its times moved to another clock."""
-    values = {name: getattr(command, name) for name, spec in fields_of(type(command)).items() if isinstance(spec, Time)}
+    kind: type[Command] = type(command)
+    times_s = {name: getattr(command, name) for name, spec in fields_of(kind).items() if isinstance(spec, Time)}
+    return _changed(command, {name: time_s + by_s for name, time_s in times_s.items() if time_s is not None})
+
+
+def _changed(command: SomeCommand, values: Mapping[str, Any]) -> SomeCommand:
     change: Any = replace
-    result: SomeCommand = change(
-        command, **{name: time_s + by_s for name, time_s in values.items() if time_s is not None}
-    )
+    result: SomeCommand = change(command, **values)
     return result

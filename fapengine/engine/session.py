@@ -182,10 +182,8 @@ class Session:
     def append(self, command: Append, now_s: float) -> None:
         """Add phones to an utterance."""
         last = command.first_index + len(command.phones)
-        if command.first_index < 0 or last > self.limits.phones or not command.phones:
-            self.counters.refused += 1
-            return
-        if max(phone.end_s for phone in command.phones) > self.limits.queued_s:
+        is_valid = command.phones and command.first_index >= 0 and last <= self.limits.phones
+        if not is_valid or max(phone.end_s for phone in command.phones) > self.limits.queued_s:
             self.counters.refused += 1
             return
         utterance = self._open(command.utterance, command.revision, now_s)
@@ -212,7 +210,7 @@ class Session:
             self.counters.refused += 1
             return
         utterance.latest_s = now_s
-        utterance.limit(command)
+        utterance.phone_count, utterance.duration_s = command.phone_count, command.duration_s
         self._settle(now_s)
 
     def cancel(self, command: Cancel, now_s: float) -> None:

@@ -20,7 +20,7 @@ from itertools import pairwise
 from math import inf
 from types import MappingProxyType
 
-from fapengine.engine.commands import Anchor, Append, Begin, End
+from fapengine.engine.commands import Anchor, Append, Begin
 from fapengine.speech.phone_track import Phone
 
 
@@ -223,10 +223,6 @@ class Utterance:
             self.next_index += 1
         last = max(self.phones, default=0)
         self.concealed = {index for index in self.concealed if index < last}
-
-    def limit(self, command: End) -> None:
-        """Set its number of phones and its duration."""
-        self.phone_count, self.duration_s = command.phone_count, command.duration_s
 
     def gap(self) -> tuple[Phone, Phone, range] | None:
         """First gap that is not bridged: the phones on both sides, and the indices between them."""

@@ -34,6 +34,7 @@ from scipy.spatial import Delaunay, cKDTree
 from fapengine._arrays import freeze, frozen
 from fapengine.errors import DataError, UsageError
 from fapengine.geometry.surface import Surface, continue_smoothly, vertex_normals
+from fapengine.models.viseme_space import signs
 
 NEAR_FACETS = 12
 OUTSIDE = 0.5
@@ -339,13 +340,13 @@ def fit_estimator(
     count = _spanned(lengths, mode_count)
     coefficients = (left * lengths)[:, :count]
     matrix = _solve((markers - mean_markers).reshape(len(scans), -1), coefficients, noise_mm)
-    modes, signs = _signed(rows[:count])
+    sign = signs(rows[:count])[:, None]
     return LinearEstimator(
         mean_markers_mm=mean_markers,
         mean_face_mm=mean_face,
-        modes=modes.reshape(count, -1, 3),
+        modes=(sign * rows[:count]).reshape(count, -1, 3),
         variances=lengths[:count] ** 2 / len(scans),
-        matrix=signs[:, None] * matrix,
+        matrix=sign * matrix,
     )
 
 
@@ -369,8 +370,3 @@ def _solve(p: NDArray[np.float64], a: NDArray[np.float64], noise_mm: float) -> N
     kept = lengths > RANK_TOLERANCE * max(lengths[0], np.finfo(float).tiny)
     gain = lengths[kept] / (lengths[kept] ** 2 + len(p) * noise_mm**2)
     return np.asarray((a.T @ left[:, kept] * gain) @ right[kept], dtype=np.float64)
-
-
-def _signed(rows: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    signs = np.where(rows[np.arange(len(rows)), np.abs(rows).argmax(axis=1)] < 0, -1.0, 1.0)
-    return rows * signs[:, None], signs

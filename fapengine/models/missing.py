@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fapengine._arrays import freeze, frozen
 from fapengine.errors import DataError, UsageError
+from fapengine.models.viseme_space import signs
 
 FEW_ALWAYS_SEEN = 0.4
 """Fraction of always-seen markers below which their PCA is a bad start."""
@@ -324,8 +325,7 @@ def _canonical(state: _State, centre: NDArray[np.float64], steps: int) -> GapMod
     rank = len(state.modes)
     _, lengths, directions = np.linalg.svd(state.modes.reshape(rank, -1), full_matrices=False)
     rows = lengths[:, None] * directions
-    signs = np.where(rows[np.arange(rank), np.abs(directions).argmax(axis=1)] < 0, -1.0, 1.0)
-    modes = (rows * signs[:, None]).reshape(state.modes.shape)
+    modes = (rows * signs(directions)[:, None]).reshape(state.modes.shape)
     return GapModel(centre + state.mean, modes, float(np.sqrt(state.noise)), steps)
 
 

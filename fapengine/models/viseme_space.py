@@ -66,8 +66,12 @@ def fit_components(frames: ArrayLike) -> Components:
     centred = data - mean
     variances, vectors = np.linalg.eigh(centred.T @ centred / len(data))
     rows = vectors.T[::-1]
-    signs = np.sign(rows[np.arange(len(rows)), np.abs(rows).argmax(axis=1)])
-    return Components(mean, rows * signs[:, None], np.maximum(variances[::-1], 0.0))
+    return Components(mean, rows * signs(rows)[:, None], np.maximum(variances[::-1], 0.0))
+
+
+def signs(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(K,): 1 or -1 for each row, (K, D), so that its entry of largest magnitude becomes positive."""
+    return np.where(rows[np.arange(len(rows)), np.abs(rows).argmax(axis=1)] < 0, -1.0, 1.0)
 
 
 MARKERS = (*(f"8.{n}" for n in range(1, 9)), "2.10", "2.1", *(f"5.{n}" for n in range(1, 5)))

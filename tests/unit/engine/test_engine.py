@@ -728,6 +728,18 @@ def test_late_phones_are_reported_once_each_even_after_one_that_was_dropped():
     assert (counters.dropped, counters.late) == (1, 2)
 
 
+def test_phones_wait_a_twentieth_of_a_second_for_the_rest_of_their_clause(monkeypatch):
+    face, fed = engine(), []
+    feed = face._batch.feed
+    monkeypatch.setattr(face._batch, "feed", lambda *args, **named: fed.append(args) or feed(*args, **named))
+    say(face, sentence(lead_s=2.0))
+    counts = []
+    for now_s in (0.0, 0.02, 0.04, 0.06):
+        face.frame(now_s)
+        counts.append(len(fed))
+    assert counts == [0, 0, 0, 1]
+
+
 def test_late_phones_of_two_utterances_in_one_frame_are_reported_to_each():
     face = engine()
     phones = sentence(["a"] * 12)
