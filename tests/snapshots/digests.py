@@ -26,8 +26,9 @@ BLOCKS = 8
 GRID = 4
 """Rows and columns of the mean colours that a picture leaves."""
 NUMBER = re.compile(r"-?\d+\.\d+(?:[eE][-+]?\d+)?|-?\d+(?:[eE][-+]?\d+)?")
+SHA256 = re.compile(r"\b[0-9a-f]{64}\b")
 UNSTEADY = ("seconds", "total_s", "times_real_time", "drawn_hz", "drawn_per_s", "wall_s", "finished_at")
-"""Keys of results that tell how long the work took."""
+"""Keys of results that say how long the work took. A GLB has other sizes on other processors: its JSON holds floats."""
 
 
 @dataclass(frozen=True)
@@ -99,15 +100,17 @@ def _table(data: bytes) -> tuple[bytes, Near]:
 
 
 def _numbers(data: bytes) -> tuple[bytes, Near]:
-    """Numbers alone, in their order."""
-    return " ".join(rounded(float(word)) for word in NUMBER.findall(data.decode("utf-8", "replace"))).encode(), ()
+    """Numbers alone, in their order; not those in digests of other files."""
+    text = SHA256.sub("", data.decode("utf-8", "replace"))
+    return " ".join(rounded(float(word)) for word in NUMBER.findall(text)).encode(), ()
 
 
 def leaves(value: Any, path: str = "") -> Iterable[tuple[str, Any]]:
     """Yield (path of keys, value) of a result in JSON; items of a list share a path."""
     if isinstance(value, Mapping):
+        unsteady = (*UNSTEADY, "bytes") if str(value.get("output")).endswith(".glb") else UNSTEADY
         for key, item in value.items():
-            if key not in UNSTEADY:
+            if key not in unsteady:
                 yield from leaves(item, f"{path}.{key}")
     elif isinstance(value, list):
         for item in value:
