@@ -3,8 +3,7 @@
 from pathlib import Path
 
 from fapengine.codec.fapfile import format_fap, parse_fap
-from fapengine.errors import DataError
-from fapengine.files.paths import is_mp4, read_bytes, write_bytes
+from fapengine.files.paths import is_mp4, naming, read_bytes, write_bytes
 from fapengine.mpeg4.track import FapTrack
 
 
@@ -18,10 +17,8 @@ def load_fap(path: Path) -> FapTrack:
     DataError
         If it is not a FAP file; the message names it.
     """
-    try:
+    with naming(path):
         return parse_fap(read_bytes(path))
-    except DataError as error:
-        raise type(error)(f"{path}: {error.message}", where=error.where, clause=error.clause) from error
 
 
 def save_fap(path: Path, track: FapTrack, *, single_numbers: bool = False) -> None:
@@ -63,7 +60,5 @@ def load_motion(path: Path) -> FapTrack:
     recorded = is_vmc_recording(data)
     if path.suffix.lower() not in BLEND_ENDINGS and not recorded:
         return load_fap(path)
-    try:
+    with naming(path):
         return parse_vmc_recording(data) if recorded else parse_blend_track(data)
-    except DataError as error:
-        raise type(error)(f"{path}: {error.message}", where=error.where, clause=error.clause) from error

@@ -1,4 +1,4 @@
-"""Checks of output names before any work: none is an input, and files that would be replaced are known."""
+"""Checks of output names before any work: no output is an input, and files that would be replaced are known."""
 
 import contextlib
 import os
@@ -33,8 +33,7 @@ def check_outputs(outputs: Iterable[Path], inputs: Iterable[Path] = (), *, overw
     ------
     UsageError
         If an output is one of the inputs, under any name; if two outputs are one file; if one is a folder; or if one
-        exists
-        and may not be replaced.
+        exists and may not be replaced.
     ResourceError
         If the folder of an output is not writable.
     """
@@ -65,9 +64,8 @@ def check_outputs(outputs: Iterable[Path], inputs: Iterable[Path] = (), *, overw
 
 def marks_of(paths: Iterable[Path]) -> dict[Path, tuple[int, ...] | None]:
     """Identity of each file, to notice when another one replaces it; None for missing ones."""
-    marks: dict[Path, tuple[int, ...] | None] = {}
-    for path in paths:
-        marks[path] = None
+    marks: dict[Path, tuple[int, ...] | None] = dict.fromkeys(paths)
+    for path in marks:
         with contextlib.suppress(FileNotFoundError):
             found = path.stat()
             marks[path] = found.st_dev, found.st_ino, found.st_mtime_ns, found.st_size
@@ -102,15 +100,12 @@ def _identity(path: Path) -> tuple[int, int]:
 
 
 def _files_of(path: Path) -> Iterator[Path]:
+    """Files that reading a path reads: those in a folder or the file itself, and those that it references."""
     if not path.exists():
         return
-    if path.is_dir():
-        yield from (file for file in path.rglob("*") if file.is_file())
-        setup = path / "session.toml"
-        yield from (named for named in files_named_in(setup) if os.path.isfile(named))  # noqa: PTH113  False for all names
-    else:
-        yield path
-        yield from (named for named in files_named_in(path) if os.path.isfile(named))  # noqa: PTH113  False for all names
+    yield from (file for file in path.rglob("*") if file.is_file()) if path.is_dir() else (path,)
+    document = path / "session.toml" if path.is_dir() else path
+    yield from (named for named in files_named_in(document) if os.path.isfile(named))  # noqa: PTH113  False for bad names
 
 
 def _check_folder(output: Path) -> None:
@@ -118,13 +113,13 @@ def _check_folder(output: Path) -> None:
     place = output.resolve()
     folder = next(parent for parent in place.parents if os.path.lexists(parent))
     if not folder.is_dir():
-        raise ResourceError(f"{output}: cannot be written ({folder} is no folder)")
+        raise ResourceError(f"{output}: cannot be written ({folder} is not a folder)")
     if not os.access(folder, os.W_OK | os.X_OK):
         raise ResourceError(f"{output}: cannot be written (Permission denied: {folder})")
 
 
 PLY_HEADER = 1 << 16
-"""Bytes of a PLY that may contain the name of its texture."""
+"""Longest header of a PLY that is searched for its texture."""
 
 
 def files_named_in(path: Path) -> Iterator[Path]:
@@ -187,4 +182,4 @@ NAMES: dict[str, Callable[[Path], "list[str] | Iterator[str]"]] = {
     ".toml": _of_toml,
     ".onnx": lambda path: [path.with_suffix(".json").name],
 }
-"""Readers of the names in a file, by its ending; the names are relative to its folder."""
+"""Functions that read the names in a file, by its ending; the names are relative to its folder."""

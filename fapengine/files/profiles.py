@@ -3,8 +3,7 @@
 from pathlib import Path
 
 from fapengine._resources import profile_files, profile_ids
-from fapengine.errors import ProfileError
-from fapengine.files.paths import read_bytes, replacing_folder
+from fapengine.files.paths import locating, read_bytes, replacing_folder
 from fapengine.profiles import ARRAYS_NAME, CONTEXT_NAME, TOML_NAME, Profile, format_profile, parse_profile
 
 PROFILE_FILES = (TOML_NAME, ARRAYS_NAME, CONTEXT_NAME)
@@ -24,14 +23,12 @@ def load_profile(name: str | Path) -> Profile:
     folder = Path(name)
     if str(name) in profile_ids() or not (folder / TOML_NAME).is_file():
         return parse_profile(profile_files(str(name)))
-    try:
+    with locating(folder, "/"):
         return parse_profile({path.name: read_bytes(path) for path in folder.iterdir() if path.is_file()})
-    except ProfileError as error:
-        raise ProfileError(error.message, where=f"{folder}/{error.where}") from error
 
 
 def save_profile(folder: Path, profile: Profile) -> None:
-    """Write the files of a profile into a folder, which is created: all of them, or the old content is kept.
+    """Write the files of a profile into a folder, which is created; the old content stays if anything fails.
 
     Raises
     ------

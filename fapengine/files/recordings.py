@@ -3,7 +3,9 @@
 import logging
 import mmap
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +19,13 @@ from fapengine.capture.landmarks import Picture, parse_landmarks
 from fapengine.capture.marker_track import MarkerTrack, RawTrack
 from fapengine.capture.table import format_table, format_trc, parse_table, parse_trc
 from fapengine.errors import DataError, ResourceError, UsageError
-from fapengine.files.paths import read_bytes, write_bytes
+from fapengine.files.paths import locating, read_bytes, write_bytes
 from fapengine.files.pictures import linear_rgb
 from fapengine.geometry.surface import Surface
 from fapengine.laboratory.setup import Paint
 
 RECORDINGS = (".c3d", ".trc", ".csv", ".tsv", ".npz", ".json", ".jsonl")
-"""Endings of recordings; a folder of meshes is one too."""
+"""Endings of recordings; a folder of meshes is also a recording."""
 MESHES = (".obj", ".ply", ".glb", ".gltf", ".stl")
 LANDMARK_ENDINGS = (".json", ".jsonl")
 
@@ -50,8 +52,7 @@ def load_markers(
     ----------
     path : Path
         A file with an ending in :data:`RECORDINGS`, or a folder of meshes (:data:`MESHES`), one per frame, ordered by
-        the
-        numbers in their names.
+        the numbers in their names.
     units, up, rate_hz
         As for :func:`fapengine.capture.conventions.understand`; a folder of meshes needs ``rate_hz``.
     picture : Picture, optional
@@ -64,12 +65,9 @@ def load_markers(
     DataError
         If its content is wrong; ``where`` begins with the path.
     """
-    try:
+    with locating(path):
         raw = _meshes(path) if path.is_dir() else _parse(path, picture)
         track, notes = understand(raw, units=units, up=up, rate_hz=rate_hz)
-    except DataError as error:
-        where = f"{path}, {error.where}" if error.where else str(path)
-        raise type(error)(error.message, where=where, clause=error.clause) from error
     return Recording(track, (*notes, *check_track(track)))
 
 
@@ -80,8 +78,8 @@ def _parse(path: Path, picture: Picture | None) -> RawTrack:
     if ending in LANDMARK_ENDINGS or (picture is not None and ending in (".csv", ".tsv")):
         if picture is None:
             raise DataError(
-                "landmarks: got no picture size and scale, expected [landmarks] in session.toml: landmarks are shares"
-                " of a picture, not millimetres"
+                "landmarks: got no picture size and scale, expected [landmarks] in session.toml: landmarks are"
+                " fractions of an image, not millimetres"
             )
         return parse_landmarks(read_bytes(path), picture)
     parsers = {".trc": parse_trc, ".csv": parse_table, ".tsv": parse_table, ".npz": parse_npz}
@@ -104,15 +102,14 @@ def is_table(path: Path) -> bool:
 def _mapped_c3d(path: Path) -> RawTrack:
     """Map the file into memory: analog channels between the points are never read."""
     try:
-        with path.open("rb") as file:
-            if not path.stat().st_size:
-                return parse_c3d(b"")
-            with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as mapped:
-                view = memoryview(mapped)
-                try:
-                    return parse_c3d(view)
-                finally:
-                    view.release()
+        if not path.stat().st_size:
+            return parse_c3d(b"")
+        with (
+            path.open("rb") as file,
+            mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as mapped,
+            memoryview(mapped) as view,
+        ):
+            return parse_c3d(view)
     except OSError as error:
         raise UsageError(f"{path}: cannot be read ({error.strerror})") from error
 
@@ -128,30 +125,28 @@ def save_markers(path: Path, track: MarkerTrack, *, long: bool = False) -> None:
         If it cannot be written.
     """
     ending = path.suffix.lower()
-    if ending in (".csv", ".tsv"):
-        data = format_table(track, long=long, delimiter="\t" if ending == ".tsv" else ",")
-    else:
-        writers = {".c3d": format_c3d, ".trc": format_trc, ".npz": format_npz}
-        if ending not in writers:
-            raise UsageError(f"{path}: got ending {ending!r}, expected .c3d, .trc, .csv, .tsv or .npz")
-        data = writers[ending](track)
-    write_bytes(path, data)
-
-
-def _number(path: Path) -> tuple[int, str]:
-    digits = re.findall(r"\d+", path.stem)
-    return (int(digits[-1]) if digits else -1, path.name)
+    writers: dict[str, Callable[[MarkerTrack], bytes]] = {
+        ".c3d": format_c3d, ".trc": format_trc, ".npz": format_npz,
+        ".csv": partial(format_table, long=long), ".tsv": partial(format_table, long=long, delimiter="\t"),
+    }  # fmt: skip
+    if ending not in writers:
+        raise UsageError(f"{path}: got ending {ending!r}, expected .c3d, .trc, .csv, .tsv or .npz")
+    write_bytes(path, writers[ending](track))
 
 
 def mesh_files(folder: Path) -> list[Path]:
     """Meshes of a folder, ordered by the last number in their names."""
-    return sorted((path for path in folder.iterdir() if path.suffix.lower() in MESHES), key=_number)
+
+    def key(path: Path) -> tuple[int, str]:
+        return int((re.findall(r"\d+", path.stem) or [-1])[-1]), path.name
+
+    return sorted((path for path in folder.iterdir() if path.suffix.lower() in MESHES), key=key)
 
 
 def _meshes(folder: Path) -> RawTrack:
     paths = mesh_files(folder)
     if not paths:
-        raise DataError(f"mesh sequence: got no mesh, expected some of {', '.join(MESHES)}")
+        raise DataError(f"mesh sequence: contains none of {', '.join(MESHES)}")
     frames = [load_mesh(path)[0] for path in paths]
     counts = [len(frame) for frame in frames]
     odd = next((n for n, count in enumerate(counts) if count != counts[0]), None)
@@ -183,14 +178,14 @@ def load_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64], Any]:
         import trimesh
     except ImportError as error:
         raise ResourceError('meshes are read with trimesh: pip install "fapengine[lab]"') from error
-    read_bytes(path)  # our own error for a file that is not there
-    logging.getLogger("trimesh").addHandler(logging.NullHandler())  # else its tracebacks stand before our one line
+    read_bytes(path)  # raises UsageError for a missing file
+    logging.getLogger("trimesh").addHandler(logging.NullHandler())  # else it prints tracebacks before our message
     try:
         mesh = trimesh.load_mesh(path, process=False, maintain_order=True)
         if isinstance(mesh, trimesh.Scene):
             mesh = mesh.to_mesh()
         vertices, triangles = np.array(mesh.vertices, np.float64), np.array(mesh.faces, np.int64)
-    except Exception as error:  # whatever the library trips over, the file is at fault
+    except Exception as error:  # whatever the library fails with, the file is at fault
         raise DataError(f"mesh: cannot be understood ({type(error).__name__}: {error})", where=str(path)) from error
     if vertices.ndim != 2 or vertices.shape[1:] != (3,) or not len(vertices) or not np.isfinite(vertices).all():
         raise DataError(f"mesh: got vertices of shape {vertices.shape}, expected finite (V, 3)", where=str(path))
@@ -205,7 +200,7 @@ def load_surface(path: Path, *, units: str = "mm") -> Surface:
     UsageError
         If the file cannot be read or the unit is unknown.
     DataError
-        If it holds no triangles.
+        If it contains no triangles.
     ResourceError
         If trimesh is not installed.
     """
@@ -233,7 +228,7 @@ def find_paint(visual: Any, count: int) -> Paint | None:
 
 
 def _painting(visual: Any, count: int) -> tuple[NDArray[np.uint8] | None, NDArray[np.float64] | None]:
-    """Texture and texture coordinates, (V, 2), of a mesh with one material; trimesh counts v from below."""
+    """Texture and texture coordinates, (V, 2), of a mesh with one material; trimesh counts v from the bottom."""
     material, uv = getattr(visual, "material", None), getattr(visual, "uv", None)
     image = getattr(material, "image", None) or getattr(material, "baseColorTexture", None)
     if image is None or uv is None or np.shape(uv) != (count, 2) or not np.isfinite(uv).all():
@@ -244,9 +239,9 @@ def _painting(visual: Any, count: int) -> tuple[NDArray[np.uint8] | None, NDArra
 def _albedo(visual: Any) -> NDArray[np.float64] | None:
     """Linear RGB of each vertex, (V, 3); None if the file has no colours."""
     coloured = visual.to_color() if hasattr(visual, "to_color") else visual
-    if not getattr(coloured, "defined", False):  # a material whose picture is not there has no colours either
+    if not getattr(coloured, "defined", False):  # a material whose image is missing has no colours either
         return None
     srgb = np.asarray(coloured.vertex_colors, np.float64)[:, :3] / 255.0
     if np.ptp(srgb, axis=0).max() == 0.0:
-        return None  # one colour for all is a default, not a painting
+        return None  # a single colour is a default
     return linear_rgb(srgb)

@@ -1,20 +1,20 @@
-"""Capture sessions from folders: recordings, the phone timings beside them, and ``session.toml``.
+"""Capture sessions from folders: recordings, their phone timings, and ``session.toml``.
 
-A session is a folder. Every recording in it is a take; a timing file of the same name holds its phones. Whatever cannot
-be seen from the files stands in ``session.toml``, every key of which is optional::
+A session is a folder. Every recording in it is a take; a timing file of the same name contains its phones. Everything
+else is in ``session.toml``, whose keys are all optional::
 
     subject = "S03"
     language = "en-GB"                     # BCP 47
     licence = "CC-BY-4.0"
     attribution = "recorded by ..."
-    units = "mm"                           # of recordings that do not say
+    units = "mm"                           # of recordings that do not state it
     up = "+y"
-    rate_hz = 120.0                        # of recordings that do not say, such as mesh sequences
+    rate_hz = 120.0                        # of recordings that do not state it, such as mesh sequences
     head = ["LFHD", "RFHD", "LBHD", "RBHD"]  # markers that follow the skull alone
     neutral = { take = "rest", start_s = 0.0, end_s = 1.0 }
     fapu_mm = { es0 = 62.0, ens0 = 47.0, irisd0 = 11.0 }
 
-    [landmarks]                            # of tracks of a video tracker, in shares of the picture
+    [landmarks]                            # of tracks of a video tracker, in fractions of the image
     width_px = 1280.0
     height_px = 720.0
     eye_corners_mm = 89.0                  # between the outer eye corners
@@ -22,7 +22,7 @@ be seen from the files stands in ``session.toml``, every key of which is optiona
     [points]                               # marker label = feature point of the standard
     LLIP = "8.2"
 
-    [[pose]]                               # an expression that the subject held
+    [[pose]]                               # an expression or phone that the subject held
     expression = "joy"
     take = "faces"
     start_s = 1.2
@@ -34,7 +34,7 @@ be seen from the files stands in ``session.toml``, every key of which is optiona
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -44,7 +44,7 @@ from fapengine.capture.landmarks import Picture
 from fapengine.capture.marker_track import Interval, Session, Take
 from fapengine.errors import DataError, UsageError
 from fapengine.expressions import STANDARD_EXPRESSIONS, Expression
-from fapengine.files.paths import read_bytes
+from fapengine.files.paths import locating, read_bytes
 from fapengine.files.recordings import RECORDINGS, load_markers, load_painted, mesh_files
 from fapengine.files.timings import load_timings
 from fapengine.laboratory.setup import HeldPhone, Moment, Pose, Scan, Setup
@@ -54,12 +54,12 @@ from fapengine.speech.phone_track import PhoneTrack
 
 SETUP_NAME = "session.toml"
 TIMINGS = (".textgrid", ".lab", ".pho", ".align", ".json", ".csv")
-"""Endings of timing files, looked for beside a recording in this order."""
+"""Endings of timing files; the first that exists for a recording is read."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LoadedSession:
-    """A session as its folder has it."""
+    """A session read from its folder."""
 
     session: Session
     setup: Setup
@@ -82,43 +82,39 @@ def load_session(
     units, up : str, optional
         Override those of ``session.toml``.
     on_take : callable
-        Told each take's name, and how many there are, before it is read.
+        Called with the name of each take, and the number of takes, before it is read.
     pronounce : callable, optional
-        Gives timings of words their phones; without it they are left out.
+        Converts timings of words to phones; without it they are left out.
 
     Raises
     ------
     UsageError
-        If there is no such folder, or no recording in it.
+        If the folder does not exist, or contains no recording.
     DataError
-        For a recording, timing file or ``session.toml`` that cannot be understood; ``where`` says which.
+        If a recording, timing file or ``session.toml`` is wrong; ``where`` says which.
     """
     if not folder.is_dir():
         raise UsageError(f"{folder}: got no folder, expected one with recordings ({', '.join(RECORDINGS)})")
     path = folder / SETUP_NAME
     document = parse_toml(read_bytes(path) if path.is_file() else b"", _Document, str(path))
-    rate_hz, picture = document.rate_hz, _picture(document, str(path))
-    setup = _setup(document, folder)
+    picture = _picture(document, str(path))
+    setup, units, up = _setup(document, folder), units or document.units, up or document.up
     paths = _recordings(folder, {(folder / scan.name).parent for scan in setup.scans})
     if not paths:
-        raise UsageError(f"{folder}: got no recording, expected some of {', '.join(RECORDINGS)}")
+        raise UsageError(f"{folder}: contains none of {', '.join(RECORDINGS)}")
     takes, warnings = [], []
     for path in paths:
         on_take(path.stem, len(paths))
-        recording = load_markers(
-            path, units=units or document.units, up=up or document.up, rate_hz=rate_hz, picture=picture
-        )
+        recording = load_markers(path, units=units, up=up, rate_hz=document.rate_hz, picture=picture)
         warnings += [f"take {path.stem}: {text}" for text in recording.warnings]
         phones = _phones(path, recording.markers.duration_s, pronounce, warnings)
         takes.append(Take(path.stem, recording.markers, phones))
-    try:
+    with locating(folder):
         return LoadedSession(Session(document.subject or folder.resolve().name, tuple(takes)), setup, tuple(warnings))
-    except DataError as error:
-        raise type(error)(error.message, where=f"{folder}, {error.where}") from error
 
 
 def _recordings(folder: Path, scans: set[Path]) -> list[Path]:
-    """Files that are recordings, and folders of meshes, by name."""
+    """List recordings and folders of meshes, sorted by name."""
     files = (path for path in folder.iterdir() if path.suffix.lower() in RECORDINGS and not _is_timing(path))
     folders = (path for path in folder.iterdir() if path.is_dir() and path not in scans and mesh_files(path))
     return sorted([*files, *folders])
@@ -129,23 +125,17 @@ def _picture(document: "_Document", name: str) -> Picture | None:
         return None
     if document.rate_hz is None:
         raise DataError(
-            "got no rate_hz, expected the video's frames a second above [landmarks]",
+            "got no rate_hz, expected the video's frame rate above [landmarks]",
             where=spell_path(name, "landmarks"),
         )
-    landmarks = document.landmarks
     try:
-        return Picture(
-            rate_hz=document.rate_hz,
-            width_px=landmarks.width_px,
-            height_px=landmarks.height_px,
-            eye_corners_mm=landmarks.eye_corners_mm,
-        )
+        return Picture(rate_hz=document.rate_hz, **asdict(document.landmarks))
     except UsageError as error:
         raise DataError(str(error), where=spell_path(name, "landmarks")) from error
 
 
 def _is_timing(path: Path) -> bool:
-    """Tell whether a table lies beside a recording of another kind, and so holds its phones."""
+    """Whether a table accompanies a recording of another kind, and so contains its phones."""
     return path.suffix.lower() in TIMINGS and any(
         path.with_suffix(ending).is_file() for ending in RECORDINGS if ending not in TIMINGS
     )
@@ -160,8 +150,8 @@ def _phones(
         return ()
     track = load_timings(timing)
     if track.spelled:
-        told = "left out" if pronounce is None else "pronounced, so phones within a word are not where they were said"
-        warnings.append(f"take {path.stem}: {timing.name} times words, not phones: {told}")
+        use = "left out" if pronounce is None else "pronounced, so phones within a word are not where they were said"
+        warnings.append(f"take {path.stem}: {timing.name} times words, not phones: {use}")
         if pronounce is None:
             return ()
         track = pronounce(track)
@@ -226,12 +216,12 @@ def _setup(document: _Document, folder: Path) -> Setup:
     for index, pose in enumerate(document.pose):
         moment = Moment(pose.take, pose.start_s, pose.end_s)
         if (pose.expression is None) == (pose.phone is None):
-            raise wrong("got both or none, expected an expression or a phone", "pose", index)
+            raise wrong("got both or neither, expected an expression or a phone", "pose", index)
         if pose.phone is not None:
-            letters = "".join(ipa.letters(pose.phone))
-            if not letters:
+            symbols = "".join(ipa.letters(pose.phone))
+            if not symbols:
                 raise wrong(f"got {pose.phone!r}, expected a phone in IPA", "pose", index, "phone")
-            held_phones.append(HeldPhone(letters, moment))
+            held_phones.append(HeldPhone(symbols, moment))
             continue
         assert pose.expression is not None
         if pose.expression not in [one.label for one in STANDARD_EXPRESSIONS]:
@@ -241,20 +231,12 @@ def _setup(document: _Document, folder: Path) -> Setup:
         for name, place_mm in scan.landmarks.items():
             if not np.isfinite(place_mm).all():
                 raise wrong(f"got {place_mm}, expected finite numbers", "scan", index, "landmarks", name)
+    scans = []
+    for scan in document.scan:
+        surface, paint = load_painted(folder / scan.file)
+        scans.append(Scan(scan.file, surface, scan.landmarks, paint))
     return Setup(
-        points=document.points,
-        head=document.head,
-        neutral=document.neutral,
-        fapu_mm=document.fapu_mm,
-        poses=tuple(poses),
-        held_phones=tuple(held_phones),
-        scans=tuple(_scan(scan, folder) for scan in document.scan),
-        language=document.language,
-        licence=document.licence,
-        attribution=document.attribution,
-    )
-
-
-def _scan(scan: _Scan, folder: Path) -> Scan:
-    surface, paint = load_painted(folder / scan.file)
-    return Scan(scan.file, surface, scan.landmarks, paint)
+        points=document.points, head=document.head, neutral=document.neutral, fapu_mm=document.fapu_mm,
+        poses=tuple(poses), held_phones=tuple(held_phones), scans=tuple(scans),
+        language=document.language, licence=document.licence, attribution=document.attribution,
+    )  # fmt: skip

@@ -2,8 +2,7 @@
 
 from pathlib import Path
 
-from fapengine.errors import DataError
-from fapengine.files.paths import read_bytes
+from fapengine.files.paths import naming, read_bytes
 from fapengine.speech.formats.registry import FORMATS, ParseOptions, parse_timings
 from fapengine.speech.phone_track import PhoneTrack
 
@@ -29,24 +28,19 @@ def load_timings(
     tier : str, optional
         For formats with tiers: the phone tier; for MFA's CSV: the speaker.
     alphabet : str, optional
-        What the labels are, where the format does not fix it: one of
+        Alphabet of the labels, if the format does not fix it: one of
         :data:`fapengine.speech.alphabets.convert.ALPHABETS`.
-
     columns : str, optional
-        For lists that no tool has a name for: what its columns are. See
+        Columns of a list in no known format: see
         :func:`fapengine.speech.formats.table.parse_columns`.
 
     Raises
     ------
     UsageError
-        If the file cannot be read, or the format has no such choice.
+        If the file cannot be read, or the format does not support an option.
     DataError
-        If its content is no such format; the message names the file.
+        If its content is not in that format; the message names the file.
     """
-    data = read_bytes(path)
-    try:
-        return parse_timings(
-            data, file_format=file_format, ending=path.suffix, options=ParseOptions(tier, alphabet, columns)
-        )
-    except DataError as error:
-        raise type(error)(f"{path}: {error.message}", where=error.where, clause=error.clause) from error
+    options = ParseOptions(tier, alphabet, columns)
+    with naming(path):
+        return parse_timings(read_bytes(path), file_format=file_format, ending=path.suffix, options=options)

@@ -1,24 +1,23 @@
-"""ARKit's 52 blend shapes, FAPs in and out; the order is that of Live Link Face and Azure, 0 to 51.
+"""ARKit's 52 blendshapes, from FAPs and to FAPs; the order is that of Live Link Face and Azure, 0 to 51.
 
 Theory of operation
 -------------------
-The way to FAPs is a sum of measured rows. The way back has many answers that look alike on the measured face, and only
-one that a rigger would give, which then also looks right on other avatars: the jaw opens the mouth, ``mouthClose``
-shuts lips over it, and no shape works against another. It is found in four steps:
+Conversion to FAPs is a sum of measured rows. Conversion to weights has many solutions that look alike on the measured
+face, but only one that a rigger would choose, which also looks right on other avatars: the jaw opens the mouth,
+``mouthClose`` closes the lips over it, and no shape works against another. It is found in four steps:
 
-1. Moods (:mod:`.moods`) are told from the upper face and become shapes of their own: a smile is ``mouthSmile``. Steps
-   2 and 3 see what is left, speech and life.
-2. Bounded least squares (:mod:`.blend`): shapes that are no business of speech cost :data:`RELUCTANCE_MM`, small
-   helpers give way to the jaw (:data:`STIFFNESS_MM`), and the opening between the inner lips counts thrice. It is done
-   twice: a shape that is large the first time is meant, and costs nothing the second; so a smile keeps its size. What
-   an avatar does by itself does not count: a jaw that opens swings back (30 mm of FAP 14 and 20 mm of FAP 16), which
-   speech does not tell and ``jawForward`` would make good; eyes that turn and brows that rise take
-   lids along.
-3. ``mouthClose`` is sought as *a jaw that is open behind shut lips*, the sum of both shapes, so that it cannot pass
+1. Moods (:mod:`.moods`) are recognized on the upper face and become shapes of their own: a smile is ``mouthSmile``.
+   Steps 2 and 3 see the remainder, speech and idle motion.
+2. Bounded least squares (:mod:`.blend`): shapes that speech does not need cost :data:`RELUCTANCE_MM`, small helper
+   shapes give way to the jaw (:data:`STIFFNESS_MM`), and the opening between the inner lips counts three times. It is
+   solved twice: a shape that is large the first time costs nothing the second time, so a smile keeps its size. What an
+   avatar does by itself does not count: an opening jaw swings back (30 mm of FAP 14 and 20 mm of FAP 16), which speech
+   does not state and ``jawForward`` would compensate; turning eyes and rising brows take lids along.
+3. ``mouthClose`` is sought as *a jaw that is open behind closed lips*, the sum of both shapes, so that it cannot exceed
    ``jawOpen``.
-4. Of two opposites (:data:`OPPOSITES`) only the difference is shown. Where lips are nearly shut and shapes would open
-   them wider, these are made smaller, and ``jawOpen`` is kept behind ``mouthClose``: lips that are shut stay shut, on
-   any avatar, whatever else is asked for. Where the mouth is open, the jaw takes what then lacks.
+4. Of two opposites (:data:`OPPOSITES`) only the difference is shown. Where lips are nearly closed and shapes would open
+   them wider, these are scaled down, and ``jawOpen`` is hidden behind ``mouthClose``: closed lips stay closed on any
+   avatar, whatever else is requested. Where the mouth is open, the jaw adds the missing opening.
 
 Every step is continuous in the FAPs.
 """
@@ -47,48 +46,50 @@ RELUCTANCE_MM = {
     "mouthRollUpper": 0.4, "mouthRollLower": 0.3, "mouthClose": 0.3, "cheekSquint": 0.6, "eyeSquint": 0.9,
     "eyeWide": 0.3, "browDown": 0.8,
 }  # fmt: skip
-"""A shape is used only where it brings the face so much nearer to what is wanted; both sides alike, others cost 0."""
+"""A shape is used only where it brings the face this much closer to the target; same for both sides, others 0."""
 STIFFNESS_MM = {
     "mouthLowerDown": 6.0, "mouthUpperUp": 7.0, "mouthShrugUpper": 4.0, "mouthShrugLower": 3.0, "mouthFunnel": 6.0,
     "mouthRollUpper": 3.0, "mouthRollLower": 3.0, "mouthPress": 3.0, "mouthStretch": 3.0, "mouthDimple": 3.0,
 }  # fmt: skip
-"""A shape at full weight is as bad as being off by so much; it shares its work with others."""
+"""A shape at full weight counts as this error, so that it shares its work with others."""
 COUNTED = {
     (3,): 0.5, (4, 5, 8, 9, 10, 11, 51, 52, 55, 56, 57, 58): 0.8, (12, 13, 59, 60): 0.35, (14,): 0.7, (16, 17): 0.6,
     (18,): 0.3,
 }  # fmt: skip
-"""Share of a FAP's millimetres that counts; others count wholly. Jaws, corners and depth differ between avatars."""
+"""Fraction of a FAP's millimetres that counts; others count fully. Jaws, corners and depth differ between avatars."""
 INNER_PAIRS, OUTER_PAIRS = ((4, 5), (8, 10), (9, 11)), ((51, 52), (55, 57), (56, 58))
 """Upper and lower lip, middle first; minus their sum is the opening."""
 INNER_COUNTED, OUTER_COUNTED, SIDE_COUNTED = 3.0, 0.7, 0.6
-"""Weight of the opening of inner and of outer pairs besides, and of pairs at the side against the middle."""
+"""Additional weight of the opening of inner and outer pairs, and of side pairs relative to the middle."""
 SWING = 933.5 / 1360.6
-"""FAP 16 by FAP 3 of jawOpen: the lower lip goes back with a jaw that opens; if no farther, it is the jaw's doing."""
+"""FAP 16 per FAP 3 of jawOpen: the lower lip moves back with an opening jaw; up to this, the jaw causes it."""
 OPPOSITES = (
     ("jawLeft", "jawRight"), ("mouthLeft", "mouthRight"), ("mouthSmileLeft", "mouthFrownLeft"),
     ("mouthSmileRight", "mouthFrownRight"), ("eyeBlinkLeft", "eyeWideLeft"), ("eyeBlinkRight", "eyeWideRight"),
     ("eyeLookUpLeft", "eyeLookDownLeft"), ("eyeLookUpRight", "eyeLookDownRight"),
     ("eyeLookInLeft", "eyeLookOutLeft"), ("eyeLookInRight", "eyeLookOutRight"),
 )  # fmt: skip
-"""Pairs of which never both are at work."""
+"""Pairs of shapes of which at most one is used."""
 OPENERS = (
     "mouthFunnel", "mouthLowerDownLeft", "mouthLowerDownRight", "mouthUpperUpLeft", "mouthUpperUpRight",
     "mouthShrugUpper", "noseSneerLeft", "noseSneerRight",
 )  # fmt: skip
-"""Shapes that part lips, beside the jaw."""
+"""Shapes that open the lips, in addition to the jaw."""
+_OPPOSITES = [(ARKIT_NAMES.index(one), ARKIT_NAMES.index(other)) for one, other in OPPOSITES]
+_OPENERS = [ARKIT_NAMES.index(name) for name in OPENERS]
 PARTED_MM = 3.0
-"""Opening from which on only the fit counts; below, nothing opens lips farther than they are."""
+"""Opening from which only the fit counts; below, no shape opens the lips farther than the FAPs do."""
 SHUT_MM = 0.1
-"""Opening that counts as none."""
+"""Opening that counts as closed."""
 MOOD_RELUCTANCE_MM = {"browDown": 2.0, "jawForward": 2.0, "mouthPucker": 1.0, "mouthRollUpper": 1.0}
-"""Reluctance of shapes in a full mood: sad brows are raised inside, not drawn down outside, as angry ones are."""
+"""Reluctance of shapes in a full mood: sad brows rise at the inner ends instead of being drawn down outside."""
 MAX_MOOD_WEIGHT = 3.0
 """Full expressions may be larger than full shapes."""
 
 
 @cache
 def arkit_map() -> BlendMap:
-    """Make the map of the 52 shapes, by which they become FAPs.
+    """Return the map of the 52 shapes that converts them to FAPs.
 
     Examples
     --------
@@ -103,7 +104,7 @@ def arkit_map() -> BlendMap:
 
 @cache
 def speech_map() -> BlendMap:
-    """Make the map by which weights of speech and life are sought; its ``mouthClose`` is a jaw behind shut lips."""
+    """Return the map for weights of speech and idle motion; its ``mouthClose`` is a jaw behind closed lips."""
     return BlendMap(
         ARKIT_NAMES,
         _sought(),
@@ -124,8 +125,8 @@ def approximate_arkit(faps: ArrayLike) -> Array:
     Returns
     -------
     (T, 52) float64
-        0..1, in the order of :data:`ARKIT_NAMES`. ``mouthClose`` never goes past ``jawOpen``, and of
-        :data:`OPPOSITES` never both are at work.
+        0 to 1, in the order of :data:`ARKIT_NAMES`. ``mouthClose`` never exceeds ``jawOpen``, and at most one of two
+        :data:`OPPOSITES` is above 0.
     """
     values = frozen(faps, "faps", ("T", fap.FAP_COUNT), np.float64)
     moods, _ = find_moods(values, ALL_MOODS)
@@ -135,7 +136,7 @@ def approximate_arkit(faps: ArrayLike) -> Array:
 
 
 def arkit_to_faps(weights: ArrayLike) -> Array:
-    """(..., 52) weights -> (..., 68) FAPU; lips that would pass through each other touch, half way between."""
+    """(..., 52) weights -> (..., 68) FAPU; lips that would pass through each other touch half way."""
     faps = arkit_map().to_faps(weights).copy()
     for (upper, lower), (outer_upper, outer_lower) in zip(INNER_PAIRS, OUTER_PAIRS, strict=True):
         passed = 0.5 * np.maximum(faps[..., fap.column(upper)] + faps[..., fap.column(lower)], 0.0)
@@ -145,7 +146,7 @@ def arkit_to_faps(weights: ArrayLike) -> Array:
 
 
 def ask(faps: Array, moods: Array) -> Array:
-    """Take what moods, (..., 6), do and a jaw's swing from FAPs, (..., 68): what is left for :func:`speech_map`."""
+    """Subtract the effect of moods, (..., 6), and a jaw's swing from FAPs, (..., 68), for :func:`speech_map`."""
     asked = without_moods(faps, moods, ALL_MOODS)
     opened, forward, lip = (asked[..., fap.column(number)] for number in (3, 14, 16))
     lip += np.minimum(np.maximum(-lip, 0.0), SWING * np.maximum(opened, 0.0))
@@ -154,17 +155,17 @@ def ask(faps: Array, moods: Array) -> Array:
 
 
 def spoken_cost(first: Array) -> Array:
-    """(..., 52) weights found first -> share of its reluctance that each shape bears then; helpers bear it all."""
+    """(..., 52) weights found first -> fraction of each shape's reluctance in the second solution; all for helpers."""
     share = cost_share(first)
     share[..., _helpers()] = 1.0
     return share
 
 
 def join_shapes(faps: Array, moods: Array, spoken: Array) -> Array:
-    """Put shapes together, (T, 52): FAPs (T, 68), their moods (T, 6), and the rest as :func:`speech_map` has it."""
+    """Combine FAPs (T, 68), their moods (T, 6) and weights of :func:`speech_map` (T, 52) into shapes (T, 52)."""
     weights = spoken + moods @ _mood_weights()
     weights[:, JAW] += weights[:, CLOSE]
-    for one, other in _opposites():
+    for one, other in _OPPOSITES:
         common = np.minimum(weights[:, one], weights[:, other])
         weights[:, one] -= common
         weights[:, other] -= common
@@ -172,8 +173,8 @@ def join_shapes(faps: Array, moods: Array, spoken: Array) -> Array:
 
 
 def _fit_opening(weights: Array, faps: Array) -> Array:
-    """Open lips as far as FAPs do, (T, 68), and in closures by no shape at all; changes and returns ``weights``."""
-    openings_mm, openers = _openings()
+    """Open lips as far as FAPs do, (T, 68), and close them fully in closures; changes and returns ``weights``."""
+    openings_mm, openers = _shape_openings_mm(), _OPENERS
     inner = [fap.column(number) for number in INNER_PAIRS[0]]
     wanted_mm = np.maximum(-(faps[:, inner] * weights_mm()[inner]).sum(axis=1), 0.0)
     ajar = weights[:, JAW] - np.minimum(weights[:, CLOSE], weights[:, JAW])
@@ -190,7 +191,7 @@ def _fit_opening(weights: Array, faps: Array) -> Array:
 
 @cache
 def _sought() -> Array:
-    """(52, 68) FAPU, read-only: rows without what an avatar does by itself."""
+    """(52, 68) FAPU, read-only: rows without the motion that an avatar adds by itself."""
     rows = shape_rows(ARKIT_NAMES)
     rows[np.ix_([JAW, CLOSE], [fap.column(number) for number in (14, 16)])] = 0.0
     rows[CLOSE] += rows[JAW]
@@ -205,7 +206,7 @@ def _sought() -> Array:
 
 @cache
 def _mood_weights() -> Array:
-    """(6, 52): the shapes of each full mood; they may be more than 1. As :func:`speech_map`'s."""
+    """(6, 52): weights of :func:`speech_map` of each full mood; they may exceed 1."""
     cost = _by_name(MOOD_RELUCTANCE_MM)
     shapes = BlendMap(ARKIT_NAMES, _sought(), limit=MAX_MOOD_WEIGHT, reluctance_mm=cost, lengths_mm=_lengths_mm())
     rows = ask(shape_rows(ALL_MOODS), np.zeros(len(ALL_MOODS)))
@@ -213,27 +214,21 @@ def _mood_weights() -> Array:
 
 
 @cache
-def _openings() -> tuple[Array, list[int]]:
-    """(52,) mm that each shape parts the lips, and the shapes that do it beside the jaw."""
-    return _openings_mm(shape_rows(ARKIT_NAMES)), [ARKIT_NAMES.index(name) for name in OPENERS]
-
-
-def _openings_mm(faps: Array) -> Array:
-    """(..., 68) FAPU -> (...) mm between the lips in the middle: three parts inner edges, one part outer."""
-    inner, outer = ([fap.column(number) for number in pairs[0]] for pairs in (INNER_PAIRS, OUTER_PAIRS))
-    moved_mm = faps * weights_mm()
-    parted: Array = -0.75 * moved_mm[..., inner].sum(axis=-1) - 0.25 * moved_mm[..., outer].sum(axis=-1)
-    return parted
-
-
-@cache
-def _opposites() -> tuple[tuple[int, int], ...]:
-    return tuple((ARKIT_NAMES.index(one), ARKIT_NAMES.index(other)) for one, other in OPPOSITES)
+def _shape_openings_mm() -> Array:
+    return _openings_mm(shape_rows(ARKIT_NAMES))
 
 
 @cache
 def _helpers() -> NDArray[np.intp]:
     return np.flatnonzero(_by_name(STIFFNESS_MM))
+
+
+def _openings_mm(faps: Array) -> Array:
+    """(..., 68) FAPU -> (...) mm between the lips in the middle: three quarters inner edges, one quarter outer."""
+    inner, outer = ([fap.column(number) for number in pairs[0]] for pairs in (INNER_PAIRS, OUTER_PAIRS))
+    moved_mm = faps * weights_mm()
+    parted: Array = -0.75 * moved_mm[..., inner].sum(axis=-1) - 0.25 * moved_mm[..., outer].sum(axis=-1)
+    return parted
 
 
 def _by_name(values: dict[str, float]) -> Array:
@@ -244,7 +239,7 @@ def _by_name(values: dict[str, float]) -> Array:
 
 
 def _lengths_mm() -> Array:
-    """(68, 74) mm a FAPU: each FAP as far as it counts, and the openings of the six pairs of points."""
+    """(68, 74) mm per FAPU: each FAP as far as it counts, and the openings of the six pairs of points."""
     counted = weights_mm().copy()
     for numbers, share in COUNTED.items():
         counted[[fap.column(number) for number in numbers]] *= share

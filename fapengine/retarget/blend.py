@@ -1,4 +1,4 @@
-"""FAPs to the blendshapes of another rig, and back.
+"""Conversion between FAPs and the blendshapes of another rig.
 
 Theory of operation
 -------------------
@@ -19,7 +19,6 @@ if that does not reduce their number, which terminates for any positive definite
 frame to frame, so one to three systems are solved.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cache
 
@@ -162,29 +161,6 @@ class BlendMap:
     def is_full(self, cost: Array) -> bool:
         """Whether a fraction of reluctance, (..., B), is 1 wherever there is any; then it changes nothing."""
         return not bool(((cost < 1.0) & (self._reluctance > 0.0)).any())
-
-    def error_mm(self, faps: ArrayLike) -> float:
-        """Mean over frames of the distance, mm, between FAPs, (T, 68) FAPU, and their round trip."""
-        wanted = np.asarray(faps, dtype=np.float64)
-        back = self.to_faps(self.approximate_weights(wanted))
-        return float(np.sqrt((((back - wanted) * weights_mm()) ** 2).sum(axis=1)).mean())
-
-    def select(self, names: Sequence[str]) -> "BlendMap":
-        """Return the map of some shapes, in this order.
-
-        Raises
-        ------
-        UsageError
-            If one is missing.
-        """
-        missing = [name for name in names if name not in self.names]
-        if missing:
-            raise UsageError(f"names: got {missing[0]!r}, expected one of {', '.join(self.names)}")
-        rows = [self.names.index(name) for name in names]
-        stiff = None if self.stiffness_mm is None else np.asarray(self.stiffness_mm)[rows]
-        return BlendMap(
-            tuple(names), self.faps[rows], self.limit, self._reluctance[rows], self.ignored, stiff, self.lengths_mm
-        )
 
 
 def _pivot(gram: Array, goal: Array, most: Array, side: NDArray[np.int8]) -> Array:

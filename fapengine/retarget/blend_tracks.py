@@ -1,17 +1,17 @@
-"""Motion as blend shapes over time: the CSV of Live Link Face and its kin, and Azure Speech's 55-value frames.
+"""Blendshape tracks: the CSV of Live Link Face and similar apps, MediaPipe's scores, and Azure Speech's JSON frames.
 
 CSV has a header of shape names (any case, ``Left``/``Right`` or ``_L``/``_R``), found by name because their order
-differs between tools, and a row a frame. The names tell the set: ARKit's 52, Oculus' 15 visemes, VRM's presets. Azure
-sends JSON events ``{"FrameIndex": n, "BlendShapes": [[55 numbers], ...]}``, 60 frames a second: ARKit's 52 in Live
-Link's order, then headRoll, leftEyeRoll, rightEyeRoll. Turns of the head count in radians, positive as FAP 48 to 50
-are; eyes that roll have no FAP.
+differs between tools, and one row per frame. The names decide the set: ARKit's 52, Oculus' 15 visemes, VRM's presets.
+Azure sends JSON events ``{"FrameIndex": n, "BlendShapes": [[55 numbers], ...]}``, 60 frames per second: ARKit's 52 in
+Live Link's order, then headRoll, leftEyeRoll, rightEyeRoll. Head rotations are in rad, with the signs of FAP 48 to 50;
+no FAP rolls the eyes.
 """
 
 import codecs
 import csv
 import io
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,29 +32,24 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class ShapeSet:
-    """A set of named shapes: names, FAPs in and FAPs out."""
+    """A set of named shapes, and the conversion from and to FAPs."""
 
     key: str
     names: tuple[str, ...]
-    """(B,), in the usual spelling."""
+    """(B,) names as they are usually written."""
     from_faps: Callable[[Array], Array]
     """(T, 68) FAPU -> (T, B)."""
     to_faps: Callable[[Array], Array]
     """(T, B) -> (T, 68) FAPU."""
     aliases: tuple[tuple[str, str], ...] = ()
-    """Other spellings, and the name that each means."""
+    """Other names, and the name that each means."""
 
 
 _RPM_VOWELS = (("viseme_I", "ih"), ("viseme_O", "oh"), ("viseme_U", "ou"))
 SHAPE_SETS = {
     entry.key: entry
     for entry in (
-        ShapeSet(
-            "arkit",
-            tuple(name[0].upper() + name[1:] for name in ARKIT_NAMES),
-            approximate_arkit,
-            arkit_to_faps,
-        ),
+        ShapeSet("arkit", tuple(name[0].upper() + name[1:] for name in ARKIT_NAMES), approximate_arkit, arkit_to_faps),
         ShapeSet(
             "oculus", OCULUS_NAMES, approximate_visemes, visemes_to_faps,
             tuple((f"{before}{name}", name) for before in ("viseme_", "vrc.v_") for name in OCULUS_NAMES) + _RPM_VOWELS,
@@ -85,11 +80,11 @@ AZURE_WIDTH = 55
 SCORES_HZ = 30.0
 """Frame rate of scores without times."""
 SCORE_KEYS = ("blendshapes", "faceBlendshapes", "face_blendshapes", "categories", "scores")
-"""Keys of a frame's scores in MediaPipe's results in its languages."""
+"""Keys of a frame's scores in MediaPipe's results, which depend on the programming language."""
 TIME_KEYS = {"time": 1.0, "time_s": 1.0, "timestamp": 1e3, "timestamp_ms": 1e3, "timestampMs": 1e3}
-"""Keys of a frame's time, and units per second."""
+"""Keys of a frame's time, and their units per second."""
 HEAD = {"headyaw": 49, "headpitch": 48, "headroll": 50}
-"""Columns in rad that Live Link adds, and the FAP of each rotation."""
+"""Columns of head rotation that Live Link adds, in rad, and the FAP of each."""
 MAX_FRAMES = 10_000_000
 MIN_NAMES = 8
 
@@ -102,19 +97,19 @@ def parse_blend_track(data: bytes) -> FapTrack:
     TruncatedError
         If there is no frame.
     DataError
-        If it is neither JSON events nor CSV with shape names, or a value is not a number; ``where`` says which.
+        If it is neither JSON events nor CSV with shape names, or a value is not a number; ``where`` is its place.
     """
     text = _decode(data)
     faps, head, rate_hz = _json(text) if text.lstrip()[:1] in ("[", "{") else _csv(text)
     if not len(faps):
-        raise TruncatedError("blend shapes: got no frame, expected some")
+        raise TruncatedError("blend shapes: contains no frame")
     for number, turn in head.items():
         faps[:, fap.column(number)] = turn / AU_RAD
     return FapTrack.of(to_codable(faps), rate_hz=rate_hz)
 
 
 def is_blend_table(data: bytes) -> bool:
-    """Whether data are a table (CSV) whose columns are blend shapes of one set."""
+    """Whether data are a CSV table whose columns are blendshapes of one set."""
     first, _, _ = data.removeprefix(codecs.BOM_UTF8).lstrip().partition(b"\n")
     try:
         find_set([_bare(cell) for cell in next(csv.reader([first.decode()]), [])], where="line 1")
@@ -127,11 +122,11 @@ def _decode(data: bytes) -> str:
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise DataError(f"blend shapes: is no UTF-8 text: {error.reason}", where=f"byte {error.start}") from error
+        raise DataError(f"blend shapes: is not UTF-8 text: {error.reason}", where=f"byte {error.start}") from error
 
 
 Found = tuple[Array, dict[int, Array], float]
-"""FAPs (T, 68), turns of the head in rad by FAP, frames a second."""
+"""FAPs (T, 68), rotations of the head in rad by FAP, and frame rate."""
 
 
 def _json(text: str) -> Found:
@@ -151,19 +146,18 @@ def _json(text: str) -> Found:
 
 
 def _scores(events: list[Any]) -> Found:
-    """Scores by name, a frame each: MediaPipe's categories, or an object of names and numbers."""
+    """Parse one object per frame: MediaPipe's categories, or scores by name."""
     frames: list[dict[str, float]] = []
     times_s: list[float] = []
     for number, event in enumerate(events):
         try:
             scores = event
             if isinstance(event, dict):
-                kept = next((event[key] for key in SCORE_KEYS if key in event), None)
-                scores = kept if kept is not None else event
-                at = next((float(event[key]) / per_s for key, per_s in TIME_KEYS.items() if key in event), None)
-                times_s += [] if at is None else [at]
+                scores = next((event[key] for key in SCORE_KEYS if key in event), event)
+                at_s = next((float(event[key]) / per_s for key, per_s in TIME_KEYS.items() if key in event), None)
+                times_s += [] if at_s is None else [at_s]
             if isinstance(scores, list):
-                if scores and isinstance(scores[0], list):  # a list for each face
+                if scores and isinstance(scores[0], list):  # one list per face
                     scores = scores[0]
                 scores = {str(s.get("categoryName", s.get("category_name"))): s["score"] for s in scores}
             frames.append({_bare(name): float(v) for name, v in scores.items() if name not in TIME_KEYS})
@@ -174,21 +168,31 @@ def _scores(events: list[Any]) -> Found:
                 where=f"event {number + 1}",
             ) from error
     if not frames:
-        raise TruncatedError("blend shapes: got no frame, expected some")
-    names = list(dict.fromkeys(name for frame in frames for name in frame))
-    shapes, columns = find_set(names, where="event 1")
-    table = np.zeros((len(frames), len(shapes.names)))
-    for row, frame in zip(table, frames, strict=True):
-        for name, column in columns.items():
-            row[shapes.names.index(name)] = frame.get(names[column], 0.0)
-    if not np.isfinite(table).all():
-        raise DataError("blend shapes: got a value that is not finite")
+        raise TruncatedError("blend shapes: contains no frame")
+    shapes, weights = named_weights(frames, list(dict.fromkeys(name for frame in frames for name in frame)), "event 1")
     rate_hz = SCORES_HZ
     if len(times_s) == len(frames) and len(frames) > 1 and times_s[-1] > times_s[0]:
-        rate_hz = float(f"{(len(frames) - 1) / (times_s[-1] - times_s[0]):.5g}")
-    if not 1 <= rate_hz <= 1000:
-        raise DataError(f"time: got {rate_hz:g} frames a second, expected 1..1000")
-    return shapes.to_faps(np.clip(table, 0.0, 1.0)), {}, rate_hz
+        rate_hz = _rate(len(frames), times_s[0], times_s[-1], "")
+    return shapes.to_faps(np.clip(weights, 0.0, 1.0)), {}, rate_hz
+
+
+def named_weights(frames: Sequence[Mapping[str, float]], names: list[str], where: str) -> tuple[ShapeSet, Array]:
+    """Find the set of named shapes; returns it and the weights of all frames, (T, B), 0 where a name is missing.
+
+    ``names`` are in lower case, as the keys of ``frames``; ``where`` says where they were read.
+
+    Raises
+    ------
+    DataError
+        If fewer than 8 names are of one set, or a weight is not finite.
+    """
+    shapes, columns = find_set([_bare(name) for name in names], where=where)
+    weights = np.zeros((len(frames), len(shapes.names)))
+    for name, column in columns.items():
+        weights[:, shapes.names.index(name)] = [frame.get(names[column], 0.0) for frame in frames]
+    if not np.isfinite(weights).all():
+        raise DataError("blend shapes: got a value that is not finite")
+    return shapes, weights
 
 
 def _azure(events: list[Any]) -> Found:
@@ -208,34 +212,34 @@ def _azure(events: list[Any]) -> Found:
                 f"blend shapes: got {error}, expected FrameIndex and frames of 55 values", where=where
             ) from error
     if not frames:
-        raise TruncatedError("blend shapes: got no frame, expected some")
+        raise TruncatedError("blend shapes: contains no frame")
     order = sorted(frames)
     if order[-1] - order[0] + 1 > 4 * len(order) + 600:
-        raise DataError(f"blend shapes: got frames {order[0]} to {order[-1]} with {len(order)} of them there")
+        raise DataError(f"blend shapes: got frames {order[0]} to {order[-1]}, of which only {len(order)} are present")
     try:
         table = np.array([frames[index] for index in order], dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
-        raise DataError(f"blend shapes: got a value that is no number: {error}") from error
+        raise DataError(f"blend shapes: got a value that is not a number: {error}") from error
     if not np.isfinite(table).all():
         raise DataError("blend shapes: got a value that is not finite")
     every = np.arange(order[0], order[-1] + 1)
-    held = table[np.searchsorted(order, every, side="right") - 1]  # a frame that was lost shows the one before
+    held = table[np.searchsorted(order, every, side="right") - 1]  # a lost frame repeats the previous one
     return arkit_map().to_faps(np.clip(held[:, :52], 0.0, 1.0)), {50: held[:, 52]}, RATE_HZ
 
 
 def _bare(name: str) -> str:
-    """Spell a shape's name without case, marks and short sides."""
+    """Normalise a shape's name: lower case, letters and digits only, sides in full."""
     low = name.strip().lower()
     for short, side in (("_l", "left"), ("_r", "right")):
         low = low.removesuffix(short) + side if low.endswith(short) else low
-    return "".join(letter for letter in low if letter.isalnum())
+    return "".join(character for character in low if character.isalnum())
 
 
 def _csv(text: str) -> Found:
     try:
         rows = [row for row in csv.reader(io.StringIO(text)) if any(cell.strip() for cell in row)]
     except csv.Error as error:
-        raise DataError(f"blend shapes: is no table: {error}") from error
+        raise DataError(f"blend shapes: is not a table: {error}") from error
     header = [_bare(cell) for cell in rows[0]] if rows else []
     shapes, columns = find_set(header, where="line 1")
     wanted = {**columns, **{name: header.index(name) for name in HEAD if name in header}}
@@ -255,16 +259,27 @@ def _csv(text: str) -> Found:
     weights = np.zeros((len(table), len(shapes.names)))
     weights[:, [shapes.names.index(name) for name in columns]] = table[:, : len(columns)]
     turns = {HEAD[name]: table[:, len(columns) + n] for n, name in enumerate(list(wanted)[len(columns) :])}
-    return shapes.to_faps(np.clip(weights, 0.0, 1.0)), turns, _rate(header, rows)
+    rate_hz = RATE_HZ
+    if "time" in header and len(rows) > 2:
+        column = header.index("time")
+        where = f"column {column + 1}"
+        try:
+            first_s, last_s = float(rows[1][column]), float(rows[-1][column])
+        except (IndexError, ValueError) as error:
+            raise DataError("time: got no number, expected seconds", where=where) from error
+        if not (np.isfinite(first_s) and np.isfinite(last_s) and last_s > first_s):
+            raise DataError(f"time: got {first_s:g} to {last_s:g} s, expected rising times", where=where)
+        rate_hz = _rate(len(rows) - 1, first_s, last_s, where)
+    return shapes.to_faps(np.clip(weights, 0.0, 1.0)), turns, rate_hz
 
 
 def find_set(header: list[str], *, where: str) -> tuple[ShapeSet, dict[str, int]]:
-    """Find the set of which bare names in small letters are most, and the place of each name.
+    """Find the set that most normalised names belong to, and the column of each of its names.
 
     Raises
     ------
     DataError
-        If fewer than 8 names are of one set; ``where`` says which names were read.
+        If fewer than 8 names are of one set; ``where`` says where they were read.
     """
     candidates: list[tuple[ShapeSet, dict[str, int]]] = []
     for shapes in SHAPE_SETS.values():
@@ -281,25 +296,16 @@ def find_set(header: list[str], *, where: str) -> tuple[ShapeSet, dict[str, int]
     return shapes, columns
 
 
-def _rate(header: list[str], rows: list[list[str]]) -> float:
-    """Frames a second from a column ``time`` in seconds; 60 without one."""
-    if "time" not in header or len(rows) < 3:
-        return RATE_HZ
-    column = header.index("time")
-    try:
-        first, last = float(rows[1][column]), float(rows[-1][column])
-    except (IndexError, ValueError) as error:
-        raise DataError("time: got no number, expected seconds", where=f"column {column + 1}") from error
-    if not (np.isfinite(first) and np.isfinite(last) and last > first):
-        raise DataError(f"time: got {first:g} .. {last:g} s, expected rising times", where=f"column {column + 1}")
-    rate = float(f"{(len(rows) - 2) / (last - first):.5g}")
-    if not 1 <= rate <= 1000:
-        raise DataError(f"time: got {rate:g} frames a second, expected 1..1000", where=f"column {column + 1}")
-    return rate
+def _rate(count: int, first_s: float, last_s: float, where: str) -> float:
+    """Frame rate of ``count`` frames."""
+    rate_hz = float(f"{(count - 1) / (last_s - first_s):.5g}")
+    if not 1 <= rate_hz <= 1000:
+        raise DataError(f"time: got {rate_hz:g} frames per second, expected 1..1000", where=where)
+    return rate_hz
 
 
 def format_blend_csv(track: FapTrack, shapes: str = "arkit") -> bytes:
-    """Write FAPs as a CSV of shapes and head rotation in rad, with seconds in the first column.
+    """Format FAPs as a CSV of shapes and head rotation in rad, with seconds in the first column.
 
     ``shapes`` is one of :data:`SHAPE_SETS`.
 

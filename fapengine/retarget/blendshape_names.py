@@ -1,28 +1,21 @@
 """Names of blendshapes in any convention: ``mouthSmile_L``, ``MouthSmileLeft``, ``vrc.v_aa``, ``Blink_L``.
 
-Names are compared by their letters and digits alone, in lower case; a final ``L`` or ``R`` after a separator is spelled
-out, and prefixes of known exporters are removed.
+Names are compared in lower case by their letters and digits only; a final ``L`` or ``R`` becomes ``Left`` or ``Right``,
+and prefixes of known exporters are removed.
 """
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 
 from fapengine.retarget.shape_rows import ARKIT_NAMES
 
 PREFIXES = (
-    "blendShape1.",
-    "blendShape.",
-    "blendshapes.",
-    "CTRL_expressions_",
-    "face_",
-    "head_",
-    "shape_",
-    "ARKit_",
-    "bs_",
+    "blendshape1.", "blendshape.", "blendshapes.", "ctrl_expressions_", "face_", "head_", "shape_", "arkit_", "bs_",
     "m_",
-)
+)  # fmt: skip
+"""Prefixes that exporters add, in lower case."""
 SIDES = {"l": "Left", "r": "Right"}
 ALIASES = {
     "eyesclosed": "blink", "vrcblink": "blink", "vrcblinkleft": "eyeblinkleft", "vrcblinkright": "eyeblinkright",
@@ -33,19 +26,19 @@ ALIASES = {
     "fclmthe": "e", "fclmtho": "o", "fcleyeclose": "blink", "fcleyecloseleft": "eyeblinkleft",
     "fcleyecloseright": "eyeblinkright",
 }  # fmt: skip
-"""Other spellings of a blendshape: Ready Player Me, VRM, VRoid, VRChat, face tracking and MikuMikuDance."""
+"""Other names of a blendshape: Ready Player Me, VRM, VRoid, VRChat, face tracking and MikuMikuDance."""
 GAZE = re.compile(r"eyelook.*|look(up|down|left|right)|pupildilate.*")
-"""Blendshapes that turn eyeballs or dilate pupils: eyes turn about their balls here."""
+"""Blendshapes that turn eyeballs or dilate pupils, which are not blended: FAPs rotate the eyeballs."""
 MIN_WITHOUT_VISEMES = 20
-"""Number of ARKit's blendshapes from which a file needs no visemes, if one of them opens the jaw."""
+"""Number of ARKit's blendshapes from which a file needs no visemes."""
 TONGUE_FAP, TONGUE_FAPU = 45, 1024.0
 """Meaning of ARKit's tongueOut: one mouth width forwards."""
 UNUSED = "unused"
-"""Word of a mapping for a blendshape that should not move."""
+"""Meaning, in a mapping, of a blendshape that should not move."""
 
 
 def plain(name: str) -> str:
-    """Normalise a name for comparison, to the usual one of its spellings.
+    """Normalise a name for comparison; aliases become the usual name.
 
     Examples
     --------
@@ -58,11 +51,11 @@ def plain(name: str) -> str:
 
 def _bare(name: str) -> str:
     for prefix in PREFIXES:
-        name = name[len(prefix) :] if name.lower().startswith(prefix.lower()) else name
+        name = name[len(prefix) :] if name.lower().startswith(prefix) else name
     side = re.fullmatch(r"(.*[a-z])[ ._-]([LlRr])", name) or re.fullmatch(r"(.*[a-z])([LR])", name)
     if side:
         name = side[1] + SIDES[side[2].lower()]
-    return "".join(letter for letter in name.lower() if letter.isalnum())
+    return "".join(character for character in name.lower() if character.isalnum())
 
 
 OCULUS = ("sil", "PP", "FF", "TH", "DD", "kk", "CH", "SS", "nn", "RR", "aa", "E", "I", "O", "U")
@@ -73,34 +66,30 @@ VOWELS = {"a": "aa", "i": "ih", "u": "ou", "e": "ee", "o": "oh"}
 
 
 class Role(Enum):
-    """Function of a blendshape, as far as its name shows."""
+    """Function of a blendshape, by its name."""
 
     ARKIT = "it is one of ARKit's"
-    SUBSTITUTE = "it stands in for one of ARKit's"
+    SUBSTITUTE = "it replaces one of ARKit's"
     HALF = "it is one side of one of ARKit's"
     PAIR = "it is both sides of one of ARKit's"
     BLINK = "it closes both eyes"
     VISEME = "it is a viseme of Oculus, or a vowel of VRM"
 
 
+_OCULUS = {start + plain_name: name for start in OCULUS_BEGINNINGS for plain_name, name in OCULUS_SPELLINGS.items()}
 NAME_RULES: tuple[tuple[Role, dict[str, str]], ...] = (
     (Role.ARKIT, {plain(name): name for name in ARKIT_NAMES}),
     (Role.SUBSTITUTE, {"cheekraiserleft": "cheekSquintLeft", "cheekraiserright": "cheekSquintRight"}),  # ICT-FaceKit
     (Role.HALF, {plain(name + side): name + side for name in ARKIT_NAMES for side in SIDES.values()}),
     (Role.PAIR, {plain(name).removesuffix("left"): name for name in ARKIT_NAMES if name.endswith("Left")}),
     (Role.BLINK, {"blink": "blink"}),
-    (
-        Role.VISEME,
-        {start + spelling: name for start in OCULUS_BEGINNINGS for spelling, name in OCULUS_SPELLINGS.items()}
-        | VOWELS
-        | {vowel: vowel for vowel in VOWELS.values()},
-    ),
+    (Role.VISEME, _OCULUS | VOWELS | {vowel: vowel for vowel in VOWELS.values()}),
 )
 """Names as returned by :func:`plain`, and the meaning of each, by role; the first role with a name applies."""
 
 
 def viseme(name: str) -> str | None:
-    """Return which of Oculus' 15 visemes, or of VRM's five vowels, a name means; None for neither.
+    """Return the viseme of Oculus, or the vowel of VRM, that a name means; None for other names.
 
     Examples
     --------
@@ -125,7 +114,7 @@ class Choice:
     blended: tuple[str, ...]
     """Blendshapes to blend so that feature points go where FAPs say."""
     own_faps: Mapping[str, Mapping[int, float]]
-    """Blendshapes that mean FAPs by themselves: FAPU at full weight."""
+    """Blendshapes that are defined by FAPs: FAPU at full weight."""
     missing: tuple[str, ...]
     """ARKit's names without a blendshape."""
 
@@ -138,9 +127,8 @@ def choose_blendshapes(names: Iterable[str], mapping: Mapping[str, str | Mapping
     names : iterable of str
         Names in the file.
     mapping : mapping of str to str, or to FAPs, optional
-        Meaning of other names: one of ARKit's names, a viseme of Oculus or VRM, ``unused``, or FAP numbers and their
-        FAPU
-        at full weight.
+        Meaning of other names: one of ARKit's names, a viseme of Oculus or VRM, ``unused``, or FAPU at full weight by
+        FAP number.
     """
     own_faps = {name: meaning for name, meaning in (mapping or {}).items() if not isinstance(meaning, str)}
     words = {name: word for name, word in (mapping or {}).items() if isinstance(word, str)}
@@ -172,8 +160,13 @@ def choose_blendshapes(names: Iterable[str], mapping: Mapping[str, str | Mapping
     )
 
 
+def is_arkit(found: Mapping[Role, Collection[str]]) -> bool:
+    """Whether names by role, such as those of :func:`by_role`, include enough of ARKit's to need no visemes."""
+    return sum(len(found[role]) for role in (Role.ARKIT, Role.SUBSTITUTE, Role.HALF, Role.PAIR)) >= MIN_WITHOUT_VISEMES
+
+
 def by_role(names: Iterable[str], words: Mapping[str, str]) -> dict[Role, dict[str, str]]:
-    """Names by role and by meaning; mapped names come first, then ARKit's own."""
+    """Names by role and meaning; mapped names take precedence, then ARKit's own."""
     arkit = dict(NAME_RULES)[Role.ARKIT]
     found: dict[Role, dict[str, str]] = {role: {} for role in Role}
     for name in sorted(names, key=lambda name: (name not in words, _bare(name) not in arkit)):

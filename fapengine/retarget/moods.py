@@ -1,12 +1,13 @@
-"""Moods of a face, found where speech moves nothing.
+"""Moods of a face, recognized where speech moves nothing.
 
 Theory of operation
 -------------------
-Brows, lids, cheeks and nose show the mood; its effect on the mouth follows. An idle face moves these as well without a
-mood: it blinks, raises its brows on accents, lets brows and lids drift, and its lids follow the gaze. So all of these
-are solved for together with the moods and cost nothing, while a mood costs :data:`MOOD_MM`: motion that they explain is
-not a mood. Raised brows alone are an accent, raised brows and wide eyes surprise; lids raised by the gaze are not wide
-eyes, because the eyeballs show it. While a blink hides the eyes, a face keeps its mood (:class:`MoodHold`).
+Brows, lids, cheeks and nose show the mood; its effect on the mouth follows from it. An idle face moves these without a
+mood, too: it blinks, raises its brows on accents, lets brows and lids drift, and its lids follow the gaze. So all of
+these are solved for together with the moods and cost nothing, while a mood costs :data:`MOOD_MM`: motion that idle
+shapes explain is not a mood. Raised brows alone are an accent, raised brows and wide eyes surprise; lids raised by the
+gaze are not wide eyes, because the eyeballs show it. While a blink hides the eyes, a face keeps its mood
+(:class:`MoodHold`).
 """
 
 from functools import cache
@@ -22,7 +23,8 @@ from fapengine.retarget.shape_rows import shape_rows
 Array = NDArray[np.float64]
 
 MOODS = {"happy": "joy", "angry": "anger", "sad": "sadness", "surprised": "surprise"}
-"""VRM's moods that MPEG-4 has too, and its names for them."""
+"""VRM's moods that MPEG-4 also has, and its names for them."""
+VRM_MOODS = tuple(MOODS.values())
 UPPER_FACE = (19, 20, 21, 22, *range(31, 43), 61, 62, 63, 64)
 """FAPs that show moods and blinks."""
 MOOD_MM = {"joy": 0.25, "sadness": 0.2, "anger": 0.25, "fear": 0.15, "disgust": 0.42, "surprise": 0.15}
@@ -38,20 +40,22 @@ DRIFTS: tuple[dict[tuple[int, ...], float], ...] = (
     {(31, 32, 33, 34): 28.0}, {(31, 32, 33, 34): -28.0, (35, 36): -16.0}, {(19, 20): -30.0}, {(21, 22): 80.0},
 )  # fmt: skip
 """Twice the drift of brows and lids in the planner, FAPU, and the lower lids of a blink."""
+IDLE = ("blinkLeft", "blinkRight", "accent", "lookDown", "lookUp", "browsUp", "browsDown", "lidsUp", "lowerLids")
+"""Idle motion, in the order of :func:`mood_map`."""
 PLAIN = (0.1, 0.3)
-"""Weight, first found, up to which a shape bears its whole cost, and from which on none: it keeps its size."""
+"""Weight found first up to which a shape has its whole cost, and from which it has none, so that it keeps its size."""
 LIDS = [fap.column(19), fap.column(20)]
 BLINK_STEP, OPEN_AGAIN = 25.0, 150.0
 """Step of the upper lids per frame from which it belongs to a blink, and distance from their position before at which
 they are open again; FAPU. A blink at 60 frames per second begins with 45, a growing sadness has 5.
 """
 FAINT = (0.1, 0.2)
-"""Weight up to which a mood is ignored, and from which on it is shown as it is."""
+"""Weight up to which a mood is ignored, and from which it is shown unchanged."""
 
 
 @cache
-def mood_map(moods: tuple[str, ...] = tuple(MOODS.values())) -> BlendMap:
-    """Make the map of moods, then the two lids, then idle motion, on the upper face and the gaze's height."""
+def mood_map(moods: tuple[str, ...] = VRM_MOODS) -> BlendMap:
+    """Return the map of moods, then :data:`IDLE`, on the upper face and the gaze's height."""
     upper = np.zeros(fap.FAP_COUNT)
     upper[[fap.column(number) for number in UPPER_FACE]] = 1.0
     lids = shape_rows(("eyeBlinkLeft", "eyeBlinkRight"))
@@ -63,23 +67,11 @@ def mood_map(moods: tuple[str, ...] = tuple(MOODS.values())) -> BlendMap:
     for row, drift in zip(life[3:], DRIFTS, strict=True):
         _set(row, drift)
     rows = np.concatenate([shape_rows(moods) * upper, lids * upper, life])
-    names = (
-        *moods,
-        "blinkLeft",
-        "blinkRight",
-        "accent",
-        "lookDown",
-        "lookUp",
-        "browsUp",
-        "browsDown",
-        "lidsUp",
-        "lowerLids",
-    )
-    cost = np.array([MOOD_MM.get(name, 0.0) for name in names])
-    return BlendMap(names, rows, reluctance_mm=cost)
+    names = (*moods, *IDLE)
+    return BlendMap(names, rows, reluctance_mm=np.array([MOOD_MM.get(name, 0.0) for name in names]))
 
 
-def find_moods(faps: Array, names: tuple[str, ...] = tuple(MOODS.values())) -> tuple[Array, Array]:
+def find_moods(faps: Array, names: tuple[str, ...] = VRM_MOODS) -> tuple[Array, Array]:
     """Find moods, (T, M), each 0..1, and lids closed by a blink, left and right, (T, 2), from FAPs (T, 68)."""
     upper = approximate_upper(faps, names)
     moods, hold = read_moods(upper, names), MoodHold()
@@ -114,7 +106,7 @@ class MoodHold:
         return self._moods
 
 
-def approximate_upper(faps: Array, names: tuple[str, ...] = tuple(MOODS.values())) -> Array:
+def approximate_upper(faps: Array, names: tuple[str, ...] = VRM_MOODS) -> Array:
     """Find weights of :func:`mood_map`, (T, M + 9), for FAPs (T, 68); clear moods cost nothing."""
     first = mood_map(names).approximate_weights(faps)
     return mood_map(names).approximate_weights(faps, cost=cost_share(first))
@@ -126,14 +118,14 @@ def cost_share(weights: Array) -> Array:
     return share
 
 
-def read_moods(upper: Array, names: tuple[str, ...] = tuple(MOODS.values())) -> Array:
+def read_moods(upper: Array, names: tuple[str, ...] = VRM_MOODS) -> Array:
     """Extract the moods, (..., M), from weights of :func:`mood_map`, (..., M + 9), without :data:`FAINT` ones."""
     moods = upper[..., : len(names)]
     shown: Array = moods * np.clip((moods - FAINT[0]) / (FAINT[1] - FAINT[0]), 0.0, 1.0)
     return shown
 
 
-def without_moods(faps: Array, moods: Array, names: tuple[str, ...] = tuple(MOODS.values())) -> Array:
+def without_moods(faps: Array, moods: Array, names: tuple[str, ...] = VRM_MOODS) -> Array:
     """Subtract the effect of moods, (..., M), from FAPs, (..., 68) FAPU: speech and idle motion remain.
 
     A FAP with one direction, such as ``open_jaw``, never recorded a mood that would move it the other way.

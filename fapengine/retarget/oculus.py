@@ -1,8 +1,8 @@
-"""The 15 visemes of Oculus (OVR LipSync), also used by Ready Player Me, VRChat and others: FAPs in and out.
+"""The 15 visemes of Oculus (OVR LipSync), also used by Ready Player Me, VRChat and others: from FAPs and to FAPs.
 
 They are MPEG-4's visemes, number for number, and ``sil``. Weights are fractions: none is negative, they add up to 1,
-and ``sil`` is the remainder. The FAPs of each viseme come from ``design/fit_visemes.py``; a mouth is seen, not heard,
-so one of several sounds that look alike (t, k, n) represents the others.
+and ``sil`` is the remainder. The FAPs of each viseme come from ``design/fit_visemes.py``; of several sounds
+that look alike (t, k, n), one represents the others.
 """
 
 from functools import cache
@@ -23,16 +23,16 @@ Array = NDArray[np.float64]
 OCULUS_NAMES = tuple(viseme.label for viseme in VISEMES)
 """Names in the order of the API, 0..14."""
 PLAIN = ("PP", "FF", "aa", "E", "ih", "oh", "ou")
-"""Visemes recognizable by their looks; others are used where they gain more than :data:`RELUCTANCE_MM`."""
+"""Visemes that can be recognized by sight; others are used where they gain more than :data:`RELUCTANCE_MM`."""
 DEPTH = (16, 17)
 """FAPs that hardly distinguish visemes: a p next to u is as far forward as the u."""
 RELUCTANCE_MM = 0.2
-"""Reluctance that makes every vowel show as its own viseme; half the accuracy lost (0.1 mm) is due to it."""
+"""Reluctance with which every vowel is shown as its own viseme; it causes half of the error (0.1 mm)."""
 
 
 @cache
 def oculus_map() -> BlendMap:
-    """Make the map of the 14 visemes that move; ``sil`` is the neutral face."""
+    """Return the map of the 14 visemes that move; ``sil`` is the neutral face."""
     names = OCULUS_NAMES[1:]
     cost = np.array([0.0 if name in PLAIN else RELUCTANCE_MM for name in names])
     return BlendMap(names, shape_rows(names), reluctance_mm=cost, ignored=DEPTH)

@@ -1,7 +1,7 @@
-"""FAPs to the blendshapes of a rig, by name: ARKit's, Oculus' visemes, VRM's presets, or a mapping's.
+"""FAPs to the blendshapes of a rig, by name: ARKit's shapes, Oculus' visemes, VRM's presets, or those of a mapping.
 
-A rig with enough of ARKit's shapes gets these. Any other gets visemes or vowels for the mouth, and its ARKit shapes
-for eyes and brows, or VRM's moods. A shape that a file names twice, in two spellings, moves once in each mesh.
+A rig with enough of ARKit's shapes uses these. Any other uses visemes or vowels for the mouth, and its ARKit shapes for
+eyes and brows, or VRM's moods. A shape with two names in a file moves once in each mesh.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -13,15 +13,7 @@ from fapengine._arrays import frozen
 from fapengine.mpeg4 import fap
 from fapengine.retarget.arkit import approximate_arkit
 from fapengine.retarget.blend import BlendMap
-from fapengine.retarget.blendshape_names import (
-    MIN_WITHOUT_VISEMES,
-    OCULUS,
-    OCULUS_SPELLINGS,
-    UNUSED,
-    Role,
-    by_role,
-    plain,
-)
+from fapengine.retarget.blendshape_names import OCULUS, OCULUS_SPELLINGS, UNUSED, Role, by_role, is_arkit, plain
 from fapengine.retarget.oculus import OCULUS_NAMES, approximate_visemes
 from fapengine.retarget.shape_rows import ARKIT_NAMES
 from fapengine.retarget.vrm import SHOWN, VRM0_NAMES, VRM1_NAMES, approximate_presets
@@ -36,6 +28,8 @@ UPPER_FACE = ("eye", "brow")
 """Prefixes of ARKit's names that do not concern the mouth."""
 MOODS = ("happy", "angry", "sad", "relaxed", "surprised")
 LOOKS = ("lookUp", "lookDown", "lookLeft", "lookRight")
+MIN_OCULUS = 8
+"""Number of Oculus' visemes from which a rig uses them."""
 
 
 def rig_weights(
@@ -59,9 +53,8 @@ def rig_weights(
         For each mesh the weights of its known shapes, including those that stay 0.
     """
     values = frozen(faps, "faps", ("T", fap.FAP_COUNT), np.float64)
-    told = meanings or {}
-    own = {name: row for name, row in told.items() if not isinstance(row, str)}
-    words = {name: word for name, word in told.items() if isinstance(word, str)}
+    own = {name: row for name, row in (meanings or {}).items() if not isinstance(row, str)}
+    words = {name: word for name, word in (meanings or {}).items() if isinstance(word, str)}
     named = [[name for name in names if name not in own and words.get(name) != UNUSED] for names in meshes]
     roles = [by_role(names, words) for names in named]
     by_target = _targets(values, roles, looks)
@@ -70,29 +63,19 @@ def rig_weights(
         chosen = {name: own_weight(values, own[name]) for name in mesh if name in own}
         for role, spelled in found.items():
             chosen |= {name: by_target[role, target] for target, name in spelled.items() if (role, target) in by_target}
-        for name in names:  # presets that are no viseme and no blink
+        for name in names:  # presets other than visemes and blinks
             if name not in chosen and (None, plain(words.get(name, name))) in by_target:
                 chosen[name] = by_target[None, plain(words.get(name, name))]
         weights.append(chosen)
     return weights
 
 
-def has_arkit(names: Iterable[str]) -> bool:
-    """Whether names include so many of ARKit's that a rig needs no visemes."""
-    return _is_arkit({role: set(targets) for role, targets in by_role(names, {}).items()})
-
-
-def _is_arkit(present: Mapping[Role, set[str]]) -> bool:
-    count = sum(len(present[role]) for role in (Role.ARKIT, Role.SUBSTITUTE, Role.HALF, Role.PAIR))
-    return count >= MIN_WITHOUT_VISEMES
-
-
 def own_weight(faps: Array, row: Mapping[int, float]) -> Array:
-    """(T,): weight of a shape that means some FAPs by itself, FAPU at full weight; FAPs are (T, 68)."""
+    """(T,): weight of a shape that is defined by FAPs, FAPU at full weight; ``faps`` are (T, 68)."""
     shape = np.zeros((1, fap.FAP_COUNT))
     for number, value in row.items():
         shape[0, fap.column(number)] = value
-    if set(row) <= {43, 44, 46, 47}:  # ways of the tongue, which count nothing in millimetres there
+    if set(row) <= {43, 44, 46, 47}:  # tongue motion, which BlendMap does not weight
         square = float((shape**2).sum())
         return np.asarray(np.clip(faps @ shape[0] / square, 0.0, 1.0))
     return BlendMap(("own",), shape).approximate_weights(faps)[:, 0]
@@ -102,13 +85,10 @@ Targets = dict[tuple[Role | None, str], Array]
 
 
 def _targets(faps: Array, roles: Sequence[Mapping[Role, Mapping[str, str]]], looks: bool) -> Targets:
-    """Weights by role and by the meaning of names; None is the role of VRM's other presets, in plain spelling."""
+    """Weights by role and meaning of names; None is the role of VRM's other presets, whose names are normalised."""
     present = {role: {target for found in roles for target in found[role]} for role in Role}
     arkit = dict(zip(ARKIT_NAMES, approximate_arkit(faps).T, strict=True))
-    speaks = _is_arkit(present) or not present[Role.VISEME]
-
-    def is_meant(name: str) -> bool:
-        return speaks or name.startswith(UPPER_FACE)
+    speaks = is_arkit(present) or not present[Role.VISEME]
 
     targets: Targets = {(role, name): arkit[name] for role in (Role.ARKIT, Role.SUBSTITUTE) for name in arkit}
     targets |= {
@@ -118,7 +98,7 @@ def _targets(faps: Array, roles: Sequence[Mapping[Role, Mapping[str, str]]], loo
         (Role.PAIR, left): (arkit[left] + arkit[left.removesuffix("Left") + "Right"]) / 2
         for left in present[Role.PAIR] - present[Role.ARKIT]
     }
-    targets = {(role, name): weight for (role, name), weight in targets.items() if is_meant(name)}
+    targets = {key: weight for key, weight in targets.items() if speaks or key[1].startswith(UPPER_FACE)}
     if "eyeBlinkLeft" not in present[Role.ARKIT]:
         targets[Role.BLINK, "blink"] = (arkit["eyeBlinkLeft"] + arkit["eyeBlinkRight"]) / 2
     return targets if speaks else targets | _mouth(faps, present, looks)
@@ -136,7 +116,3 @@ def _mouth(faps: Array, present: Mapping[Role, set[str]], looks: bool) -> Target
         if name in shown:
             targets[None, plain(older)] = targets[None, plain(name)] = presets[name]
     return targets
-
-
-MIN_OCULUS = 8
-"""Number of Oculus' visemes from which a rig has all that count."""

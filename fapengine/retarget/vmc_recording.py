@@ -5,8 +5,8 @@ arrival (two hexadecimal numbers, whole seconds and units of 2**-32 s), the addr
 
     eeada2a5.d7a6efc2 /VMC/Ext/Blend/Val sf "jawOpen" 0.250000
 
-``/VMC/Ext/Blend/Apply`` ends a frame; shapes that were not sent since keep their values. Times are the sender's
-(``/VMC/Ext/T``) if every frame has one, else those of arrival. Other addresses are skipped.
+``/VMC/Ext/Blend/Apply`` ends a frame; shapes that were not sent since the last one keep their values. Times are the
+sender's (``/VMC/Ext/T``) if every frame has one, else those of arrival. Other addresses are ignored.
 """
 
 import re
@@ -18,7 +18,7 @@ from fapengine.errors import DataError, TruncatedError
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD
 from fapengine.mpeg4.track import FapTrack, to_codable
-from fapengine.retarget.blend_tracks import find_set
+from fapengine.retarget.blend_tracks import named_weights
 
 Array = NDArray[np.float64]
 
@@ -27,7 +27,7 @@ _VALUE = re.compile(r'sf "([^"]*)" (\S+)$')
 _BONE = re.compile(r'sf+ "Head" (.+)$')
 MAX_RATE_HZ = 240.0
 MAX_FILLED = 100
-"""Regular frames per recorded one; more means a wrong clock, not a pause, and a few lines could ask for gigabytes."""
+"""Largest number of regular frames per recorded one: more means a wrong clock, and could need gigabytes."""
 Frame = tuple[float | None, float, dict[str, float], tuple[float, ...]]
 """Sender's time, time of arrival, weights by name, rotation of the head as x, y, z, w."""
 
@@ -56,7 +56,7 @@ def parse_vmc_recording(data: bytes) -> FapTrack:
         times_s = np.array(sent, np.float64)
     steps_s = np.diff(times_s)
     if (steps_s < 0).any() or times_s[-1] <= times_s[0]:
-        raise DataError("VMC recording: got times that fall, expected rising ones")
+        raise DataError("VMC recording: got falling times, expected rising ones")
     rate_hz = float(np.clip(round(1 / np.median(steps_s[steps_s > 0])), 1, MAX_RATE_HZ))
     count = int((times_s[-1] - times_s[0]) * rate_hz + 0.01) + 1
     if count > MAX_FILLED * len(frames):
@@ -64,11 +64,7 @@ def parse_vmc_recording(data: bytes) -> FapTrack:
             f"VMC recording: got times over {times_s[-1] - times_s[0]:g} s in {len(frames)} frames at {rate_hz:g} Hz,"
             f" expected at most {MAX_FILLED} times as long as its frames last"
         )
-    names = sorted(frames[-1][2])
-    shapes, columns = find_set([name.lower() for name in names], where="/VMC/Ext/Blend/Val")
-    weights = np.zeros((len(frames), len(shapes.names)))
-    for name, column in columns.items():
-        weights[:, shapes.names.index(name)] = [frame[2].get(names[column], 0.0) for frame in frames]
+    shapes, weights = named_weights([frame[2] for frame in frames], sorted(frames[-1][2]), "/VMC/Ext/Blend/Val")
     turns = _turns_rad(np.array([frame[3] for frame in frames]))
     even_s = times_s[0] + np.arange(count) / rate_hz
     table = np.column_stack([np.clip(weights, 0.0, 1.0), turns])
@@ -99,7 +95,7 @@ def _frames(text: str) -> list[Frame]:
         elif address == "/VMC/Ext/Bone/Pos" and (found := _BONE.match(values)):
             pose = tuple(_number(value, where) for value in found[1].split())
             if len(pose) != 7 or not 0.5 < sum(value**2 for value in pose[3:]) < 2:
-                raise DataError(f"Head: got {found[1]:.60}, expected a place and a unit quaternion", where=where)
+                raise DataError(f"Head: got {found[1]:.60}, expected a position and a unit quaternion", where=where)
             head = pose[3:]
         elif address == "/VMC/Ext/Blend/Apply" and weights:
             arrived_s = int(time[:8], 16) + int(time[9:], 16) / 2**32
@@ -119,7 +115,7 @@ def _number(text: str, where: str) -> float:
 
 
 def _turns_rad(rotations: Array) -> Array:
-    """(T, 4) quaternions of Unity, rotated about z, x, y in turn -> (T, 3) yaw, pitch, roll, signs as FAPs."""
+    """(T, 4) quaternions of Unity, rotation about z, then x, then y -> (T, 3) yaw, pitch, roll signs as FAPs."""
     x, y, z, w = (rotations / np.linalg.norm(rotations, axis=1, keepdims=True)).T
     yaw = np.arctan2(2 * (x * z + w * y), 1 - 2 * (x * x + y * y))
     pitch = np.arcsin(np.clip(2 * (w * x - y * z), -1, 1))

@@ -35,8 +35,8 @@ from fapengine.files.gltf.scene import carrier, find_bones, local_transform, nam
 from fapengine.files.gltf.vrm import bindings
 from fapengine.files.gltf.writing import Curves, Row, Writer, quaternions_of
 from fapengine.models.via_points import STRAIGHT
-from fapengine.retarget.blendshape_names import plain, viseme
-from fapengine.retarget.rig_weights import Meanings, has_arkit, rig_weights
+from fapengine.retarget.blendshape_names import by_role, is_arkit, plain, viseme
+from fapengine.retarget.rig_weights import Meanings, rig_weights
 
 Array = NDArray[np.float64]
 
@@ -101,9 +101,9 @@ def add_clip(
         If it is not glTF, or contains no shape or bone of a face that is known.
     """
     rig = _Rig.of(parse_gltf(data, fetch, every_extension=False))
-    shapes = _shape_weights(rig, motion.faps, meanings)
-    turned = _turned_bones(rig, motion, shapes.used)
-    if not shapes.by_mesh and not turned:
+    weights, used = _shape_weights(rig, motion.faps, meanings)
+    turned = _turned_bones(rig, motion, used)
+    if not weights and not turned:
         raise DataError(
             "rig: contains no shape named as in ARKit, Oculus or VRM, and no bone of a head, eye or jaw; say what its"
             " shapes mean (mapping=FILE)"
@@ -113,13 +113,13 @@ def add_clip(
     for node in rig.world:
         if "mesh" in rig.nodes[node]:
             number = rig.gltf.index(rig.nodes[node], "mesh", "meshes")
-            if number in shapes.by_mesh:
-                curves.add(node, "weights", shapes.by_mesh[number])
+            if number in weights:
+                curves.add(node, "weights", weights[number])
     for bone, node in turned.items():
         _decompose(writer.document["nodes"][node])
         curves.add(node, "rotation", rig.local_turns(node, motion.turns[bone]))
     writer.row("animations", curves.row(motion.name))
-    return writer.glb(*others), Reached(shapes.used, tuple(turned), curves.count)
+    return writer.glb(*others), Reached(used, tuple(turned), curves.count)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -166,24 +166,18 @@ def _rotation(matrix: Array) -> Array:
     return np.asarray(one @ other)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Shapes:
-    """Weights of morph targets."""
+def _shape_weights(rig: _Rig, faps: Array, meanings: Meanings | None) -> tuple[dict[int, Array], tuple[str, ...]]:
+    """Weights of morph targets, (T, targets), by the index of a mesh, and the names of the shapes that move.
 
-    by_mesh: dict[int, Array]
-    """(T, targets) by the index of a mesh, for meshes with a target that moves."""
-    used: tuple[str, ...]
-
-
-def _shape_weights(rig: _Rig, faps: Array, meanings: Meanings | None) -> _Shapes:
-    """Weights by the targets' names if these are ARKit's or the file is not a VRM; else by VRM's expressions."""
+    They follow the targets' names if these are ARKit's or the file is not a VRM, else VRM's expressions.
+    """
     titles = [_titles(rig.gltf, mesh) for mesh in rig.gltf.rows["meshes"]]
     bound = bindings(rig.gltf)
     looks = not any(eye in rig.bones for eye in EYES)
     by_mesh = {number: np.zeros((len(faps), len(names))) for number, names in enumerate(titles)}
     used: dict[str, None] = {}
     named = [[name for name in names if name] for names in titles]
-    if not bound or has_arkit(name for names in named for name in names):
+    if not bound or is_arkit(by_role([name for names in named for name in names], {})):
         for number, weights in enumerate(rig_weights(named, faps, meanings, looks=looks)):
             for name, weight in weights.items():
                 by_mesh[number][:, titles[number].index(name)] = weight
@@ -193,7 +187,7 @@ def _shape_weights(rig: _Rig, faps: Array, meanings: Meanings | None) -> _Shapes
             for bind in bound[name]:
                 by_mesh[bind.mesh][:, bind.target] += bind.weight * weight
             used |= {name: None} if weight.any() else {}
-    return _Shapes({number: weights for number, weights in by_mesh.items() if weights.any()}, tuple(used))
+    return {number: weights for number, weights in by_mesh.items() if weights.any()}, tuple(used)
 
 
 def _titles(gltf: Gltf, mesh: Item) -> list[str]:

@@ -1,14 +1,14 @@
-"""The built-in head fitted to a scan: a mesh file and its feature points in, a head with all FAPs out."""
+"""Fit of the built-in head to a scan: a mesh file and its feature points in, a head with all FAPs out."""
 
 from collections.abc import Mapping
 from pathlib import Path
 
-from fapengine.errors import DataError, UsageError
+from fapengine.errors import UsageError
 from fapengine.files.heads.built import load_built
 from fapengine.files.heads.dense import is_profile, load_dense
 from fapengine.files.heads.folder import HeadInfo
 from fapengine.files.heads.import_file import find_points, load_marked
-from fapengine.files.heads.tables import load_feature_points
+from fapengine.files.paths import locating
 from fapengine.laboratory.dense_face import DenseFace
 from fapengine.laboratory.dense_face import find_points as find_marked
 from fapengine.laboratory.setup import Paint
@@ -57,26 +57,21 @@ def adapt_head_file(
     if is_profile(path):
         if mapping is not None:
             raise UsageError(f"mapping: got {mapping}, but a profile's modes have no other names")
-        face = load_dense(path)
-        marked = load_feature_points(points, face.neutral_face_mm, face.triangles) if points else {}
-        try:
+        face, marked = load_dense(path, points)
+        with locating(path):
             imported, nearness = adapt_dense_face(face, marked)
-        except DataError as error:
-            raise type(error)(error.message, where=str(path)) from error
         return imported, adapted_info(face), nearness
     mesh, choice, standard, marked = load_marked(path, points, mapping)
-    try:
+    with locating(path):
         vertices = find_points(mesh, choice, marked, standard, needed=points is None)
         imported, nearness = _adapted(mesh, vertices, standard)
-    except DataError as error:
-        raise type(error)(error.message, where=str(path)) from error
     return imported, HeadInfo(f"fapengine's head on {path.name}", "", ()), nearness
 
 
 def adapt_dense_face(face: DenseFace, points: Mapping[str, int] | None = None) -> tuple[ImportedHead, Nearness]:
-    """Fit the built-in head to the dense face of a fit, in the neutral pose of the markers.
+    """Fit the built-in head to a dense face, in the neutral pose of the markers.
 
-    ``points`` are vertices of further feature points, or replace those of the markers.
+    ``points`` are the vertices of more feature points, and replace those of the markers.
 
     Raises
     ------
@@ -98,7 +93,7 @@ def adapted_info(face: DenseFace) -> HeadInfo:
 
 
 def _adapted(mesh: BlendshapeMesh, vertices: Mapping[str, int], standard: FaceMesh) -> tuple[ImportedHead, Nearness]:
-    # Of a closed mouth's upper and lower lip both points may be one vertex, which an imported head could not use.
+    # At a closed mouth a point of the upper and one of the lower lip may share a vertex; place_mesh needs unique ones.
     one_name = {vertex: name for name, vertex in reversed(list(vertices.items()))}
     placed = place_mesh(mesh, {name: vertex for vertex, name in one_name.items()}, standard)
     places = {name: placed.to_head_space(mesh.vertices[vertex]) for name, vertex in vertices.items()}

@@ -1,4 +1,4 @@
-"""Cache of built-in heads on disk: building one takes a second or two, reading it a few hundredths.
+"""Built-in heads, cached on disk: building one takes a second or two, reading it a few hundredths of a second.
 
 The folder is ``$FAPENGINE_CACHE``, or ``fapengine`` in the system's cache folder; ``FAPENGINE_CACHE=off`` disables it.
 The key is the digest of all code and tables that make a head, so a changed program never reads an old one.
@@ -41,25 +41,28 @@ def load_built(style: HeadStyle, level: str = "normal") -> FaceMesh:
     if folder is None:
         return _build(style, level)
     kept = folder / _digest(style, level)
-    with suppress(FapEngineError):  # not there, or damaged: it is built anew
+    with suppress(FapEngineError):  # missing or damaged: it is built again
         head = load_folder(kept)[1]
         with suppress(OSError):
             os.utime(kept)
         return head
     head = _build(style, level)
-    with suppress(FapEngineError, OSError):  # a full or read-only disk costs time, nothing else
+    with suppress(FapEngineError, OSError):  # a full or read-only disk costs only time
         save_head(kept, head, OURS)
-        _forget_oldest(folder)
+        newest_first = sorted(folder.iterdir(), key=lambda path: path.stat().st_mtime, reverse=True)
+        for old in newest_first[MAX_KEPT:]:
+            shutil.rmtree(old, ignore_errors=True)
     return head
 
 
 def _build(style: HeadStyle, level: str) -> FaceMesh:
-    from fapengine.mesh.default_head.head import build_head  # much of scipy, which a head that is kept does not need
+    from fapengine.mesh.default_head.head import build_head  # imports much of scipy, which a cached head does not need
 
     return build_head(style, level=level)
 
 
 def _folder() -> Path | None:
+    """Folder of the cache; None if it is disabled or the user has no home folder."""
     chosen = os.environ.get(CACHE_VARIABLE, "")
     if chosen == "off":
         return None
@@ -67,7 +70,7 @@ def _folder() -> Path | None:
         return Path(chosen) / "heads"
     try:
         home = Path.home()
-    except RuntimeError:  # no home is known
+    except RuntimeError:
         return None
     if sys.platform == "darwin":
         system = home / "Library" / "Caches"
@@ -80,7 +83,7 @@ def _folder() -> Path | None:
 
 def _digest(style: HeadStyle, level: str) -> str:
     """Digest of everything that a head depends on."""
-    import scipy  # planning starts without it
+    import scipy  # not needed before
 
     digest = hashlib.sha256(f"{SCHEMA} {numpy.__version__} {scipy.__version__}".encode())
     digest.update(f"{style} {level}".encode())
@@ -90,9 +93,3 @@ def _digest(style: HeadStyle, level: str) -> str:
             if source.suffix in (".py", ".npz"):
                 digest.update(source.read_bytes())
     return digest.hexdigest()[:32]
-
-
-def _forget_oldest(folder: Path) -> None:
-    kept = sorted(folder.iterdir(), key=lambda path: path.stat().st_mtime, reverse=True)
-    for old in kept[MAX_KEPT:]:
-        shutil.rmtree(old, ignore_errors=True)

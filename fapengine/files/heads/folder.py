@@ -1,8 +1,8 @@
 """Heads as folders, written and read.
 
-A head is a folder: ``head.toml`` (schema, source, licence, what of the file was used), ``head.npz`` (all arrays of the
-mesh, float32) and, where it is painted, ``head.png``. A dense face that ``fapengine fit`` learned also has
-``head_modes.npz``: its modes, and what turns markers into their weights (:mod:`fapengine.laboratory.dense_file`).
+A head is a folder: ``head.toml`` (schema, source, licence, which blendshapes are used), ``head.npz`` (all arrays of the
+mesh, float32) and, if it has a texture, ``head.png``. A dense face that ``fapengine fit`` learned also has
+``head_modes.npz``: its modes, and the map from markers to their weights (:mod:`fapengine.laboratory.dense_file`).
 """
 
 from __future__ import annotations
@@ -32,18 +32,16 @@ SCHEMA = 2
 TOML_NAME, ARRAYS_NAME, TEXTURE_NAME, MODES_NAME = "head.toml", "head.npz", "head.png", "head_modes.npz"
 OWNED = (TOML_NAME, ARRAYS_NAME, TEXTURE_NAME, MODES_NAME)
 """Files of a head's folder."""
-ARRAYS = tuple(
-    field.name
-    for field in fields(FaceMesh)
-    if field.name not in ("feature_points", "fapu", "basis", "texture", "folds")
-)
+OTHERS = ("feature_points", "fapu", "basis", "texture", "folds")
+ARRAYS = tuple(field.name for field in fields(FaceMesh) if field.name not in OTHERS)
+"""Fields of a head that are arrays."""
 MAX_BYTES = 1 << 30
-"""Bytes of a head's arrays, unpacked; a small archive cannot ask for more."""
+"""Largest size of a head's arrays, unpacked; a small archive may state any."""
 
 
 @dataclass(frozen=True, slots=True)
 class HeadInfo:
-    """Origin of a head, and what of its file moves it."""
+    """Origin of a head, and which blendshapes of its file move it."""
 
     source: str
     licence: str
@@ -54,7 +52,7 @@ class HeadInfo:
 
 
 def save_head(folder: Path, mesh: FaceMesh, info: HeadInfo, rig: ModeRig | None = None) -> None:
-    """Write a head, and the modes of a dense face: all of it, or what stood there stays.
+    """Write a head, and the modes of a dense face; the old folder stays if anything fails.
 
     Raises
     ------
@@ -63,15 +61,11 @@ def save_head(folder: Path, mesh: FaceMesh, info: HeadInfo, rig: ModeRig | None 
     """
     basis, buffer = mesh.basis, io.BytesIO()
     arrays: dict[str, Any] = {name: getattr(mesh, name) for name in ARRAYS}
-    channels = np.array([(channel.fap, channel.start, channel.stop) for channel in basis.channels])
-    points = {
-        "point_names": np.array(list(mesh.feature_points)),
-        "point_vertices": np.array([*mesh.feature_points.values()]),
-    }
-    lengths = np.array([getattr(mesh.fapu, field.name) for field in fields(Fapu)])
-    arrays |= points | {
-        "channels": channels, "offsets": basis.offsets, "entry_channels": basis.entry_channels,
-        "entry_mm": basis.entry_mm, "fapu_mm": lengths,
+    arrays |= {
+        "point_names": np.array(list(mesh.feature_points)), "point_vertices": np.array([*mesh.feature_points.values()]),
+        "channels": np.array([(channel.fap, channel.start, channel.stop) for channel in basis.channels]),
+        "offsets": basis.offsets, "entry_channels": basis.entry_channels, "entry_mm": basis.entry_mm,
+        "fapu_mm": np.array([getattr(mesh.fapu, field.name) for field in fields(Fapu)]),
     }  # fmt: skip
     if basis.mix is not None:
         arrays["mix"] = basis.mix
@@ -82,15 +76,13 @@ def save_head(folder: Path, mesh: FaceMesh, info: HeadInfo, rig: ModeRig | None 
     if mesh.texture is not None:
         files[TEXTURE_NAME] = format_png(mesh.texture, compress_level=3)
     if rig is not None:
-        from fapengine.laboratory.dense_file import format_rig  # much of scipy, for dense faces alone
+        from fapengine.laboratory.dense_file import format_rig  # imports much of scipy
 
         files[MODES_NAME] = format_rig(rig)
     lines = [f"schema = {SCHEMA}", f"source = {quoted(info.source)}", f"licence = {quoted(info.licence)}"]
     lines += [f"{key} = [{', '.join(map(quoted, getattr(info, key)))}]" for key in ("used", "lacking")]
-    lines += [
-        "[sha256]",
-        *(f"{quoted(name)} = {quoted(hashlib.sha256(data).hexdigest())}" for name, data in files.items()),
-    ]
+    lines.append("[sha256]")
+    lines += [f"{quoted(name)} = {quoted(hashlib.sha256(data).hexdigest())}" for name, data in files.items()]
     files[TOML_NAME] = ("\n".join(lines) + "\n").encode()
     with replacing_folder(folder, owned=OWNED) as new:
         for name, data in files.items():
@@ -118,12 +110,12 @@ def load_folder(folder: Path) -> tuple[HeadInfo, FaceMesh]:
             raise ProfileError(error.message, where=where) from error
     try:
         return info, _mesh(_arrays(files[ARRAYS_NAME]), texture)
-    except (*DAMAGE, TypeError, OverflowError, MemoryError) as error:  # arrays may be of any shape
+    except (*DAMAGE, TypeError, OverflowError, MemoryError) as error:  # arrays may have any shape
         raise ProfileError(f"arrays: {error}", where=str(folder / ARRAYS_NAME)) from error
 
 
 def load_modes(folder: Path) -> ModeRig | None:
-    """Load what drives a dense face's modes; None for a head that has none. Raises as :func:`load_folder`."""
+    """Load the rig that drives the modes of a dense face; None for other heads. Raises as :func:`load_folder`."""
     from fapengine.laboratory.dense_file import parse_rig
 
     files = _read(folder)[1]
@@ -176,7 +168,9 @@ def _mesh(arrays: dict[str, Any], texture: NDArray[np.uint8] | None) -> FaceMesh
     channels = tuple(Channel(int(number), float(start), float(stop)) for number, start, stop in arrays["channels"])
     names = [str(name) for name in arrays["point_names"]]
     return FaceMesh(
-        **{name: arrays[name] for name in ARRAYS if name in arrays or name != "iris_albedo"},  # which is a later one
+        **{
+            name: arrays[name] for name in ARRAYS if name in arrays or name != "iris_albedo"
+        },  # which older files do not have
         feature_points=dict(zip(names, map(int, arrays["point_vertices"]), strict=True)),
         fapu=Fapu(*map(float, arrays["fapu_mm"])),
         basis=DeformationBasis(

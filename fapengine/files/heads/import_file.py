@@ -12,6 +12,7 @@ from fapengine.files.heads.built import load_built
 from fapengine.files.heads.folder import HeadInfo
 from fapengine.files.heads.meshes import is_rig, load_neutral, load_rig
 from fapengine.files.heads.tables import load_feature_points, load_mapping
+from fapengine.files.paths import locating
 from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.face_mesh import FaceMesh, Material
 from fapengine.mesh.rig.axes import BOTH, JAW, LEFT, RIGHT
@@ -24,7 +25,7 @@ from fapengine.retarget.blendshape_names import Choice, choose_blendshapes
 def import_head_file(
     path: Path, points: Path | None = None, mapping: Path | None = None
 ) -> tuple[ImportedHead, HeadInfo]:
-    """Make a head from a file: by its blendshapes if some have known names, else by feature points or bones.
+    """Make a head from a file: from blendshapes with known names, else from feature points or bones.
 
     Parameters
     ----------
@@ -32,7 +33,7 @@ def import_head_file(
         A mesh, or ICT-FaceKit's folder.
     points : Path, optional
         Table of feature points; required for a mesh without blendshapes. With blendshapes, its points replace those
-        found.
+        that are found.
     mapping : Path, optional
         Table of the meaning of other blendshape names.
 
@@ -46,10 +47,12 @@ def import_head_file(
         If trimesh is needed and not installed.
     """
     mesh, choice, standard, marked = load_marked(path, points, mapping)
-    try:
-        imported = _imported(mesh, choice, marked, standard, by_points=points is not None)
-    except DataError as error:
-        raise type(error)(error.message, where=str(path)) from error
+    with locating(path):
+        if not choice.blended and not choice.own_faps and points is None:
+            imported = head_of_bones(mesh, standard)
+        else:
+            vertices = find_points(mesh, choice, marked, standard, needed=points is None)
+            imported = import_head(mesh, choice.blended, vertices, standard, choice.own_faps)
     imported = replace(imported, mesh=crop_painting(imported.mesh))
     return imported, HeadInfo(path.name, "", imported.used, choice.missing if imported.used else ())
 
@@ -57,7 +60,7 @@ def import_head_file(
 def load_marked(
     path: Path, points: Path | None, mapping: Path | None = None
 ) -> tuple[BlendshapeMesh, Choice, FaceMesh, dict[str, int]]:
-    """Read a mesh and the roles of its blendshapes; also return the standard head, and the points set by hand.
+    """Read a mesh and the roles of its blendshapes; also return the standard head, and the feature points given.
 
     Parameters and errors are those of :func:`import_head_file`.
     """
@@ -73,17 +76,8 @@ def load_marked(
     return mesh, choice, standard, marked
 
 
-def _imported(
-    mesh: BlendshapeMesh, choice: Choice, marked: dict[str, int], standard: FaceMesh, *, by_points: bool
-) -> ImportedHead:
-    if not choice.blended and not choice.own_faps and not by_points:
-        return head_of_bones(mesh, standard)
-    vertices = find_points(mesh, choice, marked, standard, needed=not by_points)
-    return import_head(mesh, choice.blended, vertices, standard, choice.own_faps)
-
-
 def _choice(path: Path, mesh: BlendshapeMesh, mapping: Path | None, points: Path | None) -> Choice:
-    """Choose among the blendshapes of a mesh; without any, feature points are needed, or a bone for the head."""
+    """Choose among the blendshapes of a mesh; without any, feature points or a bone for the head are needed."""
     names = [name for name, blendshape in mesh.blendshapes.items() if len(blendshape.vertices)]
     choice = choose_blendshapes(names, load_mapping(mapping) if mapping else None)
     absent = [name for name in choice.own_faps if name not in mesh.blendshapes]
@@ -92,8 +86,8 @@ def _choice(path: Path, mesh: BlendshapeMesh, mapping: Path | None, points: Path
     if not choice.blended and not choice.own_faps and points is None and not can_follow_bones(mesh):
         some = ", ".join(list(mesh.blendshapes)[:8]) or "none"
         raise DataError(
-            f"blendshapes: got {some}; expected some that are named as ARKit's, Oculus' or VRM's, a mapping file"
-            " (mapping=FILE), or feature points (points=FILE)",
+            f"blendshapes: no names of ARKit, Oculus or VRM among {some}; give a mapping file (mapping=FILE) or feature"
+            " points (points=FILE)",
             where=str(path),
         )
     return choice
@@ -102,7 +96,7 @@ def _choice(path: Path, mesh: BlendshapeMesh, mapping: Path | None, points: Path
 def find_points(
     mesh: BlendshapeMesh, choice: Choice, marked: dict[str, int], standard: FaceMesh, *, needed: bool
 ) -> dict[str, int]:
-    """Vertices of the feature points: those set by hand, and those found by blendshapes, if any are ``needed``."""
+    """Vertices of the feature points: ``marked`` ones, and those found by blendshapes; errors only if ``needed``."""
     moves = {
         role: mesh.dense(names[0])
         for role, names in ((LEFT, choice.left), (RIGHT, choice.right), (BOTH, choice.both), (JAW, choice.jaw))
@@ -119,19 +113,19 @@ def find_points(
 
 
 CELL_PX = 16
-"""Side of the squares in which the used part of a painting is told."""
+"""Side of the squares that are kept or removed."""
 MIN_SAVED = 0.25
-"""Share of the pixels that must go, or the painting stays as it is."""
+"""Least fraction of the pixels to remove; otherwise the texture is not changed."""
 OUTSIDE = 1e-6
-"""Place beyond the painting that is taken for rounding."""
+"""Distance of texture coordinates outside of the texture that counts as rounding."""
 
 
 def crop_painting(mesh: FaceMesh) -> FaceMesh:
-    """Keep what the triangles show of a painting, in a smaller one; resolution stays.
+    """Remove the parts of the texture that no triangle shows; the resolution stays the same.
 
-    A head whose painting repeats or has no alpha, or that shows most of it, is returned as it is.
+    A head is not changed if its texture repeats, has no alpha or is mostly shown.
     """
-    painted = (mesh.material != Material.EYE)[mesh.triangles].all(axis=1)  # eyes' places are not in the painting
+    painted = (mesh.material != Material.EYE)[mesh.triangles].all(axis=1)  # eyes have other texture coordinates
     if mesh.texture is None or mesh.texture.shape[2] != 4 or not painted.any():
         return mesh
     at = mesh.uv[mesh.triangles[painted]].astype(np.float64)
@@ -166,7 +160,7 @@ def crop_painting(mesh: FaceMesh) -> FaceMesh:
 
 
 def _boxes(used: NDArray[np.bool_]) -> list[tuple[int, int, int, int]]:
-    """Boxes (top, bottom, left, right) that do not overlap and hold all used cells."""
+    """Boxes (top, bottom, left, right) without overlap that contain all used cells."""
     from scipy.ndimage import find_objects, label
 
     while True:
@@ -177,4 +171,4 @@ def _boxes(used: NDArray[np.bool_]) -> list[tuple[int, int, int, int]]:
             filled[top:bottom, left:right] = True
         if (filled == used).all():
             return boxes
-        used = filled  # boxes that touch become one
+        used = filled  # joins boxes that touch

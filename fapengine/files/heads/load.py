@@ -27,11 +27,9 @@ def load_head(name: str) -> FaceMesh:
     Parameters
     ----------
     name : str
-        ``"default"``, ``"woman"``, ``"man"``, ``"child"``, ``"older"`` or ``"random:7"``, each also with changes, such
-        as
-        ``"woman:age=0.8,level=fine"``; else the folder of a head or of a profile with a dense face. If the fit adapted
-        the
-        built-in head to it, that one is loaded.
+        ``"default"``, ``"woman"``, ``"man"``, ``"child"``, ``"older"`` or ``"random:7"``, each optionally with changes,
+        such as ``"woman:age=0.8,level=fine"``; or the folder of a head or of a profile with a dense face. If the fit
+        adapted the built-in head to the dense face, that head is loaded.
 
     Raises
     ------
@@ -43,7 +41,7 @@ def load_head(name: str) -> FaceMesh:
     look, folder = parse_person(name), Path(name)
     if look:
         return load_built(*look)
-    from fapengine.files.heads.dense import adapted_in, is_profile, load_dense_head  # much of scipy: not for our own
+    from fapengine.files.heads.dense import adapted_in, is_profile, load_dense_head  # imports much of scipy
 
     if (adapted := adapted_in(folder)) is not None:
         return load_folder(adapted)[1]
@@ -53,8 +51,8 @@ def load_head(name: str) -> FaceMesh:
 def load_head_for_calls(name: str, size: tuple[int, int]) -> FaceMesh:
     """Load a head for live images of a size in pixels: a built-in one at level ``calls``.
 
-    A level in ``name``, such as ``"woman:level=normal"``, is kept, and so is the head for images larger than
-    :data:`CALLS_PX`. Raises as :func:`load_head`.
+    A level in ``name``, such as ``"woman:level=normal"``, takes precedence, and images larger than :data:`CALLS_PX`
+    get the head of :func:`load_head`, which also states the errors.
     """
     look = parse_person(name)
     if look is None or "level=" in name or max(size) > CALLS_PX:
@@ -108,7 +106,7 @@ def load_head_info(name: str) -> HeadInfo:
     """Origin of a head. Raises as :func:`load_head`."""
     if parse_person(name):
         return OURS
-    from fapengine.files.heads.dense import adapted_in, dense_info, is_profile
+    from fapengine.files.heads.dense import adapted_in, dense_info, is_profile, load_dense
 
     folder = adapted_in(Path(name)) or Path(name)
-    return dense_info(folder) if is_profile(folder) else load_folder(folder)[0]
+    return dense_info(load_dense(folder)[0]) if is_profile(folder) else load_folder(folder)[0]

@@ -1,4 +1,4 @@
-"""Faces from files: glTF, GLB, VRM and ICT-FaceKit's folders with blendshapes, and any mesh without."""
+"""Faces from files: glTF, GLB, VRM and ICT-FaceKit's folders with blendshapes, and other meshes without."""
 
 from itertools import pairwise
 from pathlib import Path
@@ -9,16 +9,16 @@ from numpy.typing import NDArray
 from fapengine.errors import DataError, UnsupportedError, UsageError
 from fapengine.files.gltf.document import Fetch, parse_gltf
 from fapengine.files.gltf.scene import read_scene
-from fapengine.files.paths import read_bytes
+from fapengine.files.paths import locating, read_bytes
 from fapengine.files.pictures import MAX_PIXELS
-from fapengine.files.recordings import find_paint
+from fapengine.files.recordings import MESHES, find_paint, load_mesh
 from fapengine.laboratory.setup import Paint
 from fapengine.mesh.rig.blendshape_mesh import Blendshape, BlendshapeMesh
 
 NEUTRAL_NAMES = ("generic_neutral_mesh.obj", "neutral.obj")
 IDENTITY = "identity"
 MIN_MOTION_SHARE = 1e-6
-"""Motion of a vertex, as a share of the mesh's size, that is more than rounding."""
+"""Displacement of a vertex, as a fraction of the mesh's size, that is more than rounding."""
 ICT_VERTICES = 26719
 ICT_SURFACES = (
     ("Face", 9409), ("Head and neck", 11248), ("Mouth socket", 13294), ("Eye socket left", 13678),
@@ -26,12 +26,12 @@ ICT_SURFACES = (
     ("Eyeball right", 24591), ("Tear fluid left", 24795), ("Tear fluid right", 24999), ("Eye blend", 25047),
     ("Eye occlusion", 25351), ("Eyelashes", 26719),
 )  # fmt: skip
-"""Parts of ICT-FaceKit's mesh in its order, and the vertex where each ends."""
+"""Parts of ICT-FaceKit's mesh in order, and the vertex after the last of each."""
 ICT_TRANSLUCENT = ("Tear fluid", "Eye blend", "Eye occlusion")
 
 
 def load_ict_folder(folder: Path) -> BlendshapeMesh:
-    """Read a folder of OBJ files.
+    """Read a folder of OBJ files, as ICT-FaceKit has it: a neutral face, and one file per blendshape.
 
     Raises
     ------
@@ -42,7 +42,7 @@ def load_ict_folder(folder: Path) -> BlendshapeMesh:
     """
     neutral = next((folder / name for name in NEUTRAL_NAMES if (folder / name).is_file()), None)
     if neutral is None:
-        raise UsageError(f"{folder}: got no {NEUTRAL_NAMES[0]}, expected a folder as ICT-FaceKit has it")
+        raise UsageError(f"{folder}: contains no {NEUTRAL_NAMES[0]}; expected a folder of ICT-FaceKit")
     vertices, triangles, surface, names = _obj(neutral)
     still = MIN_MOTION_SHARE * float(np.linalg.norm(np.ptp(vertices, axis=0)))
     blendshapes = {}
@@ -66,13 +66,9 @@ def load_ict_folder(folder: Path) -> BlendshapeMesh:
         triangles = triangles[~np.isin(surface[triangles[:, 0]], hidden)]
         notes = tuple(f"{names[number]}: left out, as it is translucent" for number in hidden)
     return BlendshapeMesh(
-        vertices=vertices,
-        triangles=triangles,
-        blendshapes=blendshapes,
-        surfaces=tuple(names),
-        surface=surface,
+        vertices=vertices, triangles=triangles, blendshapes=blendshapes, surfaces=tuple(names), surface=surface,
         notes=notes,
-    )
+    )  # fmt: skip
 
 
 def _vertices(data: bytes, where: str) -> NDArray[np.float64]:
@@ -83,12 +79,12 @@ def _vertices(data: bytes, where: str) -> NDArray[np.float64]:
     except ValueError as error:
         raise DataError(f"OBJ: got vertices that are not three numbers ({error})", where=where) from error
     if not len(vertices) or not np.isfinite(vertices).all():
-        raise DataError(f"OBJ: got {len(vertices)} vertices, expected some, all finite", where=where)
+        raise DataError(f"OBJ: got {len(vertices)} vertices, expected finite ones, 1 or more", where=where)
     return vertices
 
 
 def _obj(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64], list[str]]:
-    """Vertices, triangles, and the surface of each vertex by the materials' names."""
+    """Vertices, triangles, the surface of each vertex, and the names of surfaces (materials, groups or objects)."""
     data = read_bytes(path)
     vertices = _vertices(data, str(path))
     surface, names, current = np.zeros(len(vertices), np.int64), [""], 0
@@ -102,20 +98,18 @@ def _obj(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np
         elif word == b"f":
             try:
                 corners = [int(corner.partition(b"/")[0]) for corner in rest.split()]
-            except ValueError as error:
-                raise DataError(
-                    f"OBJ face: got {rest[:40]!r}, expected indices", where=f"{path}, line {number}"
-                ) from error
+            except ValueError:
+                corners = []
             corners = [corner - 1 if corner > 0 else len(vertices) + corner for corner in corners]
             if len(corners) < 3 or not all(0 <= corner < len(vertices) for corner in corners):
                 raise DataError(
-                    f"OBJ face: got {rest[:40]!r}, expected 3 or more of 1..{len(vertices)}",
+                    f"OBJ face: got {rest[:40]!r}, expected 3 or more indices of 1..{len(vertices)}",
                     where=f"{path}, line {number}",
                 )
             surface[corners] = current
             triangles += [(corners[0], second, third) for second, third in pairwise(corners[1:])]
     if not triangles:
-        raise DataError("OBJ: got no face, expected some", where=str(path))
+        raise DataError("OBJ: contains no face", where=str(path))
     return vertices, np.array(triangles, np.int64), surface, names
 
 
@@ -133,9 +127,9 @@ def load_rig(path: Path) -> BlendshapeMesh:
     Raises
     ------
     UsageError
-        If it cannot be read or is of no kind that is known.
+        If it cannot be read or has another ending.
     UnsupportedError
-        If it is compressed, or requires another extension that is not understood.
+        If it requires an extension that is not supported.
     DataError
         If its content is wrong; ``where`` is file and place.
     """
@@ -143,19 +137,17 @@ def load_rig(path: Path) -> BlendshapeMesh:
         return load_ict_folder(path)
     if path.suffix.lower() not in RIG_ENDINGS:
         raise UsageError(f"{path}: got ending {path.suffix!r}, expected one of {', '.join(RIG_ENDINGS)} or a folder")
-    try:
+    with locating(path, ": "):
         return read_scene(parse_gltf(read_bytes(path), files_beside(path)))
-    except DataError as error:
-        raise type(error)(error.message, where=f"{path}: {error.where}" if error.where else str(path)) from error
 
 
 def files_beside(path: Path) -> Fetch:
-    """Make what reads the files that a document names: those in its own folder, and below it."""
+    """Return a function that reads the files that a document names, which are in its folder or below."""
 
     def fetch(name: str) -> bytes:
         try:
             beside = (path.parent / name).resolve()
-        except (ValueError, RuntimeError) as error:  # a NUL in the name; links that lead in a circle
+        except (ValueError, RuntimeError) as error:  # a NUL in the name; a circle of links
             raise DataError(f"uri: got {name!r}, expected a file's name ({error})") from error
         if not beside.is_relative_to(path.parent.resolve()):
             raise DataError(f"uri: got {name!r}, expected a file in the folder of {path.name}")
@@ -173,19 +165,17 @@ def load_neutral(path: Path) -> BlendshapeMesh:
     Returns
     -------
     BlendshapeMesh
-        Vertices in the file's order, units and axes; its texture, or the colours of its vertices, where it has any.
+        Vertices in the file's order, units and axes; its texture or the colours of its vertices, if any.
 
     Raises
     ------
     UsageError
         If it cannot be read or its ending is unknown.
     DataError
-        If it holds no mesh, or a texture too large to be read again.
+        If it contains no mesh, or a texture that is too large.
     ResourceError
         If trimesh is not installed.
     """
-    from fapengine.files.recordings import MESHES, load_mesh
-
     if path.suffix.lower() not in MESHES:
         raise UsageError(f"{path}: got ending {path.suffix!r}, expected one of {', '.join(MESHES)}")
     vertices, triangles, visual = load_mesh(path)

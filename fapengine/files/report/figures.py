@@ -1,11 +1,11 @@
-"""The pictures of a fit's report, drawn with matplotlib; each function gives one as bytes of SVG."""
+"""The figures of a fit's report, drawn with matplotlib; each function returns one as SVG."""
 
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine.files.report.parts import COOL, FAINT, GREEN, INK, WARM, new_figure, to_svg
+from fapengine.files.report.parts import COOL, FAINT, GREEN, INK, WARM, name_phones, new_figure, to_svg
 from fapengine.laboratory.densify import DenseStudy
 from fapengine.laboratory.fit import MOOD, Fitted
 from fapengine.laboratory.prepare import Prepared
@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 COMPONENTS = 4
-"""Components of a sentence that are drawn."""
+"""Components that the figure of a sentence shows."""
 
 MODES_SHOWN, ARROW_MM = 8, 14.0
-"""Components that get a picture, and the length of the longest arrow there."""
+"""Components that the figure of components shows, and the length of its longest arrow."""
 
 
 def _bare(axes: "Axes") -> None:
@@ -27,6 +27,11 @@ def _bare(axes: "Axes") -> None:
     axes.set_xticks([])
     axes.set_yticks([])
     axes.spines[:].set_visible(False)
+
+
+def _mark(axes: "Axes", chosen: float) -> None:
+    """Draw a dashed line at the value that was chosen."""
+    axes.axvline(chosen, color=WARM, linestyle="--", linewidth=1)
 
 
 def markers(prepared: Prepared, selection: Selection | None) -> bytes:
@@ -47,11 +52,11 @@ def markers(prepared: Prepared, selection: Selection | None) -> bytes:
 
 
 def subset(selection: Selection) -> bytes:
-    """Choice of k, the diagonal of R (figure 2 of paper 000), and what more sentences change (its figure 3)."""
+    """Draw the choice of k, the diagonal of R (figure 2 of paper 000), and the effect of more sentences (figure 3)."""
     figure, (curve, diagonal, amount) = new_figure(10.5, 3.2, 1, 3)
     error = selection.curve
     curve.errorbar(error.k, error.mean_mm, error.standard_error_mm, color=COOL, marker="o", markersize=3, capsize=2)
-    curve.axvline(selection.k, color=WARM, linestyle="--", linewidth=1)
+    _mark(curve, selection.k)
     curve.annotate(
         f"k = {selection.k}", (selection.k, error.mean_mm.max()), (4, -8), textcoords="offset points", color=WARM
     )
@@ -60,7 +65,7 @@ def subset(selection: Selection) -> bytes:
     )
     values = selection.factor.diagonal
     diagonal.semilogy(np.arange(1, len(values) + 1), np.maximum(values, values[0] * 1e-12), color=INK, marker=".")
-    diagonal.axvline(selection.k, color=WARM, linestyle="--", linewidth=1)
+    _mark(diagonal, selection.k)
     diagonal.set(xlabel="k", ylabel="R_kk, mm", title="how much each marker adds")
     amount.plot(np.arange(1, len(selection.by_amount) + 1), selection.by_amount, linewidth=1)
     amount.set(xlabel="sentences", ylabel="R_kk / norm", title="with more sentences", ylim=(0, None))
@@ -68,11 +73,12 @@ def subset(selection: Selection) -> bytes:
 
 
 def regions(prepared: Prepared, selection: Selection) -> bytes:
-    """Show what each chosen marker moves, and which way: figure 4 of paper 000."""
+    """Draw what each chosen marker moves, and in which direction: figure 4 of paper 000."""
     columns, rows = selection.grid_mm
     count = len(selection.regions.weights)
     wide = min(count, 5)
-    figure, axes = new_figure(2.1 * wide, 2.5 * -(-count // wide), -(-count // wide), wide)
+    high = -(-count // wide)
+    figure, axes = new_figure(2.1 * wide, 2.5 * high, high, wide)
     x, y = prepared.neutral_mm[:, 0], prepared.neutral_mm[:, 1]
     extent = (columns[0], columns[-1], rows[0], rows[-1])
     for plot, weights, marker in zip(axes, selection.regions.weights, selection.swapped.primary, strict=False):
@@ -87,7 +93,7 @@ def regions(prepared: Prepared, selection: Selection) -> bytes:
 
 
 def space(fitted: Fitted) -> bytes:
-    """Variance carried, and held-out error, against the number of components."""
+    """Draw variance and held-out error by the number of components."""
     study = fitted.space
     count = min(len(study.share), 20)
     figure, (variance, error) = new_figure(8.0, 3.0, 1, 2)
@@ -98,7 +104,7 @@ def space(fitted: Fitted) -> bytes:
         error.plot(k, study.error_mm[:count], color=COOL, marker="o", markersize=3)
     error.set(xlabel="components", ylabel="mm", title="mean marker error, held-out takes", ylim=(0, None))
     for axes in (variance, error):
-        axes.axvline(study.space.mode_count, color=WARM, linestyle="--", linewidth=1)
+        _mark(axes, study.space.mode_count)
         axes.set_xticks(k[::2])
     return to_svg(figure)
 
@@ -109,13 +115,13 @@ def components(fitted: Fitted) -> bytes:
     points = study.space.points
     neutral = np.stack([_place(fitted.prepared, point, study.borrowed) for point in points])
     shown = min(study.space.mode_count, MODES_SHOWN)
-    figure, axes = new_figure(2.5 * min(shown, 4), 4.2 * -(-shown // 4), 2 * -(-shown // 4), min(shown, 4))
+    wide, high = min(shown, 4), -(-shown // 4)
+    figure, axes = new_figure(2.5 * wide, 4.2 * high, 2 * high, wide)
     for index in range(shown):
-        row, column = divmod(index, min(shown, 4))
+        row, column = divmod(index, wide)
         mode = study.space.modes_mm[index]
         mode = ARROW_MM / np.linalg.norm(mode, axis=1).max() * mode
-        front = axes[2 * row * min(shown, 4) + column]
-        side = axes[(2 * row + 1) * min(shown, 4) + column]
+        front, side = (axes[(2 * row + view) * wide + column] for view in (0, 1))
         for plot, across in ((front, 0), (side, 2)):
             plot.scatter(neutral[:, across], neutral[:, 1], s=6, color=FAINT)
             for way, colour in ((1, WARM), (-1, COOL)):
@@ -138,7 +144,7 @@ def _place(prepared: Prepared, point: str, borrowed: dict[str, str]) -> Array:
 
 
 def phone_map(fitted: Fitted) -> bytes:
-    """Phones and expressions in the first two components; bars are standard errors."""
+    """Draw phones and expressions in the first two components; bars are standard errors."""
     figure, (axes,) = new_figure(6.6, 5.4)
     for name, study in sorted(fitted.phones.items()):
         x, y = study.target.targets[0, :2] if study.target.targets.shape[1] > 1 else (study.target.targets[0, 0], 0.0)
@@ -162,12 +168,7 @@ def prediction(fitted: Fitted) -> bytes:
     axes.plot(times, captured, color=INK, label="captured")
     axes.plot(times, predicted, color=WARM, label="from its phones alone")
     take = next(take for take in fitted.prepared.takes if take.name == fitted.prediction.take)
-    for phone in take.phones:
-        if phone.label != "_":
-            axes.annotate(
-                phone.label, ((phone.start_s + phone.end_s) / 2, 1.0), xycoords=("data", "axes fraction"),
-                ha="center", fontsize=8, color=FAINT, annotation_clip=True,
-            )  # fmt: skip
+    name_phones(axes, [(p.label, p.start_s, p.end_s) for p in take.phones if p.label != "_"], fontsize=8)
     axes.set(xlabel="s", ylabel="opening against rest, mm")
     axes.legend(frameon=False, fontsize=8)
     return to_svg(figure)
@@ -191,42 +192,31 @@ def sentence(fitted: Fitted) -> bytes:
 
 
 def reduction(fitted: Fitted) -> bytes:
-    """Via points a frame against the error that they leave."""
+    """Draw the error of via points by their number per frame."""
     figure, (axes,) = new_figure(4.6, 3.0)
-    axes.plot(
-        [100 * trial.share for trial in fitted.reduction],
-        [trial.max_mm for trial in fitted.reduction],
-        "o-",
-        color=WARM,
-        label="largest",
-    )
-    axes.plot(
-        [100 * trial.share for trial in fitted.reduction],
-        [trial.mean_mm for trial in fitted.reduction],
-        "o-",
-        color=COOL,
-        label="mean",
-    )
+    x, largest, mean = np.array([(100 * trial.share, trial.max_mm, trial.mean_mm) for trial in fitted.reduction]).T
+    axes.plot(x, largest, "o-", color=WARM, label="largest")
+    axes.plot(x, mean, "o-", color=COOL, label="mean")
     axes.set(xlabel="via points, % of frames", ylabel="error, mm", ylim=(0, None))
     axes.legend(frameon=False)
     return to_svg(figure)
 
 
 def gaps(prepared: Prepared) -> bytes:
-    """How often each marker was seen, and how well hidden entries are filled at each rank."""
+    """Draw how often each marker was seen, and how well hidden entries are filled at each rank."""
     assert prepared.gaps is not None
     figure, (seen, rank) = new_figure(9.0, 2.8, 1, 2)
     order = np.argsort(prepared.gaps.seen)
     seen.bar(np.arange(len(order)), 100 * prepared.gaps.seen[order], width=1.0, color=COOL)
     seen.set(xlabel="markers, by visibility", ylabel="frames that show it, %", ylim=(0, 100))
     rank.plot(prepared.gaps.ranks, prepared.gaps.error_mm, "o-", color=COOL)
-    rank.axvline(prepared.gaps.rank, color=WARM, linestyle="--", linewidth=1)
+    _mark(rank, prepared.gaps.rank)
     rank.set(xlabel="rank of the model", ylabel="mm", title="error of hidden entries", ylim=(0, None))
     return to_svg(figure)
 
 
 def dense(study: DenseStudy) -> bytes:
-    """How far each dense mode moves each vertex of the reference scan."""
+    """Draw how far each dense mode moves each vertex of the reference scan."""
     count = min(4, len(study.modes.modes_mm))
     figure, axes = new_figure(2.6 * count, 3.2, 1, count)
     some = np.linspace(0, len(study.modes.mean_mm) - 1, min(len(study.modes.mean_mm), 6000)).astype(int)

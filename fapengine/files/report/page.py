@@ -1,4 +1,4 @@
-"""The report of a fit: one HTML file, all pictures inside it."""
+"""The report of a fit: one HTML file with all figures."""
 
 from collections.abc import Sequence
 from html import escape
@@ -8,24 +8,23 @@ import numpy as np
 from fapengine.files.report import figures
 from fapengine.files.report.parts import Grade, page, picture, table, verdict
 from fapengine.laboratory.fit import Fitted
-from fapengine.laboratory.prepare import Prepared
 
 UNCERTAINTY = (
     "Points from a video tracker are themselves uncertain by about 0.7 mm on the lips, and their depth is inferred:"
     " smaller errors are statements about the recording, not about the face."
 )
 
-TOLD = {"takes": "takes", "variance": "variance", "held_out": "held out"}
-"""Keys of a profile's origin that are told, and how they are called."""
+ORIGIN = {"takes": "takes", "variance": "variance", "held_out": "held out"}
+"""Keys of a profile's origin that the report shows, and their names there."""
 GOOD, FAIR = (0.6, 0.9), (0.4, 1.0)
-"""Least correlation of the opening, and most lip error against a face that keeps its mean pose. Our choice: good is
-what the shipped profile reaches by phone medians alone."""
+"""Least correlation of the opening, and largest lip error relative to a face that keeps its mean pose. Our choice: good
+is what the shipped profile reaches by phone medians alone."""
 SHIPPED = {False: "1.95 mm and r = 0.66", True: "1.55 mm and r = 0.88"}
 """Figures of profiles/grid_s1_en/profile.toml, held_out: by phone medians, and by targets that depend on neighbours."""
 
 
 def write_report(fitted: Fitted) -> bytes:
-    """Make the page: UTF-8 HTML without any reference outside of it.
+    """Make the page: UTF-8 HTML without external references.
 
     Raises
     ------
@@ -33,6 +32,11 @@ def write_report(fitted: Fitted) -> bytes:
         If matplotlib is not installed.
     """
     profile = fitted.profile
+    studied = fitted.prepared if fitted.selection is None else fitted.selection.prepared
+    expressions = [
+        f"{expression.label}{' (borrowed)' if expression in fitted.borrowed else ''}"
+        for expression in profile.expressions
+    ]
     parts = [
         f"<h1>{escape(profile.id)}</h1>",
         _verdict(fitted),
@@ -40,13 +44,13 @@ def write_report(fitted: Fitted) -> bytes:
         f" licence: {escape(profile.licence)} · <code>{escape(profile.origin['command'])}</code></p>",
         table(
             ("", ""),
-            [(name, profile.origin[key]) for key, name in TOLD.items() if key in profile.origin]
-            + [("phones", str(len(profile.phones))), ("expressions", _expressions(fitted))],
+            [(name, profile.origin[key]) for key, name in ORIGIN.items() if key in profile.origin]
+            + [("phones", str(len(profile.phones))), ("expressions", ", ".join(expressions) or "none")],
         ),
         _warnings(fitted.warnings),
         f'<p class="note">{UNCERTAINTY}</p>',
         "<h2>Markers</h2>",
-        picture(figures.markers(_studied(fitted), fitted.selection), "The neutral pose, seen from the front."),
+        picture(figures.markers(studied, fitted.selection), "The neutral pose, seen from the front."),
         *_gaps(fitted),
         *_selection(fitted),
         *_space(fitted),
@@ -73,23 +77,11 @@ def _verdict(fitted: Fitted) -> str:
     )
 
 
-def _studied(fitted: Fitted) -> Prepared:
-    return fitted.prepared if fitted.selection is None else fitted.selection.prepared
-
-
 def _warnings(warnings: Sequence[str]) -> str:
     if not warnings:
         return "<p>No warnings.</p>"
     items = "".join(f"<li>{escape(text)}</li>" for text in warnings)
     return f'<div class="warn"><b>{len(warnings)} warnings</b><ul>{items}</ul></div>'
-
-
-def _expressions(fitted: Fitted) -> str:
-    names = [
-        f"{expression.label}{' (borrowed)' if expression in fitted.borrowed else ''}"
-        for expression in fitted.profile.expressions
-    ]
-    return ", ".join(names) or "none"
 
 
 def _gaps(fitted: Fitted) -> list[str]:
@@ -121,7 +113,8 @@ def _selection(fitted: Fitted) -> list[str]:
         picture(figures.subset(study), "Dashed: the k that was chosen. Bars: one standard error over folds."),
         table(
             (f"error of the driven markers in {judged}", "mm"),
-            [(name, f"{value:.3f}") for name, value in study.held_out_mm.items()],
+            study.held_out_mm.items(),
+            "s .3f",
         ),
         f"<p>Ten draws of three quarters of the sentences agree on {100 * study.stability:.0f} % of the {study.k}:</p>",
         table(
@@ -137,15 +130,9 @@ def _selection(fitted: Fitted) -> list[str]:
 
 def _space(fitted: Fitted) -> list[str]:
     study = fitted.space
+    shares = 100 * np.diff(study.share, prepend=0.0)
     rows = [
-        (
-            str(index + 1),
-            name.name,
-            f"{name.likeness:.2f}",
-            ", ".join(name.busiest),
-            f"{study.spread_mm[index]:.2f}",
-            f"{100 * (study.share[index] - (study.share[index - 1] if index else 0)):.2f}",
-        )
+        (index + 1, name.name, name.likeness, ", ".join(name.busiest), study.spread_mm[index], shares[index])
         for index, name in enumerate(study.names)
     ]
     return [
@@ -154,7 +141,7 @@ def _space(fitted: Fitted) -> list[str]:
         " deviation above a thousandth of the first one's.</p>",
         picture(figures.space(fitted), "Dashed: what was kept."),
         *_from_mean(fitted),
-        table(("", "moves", "likeness", "most", "sd, mm", "variance, %"), rows),
+        table(("", "moves", "likeness", "most", "sd, mm", "variance, %"), rows, "d s .2f s .2f .2f"),
         picture(
             figures.components(fitted),
             "Above from the front, below from the side (forward is right). Red: positive weights, blue: negative.",
@@ -174,17 +161,11 @@ def _from_mean(fitted: Fitted) -> list[str]:
 
 
 def _phones(fitted: Fitted) -> list[str]:
-    rows = [
-        (
-            name,
-            str(study.tokens),
-            ", ".join(f"{100 * f:.0f} %" for f in study.target.fractions),
-            study.target.contact,
-            "unknown" if np.isnan(study.error).any() else f"{float((study.error[0] ** 2).sum()) ** 0.5:.2f}",
-            study.target.origin,
-        )
-        for name, study in sorted(fitted.phones.items())
-    ]
+    rows = []
+    for name, study in sorted(fitted.phones.items()):
+        keys = ", ".join(f"{100 * fraction:.0f} %" for fraction in study.target.fractions)
+        error = "unknown" if np.isnan(study.error).any() else f"{float((study.error[0] ** 2).sum()) ** 0.5:.2f}"
+        rows.append((name, str(study.tokens), keys, study.target.contact, error, study.target.origin))
     return [
         "<h2>Phones</h2>",
         picture(figures.phone_map(fitted), "Medians at 30 % of the phone."),
@@ -202,24 +183,19 @@ def _prediction(fitted: Fitted) -> list[str]:
             table(
                 ("held-out takes from their phones alone", ""),
                 [
-                    ("mean lip error, mm", f"{study.lips_mm:.2f}"),
-                    ("the same for a face that keeps its mean pose, mm", f"{study.mean_pose_mm:.2f}"),
-                    ("opening, correlation", f"{study.opening_r:.2f}"),
-                    ("opening, slope", f"{study.opening_slope:.2f}"),
+                    ("mean lip error, mm", study.lips_mm),
+                    ("the same for a face that keeps its mean pose, mm", study.mean_pose_mm),
+                    ("opening, correlation", study.opening_r),
+                    ("opening, slope", study.opening_slope),
                 ],
+                "s .2f",
             ),
             picture(figures.prediction(fitted), f"Take {escape(study.take)}."),
             picture(figures.sentence(fitted), "The same take in the space; an expression is added to its path."),
         ]
     if fitted.reduction:
         rows = [
-            (
-                f"{trial.tolerance_mm:g}",
-                str(trial.point_count),
-                f"{100 * trial.share:.0f}",
-                f"{trial.mean_mm:.2f}",
-                f"{trial.max_mm:.2f}",
-            )
+            (trial.tolerance_mm, trial.point_count, 100 * trial.share, trial.mean_mm, trial.max_mm)
             for trial in fitted.reduction
         ]
         parts += [
@@ -227,7 +203,7 @@ def _prediction(fitted: Fitted) -> list[str]:
             picture(
                 figures.reduction(fitted), "The longest held-out take, low-passed at 12 Hz, as minimum-jerk splines."
             ),
-            table(("bound, mm", "points", "% of frames", "mean, mm", "largest, mm"), rows),
+            table(("bound, mm", "points", "% of frames", "mean, mm", "largest, mm"), rows, "g d .0f .2f .2f"),
         ]
     return parts
 
@@ -237,18 +213,12 @@ def _dense(fitted: Fitted) -> list[str]:
     if study is None:
         return []
     rows = [
-        (
-            name,
-            f"{fit.landmark_rms_mm:.2f}",
-            f"{fit.surface_rms_mm:.2f}",
-            f"{100 * met:.0f}",
-            "yes" if fit.settled else "no",
-        )
+        (name, fit.landmark_rms_mm, fit.surface_rms_mm, 100 * met, "yes" if fit.settled else "no")
         for name, fit, met in study.fits
     ]
     return [
         "<h2>Dense face</h2>",
-        table(("scan", "landmarks, mm", "surface, mm", "vertices met, %", "settled"), rows),
+        table(("scan", "landmarks, mm", "surface, mm", "vertices met, %", "settled"), rows, "s .2f .2f .0f s"),
         f"<p>A scan predicted from the others: {study.left_out_mm[0]:.2f} mm by dense modes (ridge"
         f" {study.modes.ridge:g}), {study.left_out_mm[1]:.2f} mm by the linear estimator, mean over vertices.</p>",
         picture(figures.dense(study), "How far a standard deviation moves each vertex."),

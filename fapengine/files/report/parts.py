@@ -1,4 +1,4 @@
-"""What every report is put together from: a page, tables, figures of matplotlib as SVG."""
+"""Parts of HTML reports: the page, tables, and figures of matplotlib as SVG."""
 
 import io
 import re
@@ -29,13 +29,13 @@ figcaption, .note { color: #62676f } figcaption { font-size: .88rem } svg { max-
 @media (max-width: 40rem) { body { margin: 1rem auto } td, th { padding: .15rem .4rem } }
 """
 Grade = Literal["good", "fair", "poor", ""]
-"""Grade of a verdict; empty: nothing was judged."""
+"""Grade of a verdict; empty if there is nothing to judge."""
 
 
 def page(title: str, parts: Iterable[str]) -> bytes:
-    """Make a page: UTF-8 HTML without any reference outside of it; ``parts`` are HTML.
+    """Join ``parts``, which are HTML, into a page: UTF-8, without external references.
 
-    It fits a telephone, where only tables scroll sideways. Its headings of the second rank are listed before the first.
+    It fits a phone's screen, where only tables scroll sideways. Links to the second-level headings precede the first.
     """
     head = (
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{escape(title)}</title>'
@@ -51,40 +51,61 @@ def page(title: str, parts: Iterable[str]) -> bytes:
 
 
 def verdict(grade: Grade, text: str) -> str:
-    """Say first what it comes to."""
+    """Format the conclusion of a report, which comes first."""
     return f'<p class="verdict {grade}"><b>{grade.capitalize() or "Not judged"}.</b> {escape(text)}</p>'
 
 
 def picture(svg: bytes, caption: str) -> str:
-    """Put a drawing into a page, with its caption as HTML."""
+    """Embed an SVG drawing; the caption is HTML."""
     drawing = svg[svg.index(b"<svg") :].decode()
     label = escape(unescape(re.sub("<.*?>", "", caption)))
     return f'<figure><div role="img" aria-label="{label}">{drawing}</div><figcaption>{caption}</figcaption></figure>'
 
 
-def table(header: Sequence[str], rows: Iterable[Sequence[str]], *, marked: str = "") -> str:
-    """Make a table of plain text; a header of empty strings is none. The row that begins with ``marked`` stands out."""
+def table(header: Sequence[str], rows: Iterable[Sequence[object]], formats: str = "", *, marked: str = "") -> str:
+    """Make a table.
 
-    def cell(value: str) -> str:
-        number = any(header) and value.replace(".", "").replace("-", "").replace(" ", "").isdigit()
-        return f'<td class="n">{escape(value)}</td>' if number else f"<td>{escape(value)}</td>"
+    Parameters
+    ----------
+    header : sequence of str
+        Empty strings for a table without a header.
+    rows : iterable of sequence
+        Values of each row.
+    formats : str, optional
+        Format of each column's values, separated by spaces; by default all are text.
+    marked : str, optional
+        The row that begins with this text is highlighted.
+    """
 
-    top = "".join(f"<th>{escape(name)}</th>" for name in header) if any(header) else ""
+    def cell(text: str) -> str:
+        is_number = any(header) and text.replace(".", "").replace("-", "").replace(" ", "").isdigit()
+        kind = ' class="n"' if is_number else ""
+        return f"<td{kind}>{escape(text)}</td>"
 
-    def line(row: Sequence[str]) -> str:
-        mark = ' class="ours"' if marked and row[0] == marked else ""
-        return f"<tr{mark}>{''.join(map(cell, row))}</tr>"
+    def line(row: Sequence[object]) -> str:
+        texts = [format(value, spec) for value, spec in zip(row, formats.split() or ["s"] * len(row), strict=True)]
+        mark = ' class="ours"' if marked and texts[0] == marked else ""
+        return f"<tr{mark}>{''.join(map(cell, texts))}</tr>"
 
-    body = "".join(map(line, rows))
-    inner = f"<table>{f'<tr>{top}</tr>' if top else ''}{body}</table>"
+    top = f"<tr>{''.join(f'<th>{escape(name)}</th>' for name in header)}</tr>" if any(header) else ""
     label = escape(next((name for name in header if name), "") or "Figures")
+    inner = f"<table>{top}{''.join(map(line, rows))}</table>"
     return f'<div class="scroll" role="region" tabindex="0" aria-label="{label}">{inner}</div>'
+
+
+def name_phones(plot: "Axes", phones: Iterable[tuple[str, float, float]], fontsize: int) -> None:
+    """Write phones, given by label, start and end in s, along the top of a plot over time."""
+    for label, start_s, end_s in phones:
+        plot.annotate(
+            label, ((start_s + end_s) / 2, 1.0), xycoords=("data", "axes fraction"),
+            ha="center", fontsize=fontsize, color=FAINT, annotation_clip=True,
+        )  # fmt: skip
 
 
 def new_figure(
     width: float, height: float, rows: int = 1, columns: int = 1, **options: Any
 ) -> tuple["Figure", list["Axes"]]:
-    """Make a figure of so many inches and its plots, row by row.
+    """Create a figure, sized in inches, and its plots, row by row.
 
     Raises
     ------
@@ -103,7 +124,7 @@ def new_figure(
 
 
 def to_svg(figure: "Figure") -> bytes:
-    """Draw a figure as SVG, always the same bytes for the same figure."""
+    """Convert a figure to SVG; the same figure always gives the same bytes."""
     import matplotlib
 
     with matplotlib.rc_context({"svg.hashsalt": "fapengine", "font.size": 9}):

@@ -1,41 +1,30 @@
-"""The report of a score: figures in tables, the openings over time, and which closures were missed."""
+"""The report of a score: tables of figures, openings over time, and missed closures."""
 
 from collections.abc import Iterable
 from html import escape
 
 import numpy as np
 
-from fapengine.files.report.parts import (
-    COOL,
-    FAINT,
-    INK,
-    WARM,
-    Grade,
-    new_figure,
-    page,
-    picture,
-    table,
-    to_svg,
-    verdict,
-)
+from fapengine.files.report import parts as html
+from fapengine.files.report.parts import COOL, FAINT, INK, WARM, Grade
 from fapengine.scoring.mouth import Mouth, is_bilabial, is_labiodental
 from fapengine.scoring.score import Score
 from fapengine.speech.phone_track import PhoneTrack
 
 ROW_S, MAX_ROWS = 6.0, 20
-"""Most seconds that a row of the picture shows, and most rows that a long recording gets."""
+"""Longest time that a row of the figure shows, and largest number of rows."""
 
 GOOD, USABLE = 0.9, 0.7
-"""Share of closures that are made; our choice."""
+"""Fraction of closures that are made; our choice."""
 LATE_MS, EARLY_MS = 45.0, 125.0
-"""Lag up to which nobody notices: sound that leads the picture, and that follows it (ITU-R BT.1359)."""
+"""Lag that viewers do not notice: audio before the image, and after it (ITU-R BT.1359)."""
 
 Rows = list[tuple[str, str, str]]
-"""Measure, figure, what it means."""
+"""Measure, value, and meaning."""
 
 
 def score_rows(score: Score) -> dict[str, Rows]:
-    """Put every figure into words: rows of measure, figure and meaning, by section."""
+    """Format all figures: rows of measure, value and meaning, by section."""
     sections: dict[str, Rows] = {}
     if score.phones is not None:
         closures, teeth, timing = score.phones.closures, score.phones.teeth, score.phones.timing
@@ -84,7 +73,7 @@ def score_rows(score: Score) -> dict[str, Rows]:
 def write_score_report(
     score: Score, mouth: Mouth, *, title: str, notes: Iterable[str], truth: Mouth | None, phones: PhoneTrack | None
 ) -> bytes:
-    """Make the page: UTF-8 HTML without any reference outside of it.
+    """Make the page: UTF-8 HTML without external references.
 
     Raises
     ------
@@ -94,34 +83,34 @@ def write_score_report(
     parts = [f"<h1>{escape(title)}</h1>", _verdict(score)]
     parts += [f'<p class="note">{escape(note)}</p>' for note in notes]
     for name, rows in score_rows(score).items():
-        parts += [f"<h2>{name}</h2>", table(("", "", ""), rows)]
+        parts += [f"<h2>{name}</h2>", html.table(("", "", ""), rows)]
     caption = "Opening of the lips against rest."
     if phones is not None:
         caption += " Red bands: p b m and their kin; blue: f v; crosses: those that were not made."
-    parts += ["<h2>Opening</h2>", picture(draw_openings(score, mouth, truth, phones), caption)]
-    return page(f"{title}: score", parts)
+    parts += ["<h2>Opening</h2>", html.picture(draw_openings(score, mouth, truth, phones), caption)]
+    return html.page(f"{title}: score", parts)
 
 
 def _verdict(score: Score) -> str:
     judged = score.phones or score.truth
     if judged is None or judged.closures.recall is None:
-        return verdict("", "Give it the phones, or the recording that it should be like, with a p, b or m.")
+        return html.verdict("", "Give it the phones, or the recording that it should be like, with a p, b or m.")
     recall, lag_ms = judged.closures.recall, judged.timing.lag_ms
     made = f"{100 * recall:.0f} % of the closures of lips are made ({judged.closures.met} of {judged.closures.wanted})"
     if lag_ms is None:
-        return verdict("poor", f"{made}, but the lips do not move.")
+        return html.verdict("poor", f"{made}, but the lips do not move.")
     in_time = -EARLY_MS <= lag_ms <= LATE_MS
     grade: Grade = "good" if in_time and recall >= GOOD else "fair" if in_time and recall >= USABLE else "poor"
     when = "in time" if in_time else "too late" if lag_ms > 0 else "too early"
-    return verdict(grade, f"{made}, {when} ({lag_ms:+.0f} ms).")
+    return html.verdict(grade, f"{made}, {when} ({lag_ms:+.0f} ms).")
 
 
 def draw_openings(score: Score, mouth: Mouth, truth: Mouth | None, phones: PhoneTrack | None) -> bytes:
-    """Draw openings over time, with the phones that touch, and crosses where a contact was not made."""
+    """Draw openings over time, phones with lip contact as bands, and a cross for each missed contact."""
     end_s = max(mouth.end_s, truth.end_s if truth is not None else 0.0)
     count = int(np.clip(np.ceil(end_s / ROW_S), 1, MAX_ROWS))
     row_s = max(min(end_s / count, ROW_S), 0.1)
-    figure, rows = new_figure(10.0, 1.9 * count + 0.3, count, 1, sharey=True)
+    figure, rows = html.new_figure(10.0, 1.9 * count + 0.3, count, 1, sharey=True)
     missed = [*score.phones.closures.missed_s, *score.phones.teeth.missed_s] if score.phones else []
     if score.phones is None and score.truth is not None:
         missed = list(score.truth.closures.missed_s)
@@ -133,10 +122,7 @@ def draw_openings(score: Score, mouth: Mouth, truth: Mouth | None, phones: Phone
             if is_bilabial(phone) or is_labiodental(phone):
                 colour = WARM if is_bilabial(phone) else COOL
                 axes.axvspan(phone.start_s, phone.end_s, color=colour, alpha=0.18, linewidth=0)
-            axes.annotate(
-                phone.label, ((phone.start_s + phone.end_s) / 2, 1.0), xycoords=("data", "axes fraction"),
-                ha="center", fontsize=7, color=FAINT, annotation_clip=True,
-            )  # fmt: skip
+            html.name_phones(axes, [(phone.label, phone.start_s, phone.end_s)], fontsize=7)
         axes.axhline(score.closed_mm, color=FAINT, linestyle=":", linewidth=1)
         if truth is not None:
             axes.plot(truth.times_s, truth.opening_mm, color=INK, linewidth=1, label="the other recording")
@@ -146,7 +132,7 @@ def draw_openings(score: Score, mouth: Mouth, truth: Mouth | None, phones: Phone
         axes.set(xlim=(start, stop), ylabel="mm")
     rows[-1].set_xlabel("s" if count * ROW_S >= end_s else f"s (the first {count * ROW_S:.0f} of {end_s:.0f} s)")
     rows[0].legend(fontsize=8, loc="upper right", framealpha=0.8, edgecolor="none")
-    return to_svg(figure)
+    return html.to_svg(figure)
 
 
 def _share(value: float | None, counted: str = "") -> str:

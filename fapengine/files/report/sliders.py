@@ -1,7 +1,7 @@
 """A page with a slider for each component of a profile's space: the interface for designers that paper 001 proposes.
 
-The page is one file without any reference outside of it. It draws lips, chin and cheeks from the front and from the
-side as the components move them; each phone and each expression of the profile is a place to begin at.
+The page is one file without external references. It draws lips, chin and cheeks from the front and from the side as the
+components move them; a button for each phone and expression of the profile sets the sliders.
 """
 
 import json
@@ -16,9 +16,9 @@ from fapengine.profiles import Profile
 
 OUTER = ("8.4", "8.6", "8.1", "8.5", "8.3", "8.7", "8.2", "8.8")
 INNER = ("2.5", "2.7", "2.2", "2.6", "2.4", "2.8", "2.3", "2.9")
-"""Points of the lips' contours, in order, as far as a profile has them."""
+"""Points of the lips' contours, in order; those that a profile does not have are left out."""
 REACH = 1.3
-"""Range of a slider beyond the farthest phone or expression."""
+"""Range of a slider relative to the farthest phone or expression."""
 STYLE = """<style>
 .mouths { display: flex; flex-wrap: wrap; gap: 1rem }
 .mouths svg { width: 19rem; background: #fff; border: 1px solid #ddd }
@@ -74,9 +74,9 @@ def sliders_page(profile: Profile, names: list[str], rest_mm: Mapping[str, tuple
     ----------
     profile : Profile
     names : list of str
-        What each component moves, in words.
+        Description of what each component moves.
     rest_mm : mapping of str to (float, float, float)
-        Places of the space's points on a face at rest.
+        Positions of the space's points on a neutral face.
 
     Returns
     -------
@@ -106,7 +106,7 @@ def sliders_page(profile: Profile, names: list[str], rest_mm: Mapping[str, tuple
         for n, (name, most) in enumerate(zip(names, reach, strict=True))
     )
     buttons = "".join(f'<button data-look="{escape(name)}">{escape(name)}</button>' for name in looks)
-    told = json.dumps(data, ensure_ascii=False).replace("<", "\\u003c")
+    encoded = json.dumps(data, ensure_ascii=False).replace("<", "\\u003c")
     parts = [
         STYLE,
         f"<h1>Components of {escape(profile.id)}</h1>",
@@ -114,13 +114,13 @@ def sliders_page(profile: Profile, names: list[str], rest_mm: Mapping[str, tuple
         f"{_view('side', _box(rest, (2, 1)), len(points))}</div>",
         f"<p>{buttons}</p>{rows}",
         '<p><label for="weights">Weights</label><textarea id="weights" readonly rows="2"></textarea></p>',
-        f'<script type="application/json" id="data">{told}</script>{SCRIPT}',
+        f'<script type="application/json" id="data">{encoded}</script>{SCRIPT}',
     ]
     return page(f"Components of {profile.id}", parts)
 
 
 def _box(rest: list[list[float]], axes: tuple[int, int]) -> tuple[float, float, float]:
-    """Left, top and side of the square that is seen, mm."""
+    """Left, top and side length of the visible square, mm."""
     places: NDArray[np.float64] = np.array(rest)[:, axes]
     across, up = places[:, 0] - (rest[0][2] if axes[0] == 2 else 0.0), -places[:, 1]
     side = float(max(np.ptp(across), np.ptp(up))) + 30.0

@@ -206,7 +206,7 @@ def test_session_toml_is_read_strictly(recorded, tmp_path, toml, message):
 def test_folders_that_are_no_session(tmp_path):
     with pytest.raises(UsageError, match="got no folder"):
         load_session(tmp_path / "none")
-    with pytest.raises(UsageError, match="got no recording"):
+    with pytest.raises(UsageError, match="contains none of"):
         load_session(tmp_path)
 
 

@@ -138,7 +138,7 @@ def test_a_file_s_own_names_are_mapped(avatar, tmp_path):
 @pytest.mark.parametrize(
     ("table", "message"),
     [
-        ("[shapes]\nnose = {}", r"got no FAP, expected some .at .*map.toml, shapes.nose"),
+        ("[shapes]\nnose = {}", r"contains no FAP .at .*map.toml, shapes.nose"),
         ("[shapes]\nnose = {2 = 5}", "got '2', expected a FAP by number, 3..68"),
         ("[shapes]\nnose = {lift = 5}", "got 'lift', expected a FAP"),
         ("[shapes]\nnose = {63 = 0}", "got 0.0, expected FAPU"),
@@ -208,17 +208,17 @@ def test_ict_facekit_s_folder(ict_folder, tmp_path):
 @pytest.mark.parametrize(
     ("neutral", "shape", "message"),
     [
-        (None, "v 0 0 0", "got no generic_neutral_mesh.obj"),
+        (None, "v 0 0 0", "contains no generic_neutral_mesh.obj"),
         ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "v 0 0 0\n", "got 1 vertices, expected 3 as in generic"),
         ("v 0 0\n", "", "not three numbers"),
-        ("v 0 0 inf\nf 1 1 1\n", "", "expected some, all finite"),
-        ("v 0 0 0\nf 1 1 2\n", "", "got b'1 1 2', expected 3 or more of 1..1.*line 2"),
-        ("v 0 0 0\nf 1 1 one\n", "", "expected indices"),
-        ("v 0 0 0\n", "", "got no face"),
+        ("v 0 0 inf\nf 1 1 1\n", "", "expected finite ones, 1 or more"),
+        ("v 0 0 0\nf 1 1 2\n", "", "got b'1 1 2', expected 3 or more indices of 1..1.*line 2"),
+        ("v 0 0 0\nf 1 1 one\n", "", "expected 3 or more indices"),
+        ("v 0 0 0\n", "", "contains no face"),
         (
             "v 0 0 0\nv 1 0 0\nv 0 1 0\nf -3 -2 -1\n",
             "v 0 0 0\nv 1 0 0\nv 0 1 0\n",
-            "shapes: got jawOpen; expected some",
+            "shapes: no names of .* among jawOpen",
         ),
     ],
 )
@@ -236,7 +236,7 @@ def test_meshes_without_shapes_need_points(brought, tmp_path):
     with pytest.raises(UsageError, match=r"got ending '\.doc'"):
         load_rig(Path("face.doc"))
     trimesh.load(brought / "face.ply", process=False).export(tmp_path / "face.glb")
-    with pytest.raises(DataError, match="shapes: got none; expected some that are named"):
+    with pytest.raises(DataError, match="shapes: no names of .* among none"):
         run("head", "import", tmp_path / "face.glb", "-o", tmp_path / "h")
     run("head", "import", tmp_path / "face.glb", "--points", brought / "places.csv", "-o", tmp_path / "h")
 
@@ -358,7 +358,7 @@ def test_tables_of_points_that_cannot_be(brought, tmp_path, table, message):
 
 def test_files_that_are_no_face(brought, tmp_path):
     (tmp_path / "p.bin").write_bytes(b"\xff\xfe\xfa")
-    with pytest.raises(DataError, match="is no table"):
+    with pytest.raises(DataError, match="is not a table"):
         run("head", "import", brought / "face.ply", "--points", tmp_path / "p.bin", "-o", tmp_path / "h")
     with pytest.raises(UsageError, match="expected one of"):
         load_neutral(tmp_path / "face.doc")

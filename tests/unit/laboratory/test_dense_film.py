@@ -179,7 +179,7 @@ def test_what_cannot_be_is_told(made, profile, head, take, tmp_path):
         (("render", take, tmp_path / "a.fap", "--head", head, "-o", out), UsageError, "expected recordings alone"),
         (("render", take, "--head", head, "--by", "both", "-o", out), UsageError, "use estimator or modes"),
         (("render", take, "--head", tmp_path / "bare", "-o", out), UsageError, "has no dense face"),
-        (("render", take, "--head", old, "-o", out), UsageError, "fit it anew"),
+        (("render", take, "--head", old, "-o", out), UsageError, "fit it again"),
         (("render", take, "--head", torn, "-o", out), ProfileError, "sha256 of dense.npz"),
         (("convert", take, "--into", head, "-o", tmp_path / "a.vrm"), UsageError, "expected .glb and a dense face"),
         (("convert", take, "-o", tmp_path / "a.fap"), UsageError, "expected .glb and a dense face"),

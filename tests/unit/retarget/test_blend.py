@@ -88,7 +88,9 @@ def test_speech_comes_back_for_the_most_part() -> None:
     off = np.abs((back - faps) * weights_mm())[:, lips]
     moved = np.abs(faps * weights_mm())[:, lips]
     assert off.mean() < 0.25 * moved.mean()
-    assert ARKIT.error_mm(faps) < 2.9  # measured 2.66, the root of the sum over all FAPs
+    assert (
+        np.sqrt((((back - faps) * weights_mm()) ** 2).sum(axis=1)).mean() < 2.9
+    )  # measured 2.66, the root of the sum over all FAPs
     assert found[:, ARKIT_NAMES.index("jawOpen")].max() > 0.15
 
 
@@ -150,13 +152,6 @@ def test_block_pivots_that_do_not_help_go_one_by_one() -> None:
         np.testing.assert_allclose(found, alike.solve_weights(goal), atol=1e-6)
         assert found.min() >= 0
         assert found.max() <= 0.3
-
-
-def test_some_shapes_may_be_chosen() -> None:
-    few = ARKIT.select(("jawOpen", "mouthPucker"))
-    assert few.approximate_weights(speech()).shape[1] == 2
-    with pytest.raises(UsageError, match="'grin', expected one of eyeBlinkLeft"):
-        ARKIT.select(("grin",))
 
 
 def test_refuses() -> None:

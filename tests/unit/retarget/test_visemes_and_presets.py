@@ -115,7 +115,7 @@ def test_a_reluctant_shape_is_used_only_where_it_brings_enough() -> None:
     held = BlendMap(("a", "b"), two, reluctance_mm=np.array([0.0, 0.05]))
     assert held.approximate_weights(wanted)[0, 1] == pytest.approx(0.0, abs=1e-9)
     np.testing.assert_allclose(held.solve_weights(wanted[0]), held.approximate_weights(wanted)[0], atol=1e-4)
-    assert held.select(("b",)).approximate_weights(wanted)[0, 0] > 0.5
+    assert BlendMap(("b",), two[1:], reluctance_mm=np.array([0.05])).approximate_weights(wanted)[0, 0] > 0.5
     with pytest.raises(UsageError, match="reluctance_mm: got shape"):
         BlendMap(("a", "b"), two, reluctance_mm=np.zeros(3))
 
