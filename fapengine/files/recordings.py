@@ -146,7 +146,7 @@ def mesh_files(folder: Path) -> list[Path]:
 def _meshes(folder: Path) -> RawTrack:
     paths = mesh_files(folder)
     if not paths:
-        raise DataError(f"mesh sequence: contains none of {', '.join(MESHES)}")
+        raise DataError(f"mesh sequence: contains no mesh ({', '.join(MESHES)})")
     frames = [load_mesh(path)[0] for path in paths]
     counts = [len(frame) for frame in frames]
     odd = next((n for n, count in enumerate(counts) if count != counts[0]), None)

@@ -151,7 +151,7 @@ def test_convert_and_render(tmp_path: Path) -> None:
     save_fap(tmp_path / "c.fap", FapTrack.of(np.zeros((2, 68), int), rate_hz=25.0))
     run("encode", tmp_path / "c.fap", "-o", tmp_path / "c.fba")
     run("convert", tmp_path / "c.fba", "-o", tmp_path / "c.csv")
-    with pytest.raises(UsageError, match=r"unknown file type .*; use \.fap, \.csv"):
+    with pytest.raises(UsageError, match=r"got .*, expected a name that ends with \.fap, \.csv"):
         run("convert", tmp_path / "c.fba", "-o", tmp_path / "c.doc")
     (tmp_path / "bad.json").write_text("{")
     with pytest.raises(DataError, match=r"bad\.json"):
