@@ -1,12 +1,12 @@
-"""Opening and writing, with errors that name the path. A file or folder is written completely, or the old one is kept.
+"""Reading and writing files, with errors that name the path; a file or folder is replaced completely or not at all.
 
 Theory of operation
 -------------------
 Output is written next to its target under a hidden name, ``.talk.part-0f3a….mp4``, and replaces the target by one
 system call when it is complete. The writer holds a lock (flock) on the hidden name, which ends with its process: an
 unlocked one was left by a process that was killed, and is removed when the same target is written again. Errors and
-signals that Python handles remove it at once; :func:`remove_unfinished` does so for open ones at the end of the
-program, where an exception may have come between two lines.
+signals that Python handles remove it at once; :func:`remove_unfinished` removes the rest at the end of the program, as
+an exception may have come between two lines.
 """
 
 import atexit
@@ -28,11 +28,11 @@ from fapengine.errors import DataError, ResourceError, UsageError
 
 try:
     import fcntl
-except ImportError:  # Windows: nothing is locked, and nothing that was left is removed
+except ImportError:  # Windows: without locks, leftovers are not removed
     fcntl = None  # type: ignore[assignment]
 
 MAX_STEM = 100
-"""Characters of the target's name that the hidden name repeats."""
+"""Number of characters of the target's name in the hidden name."""
 RENAME_EXCHANGE = 2
 """Flag of Linux' renameat2: exchange two names."""
 AT_FDCWD = -100
@@ -63,7 +63,7 @@ def standard_output(path: Path, ending: str) -> Path:
 
 
 def refuse_standard_output(path: Path) -> None:
-    """Refuse to write several files, or one that is put in place when it is whole, to standard output.
+    """Reject standard output, where several files, or one that replaces another when complete, cannot be written.
 
     Raises
     ------
@@ -71,7 +71,7 @@ def refuse_standard_output(path: Path) -> None:
         If the path is ``-``.
     """
     if is_standard(path):
-        raise UsageError(f"path: got {path}, but that is not written to standard output; expected a file's name")
+        raise UsageError(f"path: got {path}, but this cannot be written to standard output; expected a file's name")
 
 
 def read_bytes(path: Path) -> bytes:
@@ -80,7 +80,7 @@ def read_bytes(path: Path) -> bytes:
     Raises
     ------
     UsageError
-        If it is not there or cannot be read.
+        If it does not exist or cannot be read.
     """
     if str(path) == STANDARD:
         if sys.stdin is None:
@@ -94,16 +94,16 @@ def read_bytes(path: Path) -> bytes:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Write a file that takes its place at once, when it is whole; folders are made.
+    """Write a file that replaces the old one atomically when it is complete; missing folders are created.
 
-    Inside, write to the path that is given: it lies in the same folder and has the same suffix. Whatever ends the
-    writing early (an error, Ctrl-C, a full disk) leaves what stood there before. Links are followed; a device or a pipe
-    is written as it is.
+    Inside, write to the given path, which is in the same folder and has the same suffix. Whatever ends the writing
+    early (an error, Ctrl-C, a full disk) leaves the old file unchanged. Links are followed; a device or a pipe is
+    written directly.
 
     Raises
     ------
     ResourceError
-        If it cannot be written, or for an OSError inside.
+        If it cannot be written, and for an OSError inside the block.
     """
     refuse_standard_output(path)
     try:
@@ -125,22 +125,22 @@ def replacing(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def replacing_folder(path: Path, *, owned: Collection[str]) -> Iterator[Path]:
-    """Write a folder that takes its place at once, when it is whole; the folders above it are made.
+    """Write a folder that replaces the old one atomically when it is complete; missing parent folders are created.
 
-    Inside, write into the folder that is given. Whatever ends the writing early leaves the folder that stood there as
-    it was. A folder that holds files of others too keeps them; then the new files take their places one by one.
+    Inside, write into the given folder. Whatever ends the writing early leaves the old folder unchanged. If the old
+    folder also contains other files, these are kept, and the new files are moved into it one by one.
 
     Parameters
     ----------
     path : Path
     owned : collection of str
-        Patterns of names within the folder, such as ``"takes/*.fap"``, that an earlier run may have written: what is
-        not written again is removed.
+        Patterns of names in the folder that an earlier run may have written, such as ``"takes/*.fap"``: files that
+        are not written again are removed.
 
     Raises
     ------
     ResourceError
-        If it cannot be written, or for an OSError inside.
+        If it cannot be written, and for an OSError inside the block.
     """
     try:
         target = path.resolve()
@@ -208,7 +208,7 @@ def _hidden(target: Path, folder: Path) -> Iterator[Path]:
     """Choose a hidden name for a target; an existing file of that name is removed at the end."""
     _remove_left_over(target, folder)
     new = folder / f".{target.stem[:MAX_STEM]}.part-{secrets.token_hex(8)}{target.suffix}"
-    _unfinished[new] = None  # before it is made: a signal may come at any line
+    _unfinished[new] = None  # before it is created: a signal may come at any line
     try:
         yield new
     finally:
@@ -226,7 +226,7 @@ def _begin(path: Path, make: Callable[[], int]) -> int:
             fcntl.flock(held, fcntl.LOCK_EX)
         if path.exists() and os.path.samestat(path.stat(), os.fstat(held)):
             return held
-        os.close(held)  # between both calls another process took it for one that was left, and removed it
+        os.close(held)  # another process removed it as a leftover between both calls
 
 
 def _opened_folder(path: Path) -> int:
@@ -250,7 +250,7 @@ def _remove(path: Path) -> None:
 
 
 def _remove_left_over(target: Path, folder: Path) -> None:
-    """Remove hidden names of this target, in a folder, that no living process holds."""
+    """Remove hidden names of this target that no living process has locked."""
     if fcntl is None:
         return
     pattern = f".{glob.escape(target.stem[:MAX_STEM])}.part-{'[0-9a-f]' * 16}{glob.escape(target.suffix)}"
@@ -260,7 +260,7 @@ def _remove_left_over(target: Path, folder: Path) -> None:
         with contextlib.suppress(OSError):
             held = os.open(left, os.O_RDONLY)
             try:
-                fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)  # fails where somebody writes
+                fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)  # fails if a process is writing it
                 _remove(left)
             finally:
                 os.close(held)
@@ -271,7 +271,7 @@ def _owned_files(folder: Path, owned: Collection[str]) -> set[Path]:
 
 
 def _may_be_exchanged(target: Path, owned: Collection[str]) -> bool:
-    """Whether a folder contains only files of ours, and can be replaced as a whole."""
+    """Whether a folder contains only owned files, and can be replaced as a whole."""
     if not target.is_dir() or Path.cwd().is_relative_to(target) or not os.access(target.parent, os.W_OK):
         return False
     ours = _owned_files(target, owned)
@@ -280,9 +280,10 @@ def _may_be_exchanged(target: Path, owned: Collection[str]) -> bool:
 
 
 def _put_one_by_one(new: Path, target: Path, owned: Collection[str]) -> None:
-    """Move files into an existing folder one by one; old files of ours that are not written again are removed."""
+    """Move files into an existing folder one by one; owned files that are not written again are removed."""
     written = {path.relative_to(new) for path in new.rglob("*") if path.is_file()}
-    for name in sorted(written, key=lambda name: (name.suffix == ".toml", name)):  # a TOML tells of the other files
+    # TOML files come last, as they refer to the others.
+    for name in sorted(written, key=lambda name: (name.suffix == ".toml", name)):
         (target / name).parent.mkdir(parents=True, exist_ok=True)
         (new / name).replace(target / name)
     for path in _owned_files(target, owned):
@@ -291,7 +292,7 @@ def _put_one_by_one(new: Path, target: Path, owned: Collection[str]) -> None:
 
 
 def _exchange(one: Path, other: Path) -> bool:
-    """Exchange two names atomically; False where the system cannot."""
+    """Exchange two names atomically; False if the system cannot."""
     try:
         renameat2 = ctypes.CDLL(None, use_errno=True).renameat2
     except (AttributeError, OSError, TypeError):

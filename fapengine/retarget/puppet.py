@@ -238,5 +238,5 @@ def eye_texture(mesh: FaceMesh) -> NDArray[np.uint8]:
 
 
 def _step(first: float, last: float, at: Array) -> Array:
-    share = np.clip((at - first) / (last - first), 0.0, 1.0)
-    return np.asarray(share * share * (3 - 2 * share))
+    fraction = np.clip((at - first) / (last - first), 0.0, 1.0)
+    return np.asarray(fraction * fraction * (3 - 2 * fraction))

@@ -31,8 +31,15 @@ from fapengine.files.gltf.document import (
     split_glb,
 )
 from fapengine.files.gltf.json_cursor import Item
-from fapengine.files.gltf.scene import carrier, find_bones, local_transform, named_targets, subtree, world_transforms
-from fapengine.files.gltf.vrm import bindings
+from fapengine.files.gltf.scene import (
+    bindings,
+    carrier,
+    find_bones,
+    local_transform,
+    named_targets,
+    subtree,
+    world_transforms,
+)
 from fapengine.files.gltf.writing import Curves, Row, Writer, quaternions_of
 from fapengine.models.via_points import STRAIGHT
 from fapengine.retarget.blendshape_names import by_role, is_arkit, plain, viseme

@@ -1,6 +1,6 @@
-"""EXT_meshopt_compression: the vertex and index codecs of meshoptimizer, and their filters, undone.
+"""Decoders of compressed glTF: EXT_meshopt_compression with its filters, and KHR_draco_mesh_compression.
 
-Written from the extension's own text (bitstream and filters, appendices A and B):
+meshopt follows the text of the extension (bitstream and filters, appendices A and B); Draco is decoded by DracoPy:
 https://github.com/KhronosGroup/glTF/tree/main/extensions/2.0/Vendor/EXT_meshopt_compression
 """
 
@@ -12,20 +12,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine._late import Late
-from fapengine.errors import DataError, ResourceError, TruncatedError, UnsupportedError
+from fapengine.errors import DataError, TruncatedError, UnsupportedError
 
 ATTRIBUTES, TRIANGLES, INDICES = "ATTRIBUTES", "TRIANGLES", "INDICES"
 HEADERS = {ATTRIBUTES: 0xA0, TRIANGLES: 0xE1, INDICES: 0xD1}
 GROUP, MAX_BLOCK, BLOCK_BYTES, MIN_TAIL = 16, 256, 8192, 32
 MAX_STRIDE = 256
 EXPLICIT = 13
-"""Code of a triangle's third corner from which it is not in the FIFO."""
+"""Code of a triangle's third corner from which the corner is not in the FIFO."""
 
 Bytes = NDArray[np.uint8]
 
 
 def decode_meshopt(data: bytes, *, mode: str, count: int, stride: int, filter_name: str, where: str) -> bytes:
-    """Unpack a buffer view.
+    """Decode a buffer view that meshoptimizer has compressed.
 
     Parameters
     ----------
@@ -33,22 +33,22 @@ def decode_meshopt(data: bytes, *, mode: str, count: int, stride: int, filter_na
     mode : str
         ``ATTRIBUTES``, ``TRIANGLES`` or ``INDICES``.
     count : int
-        Elements.
+        Number of elements.
     stride : int
-        Bytes of each.
+        Bytes per element.
     filter_name : str
         ``NONE``, ``OCTAHEDRAL``, ``QUATERNION`` or ``EXPONENTIAL``.
     where : str
-        Place of the view, for messages.
+        Place of the view, for error messages.
 
     Raises
     ------
     TruncatedError
         If bytes are missing.
     UnsupportedError
-        If mode, version or filter are unknown.
+        If mode, version or filter is unknown.
     DataError
-        If numbers contradict each other.
+        If the numbers contradict each other.
     """
     if mode not in HEADERS or not data or data[0] != HEADERS[mode]:
         raise UnsupportedError(f"meshopt: got mode {mode!r} with header {data[:1].hex() or 'none'}", where=where)
@@ -60,14 +60,14 @@ def decode_meshopt(data: bytes, *, mode: str, count: int, stride: int, filter_na
             return _filtered(_vertices(data, count, stride), filter_name, where).tobytes()
         decoded = _triangles(data, count) if mode == TRIANGLES else _sequence(data, count)
     except IndexError as error:
-        raise TruncatedError("meshopt: got other bytes than its elements take", where=where) from error
+        raise TruncatedError("meshopt: the bytes do not match the number of elements", where=where) from error
     return decoded.astype("<u2" if stride == 2 else "<u4").tobytes()
 
 
 def _vertices(data: bytes, count: int, stride: int) -> Bytes:
-    """(count, stride): deltas of each byte to the element before, in groups of 16 with as many bits as they need."""
+    """(count, stride): decode deltas of each byte to the previous element, in groups of 16 of one bit width."""
     tail = max(stride, MIN_TAIL)
-    if len(data) < 1 + tail + count * stride // (4 * GROUP):  # two bits a group say how it is packed
+    if len(data) < 1 + tail + count * stride // (4 * GROUP):  # each group has a two-bit header
         raise IndexError
     values = np.empty((count, stride), np.uint8)
     last = np.frombuffer(data, np.uint8, stride, len(data) - stride)
@@ -93,7 +93,7 @@ def _vertices(data: bytes, count: int, stride: int) -> Bytes:
 
 
 def _group(data: bytes, at: int, kind: int, out: Bytes) -> int:
-    """Read 16 deltas of 2, 4 or 8 bits; the largest value of few bits says that a whole byte follows behind them."""
+    """Read 16 deltas of 2, 4 or 8 bits; the largest value of 2 or 4 bits means that a whole byte follows the group."""
     if kind == 3:
         out[:] = np.frombuffer(data[at : at + GROUP].ljust(GROUP, b"\0"), np.uint8)
         return at + GROUP
@@ -109,7 +109,7 @@ def _group(data: bytes, at: int, kind: int, out: Bytes) -> int:
 
 
 class _Reader:
-    """Variable-length numbers behind each other. Stateful."""
+    """A sequence of variable-length numbers. Stateful."""
 
     def __init__(self, data: bytes, at: int, end: int) -> None:
         self._data, self.at, self.end, self.last = data, at, end, 0
@@ -130,7 +130,7 @@ class _Reader:
                 return value & 0xFFFFFFFF
 
     def finish(self) -> None:
-        """Refuse bytes that nothing asked for."""
+        """Reject bytes that are left over."""
         if self.at != self.end:
             raise IndexError
 
@@ -142,7 +142,7 @@ class _Reader:
 
 
 def _triangles(data: bytes, count: int) -> NDArray[np.int64]:
-    """(count,): corners of triangles, most of which share an edge with one of the last sixteen."""
+    """(count,): decode corners of triangles, most of which share an edge with one of the last sixteen."""
     total = count // 3
     reader, table = _Reader(data, 1 + total, len(data) - 16), data[-16:]
     edges, vertices = [(0, 0)] * 16, [0] * 16
@@ -195,7 +195,7 @@ def _triangles(data: bytes, count: int) -> NDArray[np.int64]:
 
 
 def _sequence(data: bytes, count: int) -> NDArray[np.int64]:
-    """(count,): indices as differences from one of the last two runs."""
+    """(count,): decode indices, stored as differences from one of two previous ones."""
     reader, lasts = _Reader(data, 1, len(data) - 4), [0, 0]
     values = np.empty(count, np.int64)
     for place in range(count):
@@ -209,27 +209,23 @@ def _sequence(data: bytes, count: int) -> NDArray[np.int64]:
 
 def _filtered(values: Bytes, name: str, where: str) -> NDArray[np.generic]:
     """Undo a filter; sizes are those that the extension allows."""
+    stride = values.shape[1]
     if name == "NONE":
         return values
-    with np.errstate(all="ignore"):  # of damaged files, which are looked at where they are used
-        return _undone(values, name, where)
-
-
-def _undone(values: Bytes, name: str, where: str) -> NDArray[np.generic]:
-    stride = values.shape[1]
-    if name == "OCTAHEDRAL" and stride in (4, 8):
-        return _octahedral(values.view("<i1" if stride == 4 else "<i2"))
-    if name == "QUATERNION" and stride == 8:
-        return _quaternion(values.view("<i2"))
-    if name == "EXPONENTIAL":
-        whole = values.view("<i4")
-        numbers: NDArray[np.generic] = np.ldexp((whole << 8 >> 8).astype(np.float32), whole >> 24).astype("<f4")
-        return numbers
+    with np.errstate(all="ignore"):  # damaged values are rejected where they are used
+        if name == "OCTAHEDRAL" and stride in (4, 8):
+            return _octahedral(values.view("<i1" if stride == 4 else "<i2"))
+        if name == "QUATERNION" and stride == 8:
+            return _quaternion(values.view("<i2"))
+        if name == "EXPONENTIAL":
+            whole = values.view("<i4")
+            numbers: NDArray[np.generic] = np.ldexp((whole << 8 >> 8).astype(np.float32), whole >> 24).astype("<f4")
+            return numbers
     raise UnsupportedError(f"meshopt: got filter {name!r} of {stride} bytes", where=where)
 
 
 def _octahedral(packed: NDArray[np.signedinteger]) -> NDArray[np.generic]:
-    """(N, 4) integers -> (N, 4): unit vectors from a square, times the largest integer; the fourth stays."""
+    """(N, 4) integers -> (N, 4): unit vectors from a square, times the largest integer; the fourth is unchanged."""
     most = float(np.iinfo(packed.dtype).max)
     x, y, one = packed[:, :3].astype(np.float64).T
     one = np.where(one == 0, 1.0, one)
@@ -267,47 +263,45 @@ MAGIC = b"DRACO"
 
 
 def decode_draco(data: bytes, wanted: dict[str, int], where: str) -> tuple[dict[str, NDArray[Any]], NDArray[np.int64]]:
-    """Unpack one primitive.
+    """Decode one primitive that Draco has compressed.
 
     Parameters
     ----------
     data : bytes
         Content of its buffer view.
     wanted : dict of str to int
-        Attribute to its unique number in the data.
+        Unique number in the data by attribute.
     where : str
-        Place in the document, for messages.
+        Place in the document, for error messages.
 
     Returns
     -------
     dict of str to (V, components)
-        Numbers of each attribute, in the type that they are stored in.
+        Values of each attribute, in the stored type.
     (N,) int64
-        Indices of the triangles' corners, one triangle after the other, each below V.
+        Indices of the triangles' corners, each below V.
 
     Raises
     ------
     DataError
-        If it is damaged, lacks an attribute, or holds no triangles.
+        If it is damaged, or an attribute is missing.
     ResourceError
         If DracoPy is not installed.
     """
     if data[: len(MAGIC)] != MAGIC:
-        raise DataError("Draco: got data without its mark, expected DRACO first", where=where)
-    decode = DracoPy.decode
+        raise DataError("Draco: got data that do not begin with DRACO", where=where)
+    decode = DracoPy.decode  # raises ResourceError if it is not installed
     try:
         mesh = decode(data)
         corners = np.asarray(mesh.faces).astype(np.int64).reshape(-1)
         found = {row["unique_id"]: np.asarray(row["data"]) for row in mesh.attributes}
-    except ResourceError:
-        raise
-    except Exception as error:  # whatever the library trips over, the data are at fault
-        raise DataError(f"Draco: cannot be unpacked ({type(error).__name__}: {error})", where=where) from error
+    except Exception as error:  # whatever the library fails with, the data are at fault
+        raise DataError(f"Draco: cannot be decoded ({type(error).__name__}: {error})", where=where) from error
     numbers: dict[str, NDArray[Any]] = {}
     count = len(np.asarray(mesh.points))
     for name, unique in wanted.items():
         if unique not in found:
-            raise DataError(f"Draco: got no attribute {unique}, expected it as {name}", where=where)
+            raise DataError(f"Draco: contains no attribute {unique}, expected it as {name}", where=where)
         numbers[name] = found[unique].reshape(len(found[unique]), -1)
         if len(numbers[name]) != count:
             raise DataError(f"Draco: got {len(numbers[name])} of {name}, expected {count}", where=where)

@@ -1,4 +1,4 @@
-"""A JSON document whose values are checked where they are read, so that an error names the place in the file."""
+"""JSON objects whose values are checked when they are read, so that an error names the place in the file."""
 
 import json
 from collections.abc import Iterator
@@ -7,7 +7,7 @@ from typing import Any
 from fapengine.errors import DataError
 
 MAX_NUMBER = 1e30
-"""Numbers beyond it are mistakes; no place or factor is so large."""
+"""Larger numbers are mistakes; no position or factor is so large."""
 
 
 def parse_json(data: bytes, where: str) -> "Item":
@@ -16,12 +16,12 @@ def parse_json(data: bytes, where: str) -> "Item":
     Raises
     ------
     DataError
-        If it is no JSON object, or has numbers that are not finite.
+        If it is not a JSON object, or contains numbers that are not finite.
     """
     try:
         value = json.loads(data.decode("utf-8"), parse_constant=_refuse)
         if b"\\u" in data:
-            json.dumps(value, ensure_ascii=False).encode()  # half a surrogate pair can neither be printed nor be a path
+            json.dumps(value, ensure_ascii=False).encode()  # rejects half a surrogate pair, which no path may contain
     except (ValueError, RecursionError) as error:  # Unicode's errors are ValueErrors
         raise DataError(f"is not JSON: {str(error)[:120]}", where=where) from error
     if not isinstance(value, dict):
@@ -34,7 +34,7 @@ def _refuse(name: str) -> float:
 
 
 class Item:
-    """One JSON object and where it stands, e.g. ``accessors[3].sparse``. Keys not asked for are ignored."""
+    """A JSON object and its place, e.g. ``accessors[3].sparse``. The methods raise DataError for wrong types."""
 
     def __init__(self, values: dict[str, Any], where: str) -> None:
         self._values = values
@@ -47,11 +47,11 @@ class Item:
         return iter(self._values)
 
     def fail(self, key: str, expected: str) -> DataError:
-        """Make the error for a key."""
+        """Return the error for a key."""
         return DataError(f"{key}: got {self._values.get(key)!r:.60}, expected {expected}", where=self._place(key))
 
     def item(self, key: str) -> "Item":
-        """Object under a key; an empty one where it is absent."""
+        """Object under a key; empty if it is missing."""
         value = self._values.get(key)
         if value is None:
             value = {}
@@ -60,30 +60,28 @@ class Item:
         return Item(value, self._place(key))
 
     def extras(self) -> "Item":
-        """Object of the application's own data; an empty one where it is none, as glTF lets it be any JSON."""
+        """Application-specific data; empty if they are not an object, as glTF allows any JSON there."""
         value = self._values.get("extras")
         return Item(value if isinstance(value, dict) else {}, self._place("extras"))
 
     def items(self, key: str) -> "list[Item]":
-        """Array of objects under a key; none where it is absent."""
-        return [
-            Item(value, f"{self._place(key)}[{number}]")
-            for number, value in enumerate(self._list(key, dict, "objects"))
-        ]
+        """Array of objects under a key; empty if it is missing."""
+        place, values = self._place(key), self._list(key, dict, "objects")
+        return [Item(value, f"{place}[{number}]") for number, value in enumerate(values)]
 
     def strings(self, key: str) -> list[str]:
-        """Array of strings; none where it is absent."""
+        """Array of strings under a key; empty if it is missing."""
         return self._list(key, str, "strings")
 
     def indices(self, key: str, below: int) -> list[int]:
-        """Array of indices, each 0 to ``below`` - 1; none where it is absent."""
+        """Array of indices under a key, each 0 to ``below`` - 1; empty if it is missing."""
         values = self._list(key, int, "indices")
         if not all(0 <= value < below and value is not True for value in values):
             raise self.fail(key, f"indices 0..{below - 1}")
         return values
 
     def numbers(self, key: str, default: list[float]) -> list[float]:
-        """Array of finite numbers, as many as the default has."""
+        """Array of finite numbers under a key, of the same length as the default."""
         values = self._values.get(key, default)
         if not isinstance(values, list) or len(values) != len(default):
             raise self.fail(key, f"{len(default)} numbers")
@@ -92,28 +90,28 @@ class Item:
         return [float(value) for value in values]
 
     def number(self, key: str, default: float) -> float:
-        """One finite number."""
+        """Finite number under a key."""
         value = self._values.get(key, default)
         if not isinstance(value, int | float) or isinstance(value, bool) or not abs(value) < MAX_NUMBER:
             raise self.fail(key, "a finite number")
         return float(value)
 
     def index(self, key: str, below: int, default: int | None = None) -> int:
-        """Whole number from 0 to ``below`` - 1."""
+        """Whole number under a key, 0 to ``below`` - 1."""
         value = self._values.get(key, default)
         if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value < below:
             raise self.fail(key, f"a whole number, 0..{below - 1}")
         return value
 
     def string(self, key: str, default: str | None = None) -> str:
-        """Text."""
+        """Text under a key."""
         value = self._values.get(key, default)
         if not isinstance(value, str):
             raise self.fail(key, "a string")
         return value
 
     def flag(self, key: str) -> bool:
-        """Read true or false; false where it is absent."""
+        """Return the boolean under a key; false if it is missing."""
         value = self._values.get(key, False)
         if not isinstance(value, bool):
             raise self.fail(key, "true or false")

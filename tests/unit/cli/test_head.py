@@ -236,7 +236,7 @@ def test_meshes_without_shapes_need_points(brought, tmp_path):
     with pytest.raises(UsageError, match=r"got ending '\.doc'"):
         load_rig(Path("face.doc"))
     trimesh.load(brought / "face.ply", process=False).export(tmp_path / "face.glb")
-    with pytest.raises(DataError, match="shapes: no names of .* among none"):
+    with pytest.raises(DataError, match=r"shapes: no names of .* among none"):
         run("head", "import", tmp_path / "face.glb", "-o", tmp_path / "h")
     run("head", "import", tmp_path / "face.glb", "--points", brought / "places.csv", "-o", tmp_path / "h")
 

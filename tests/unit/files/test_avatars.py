@@ -59,8 +59,8 @@ def test_a_mesh_packed_by_draco_is_the_mesh() -> None:
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: with_draco(b"not it"), "without its mark"),
-        (lambda: with_draco(packed()[:20]), "cannot be unpacked"),
+        (lambda: with_draco(b"not it"), "do not begin with DRACO"),
+        (lambda: with_draco(packed()[:20]), "cannot be decoded"),
         (lambda: with_draco(packed(), unique=7), "no attribute 7, expected it as POSITION"),
         (lambda: with_draco(packed(), count=5), r"got shape \(4, 3\), expected \(5, 3\)"),
     ],

@@ -27,7 +27,7 @@ def test_nothing_is_written_to_a_file_of_that_name(
     words: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(UsageError, match="is not written to standard output; expected a file's name"):
+    with pytest.raises(UsageError, match="cannot be written to standard output; expected a file's name"):
         CliRunner().invoke(app, list(words), input=TIMINGS, catch_exceptions=False)
     assert not list(tmp_path.iterdir())
 
