@@ -5,9 +5,9 @@ Layout::
     SLIP, RFC 1055   C0 packet C0; inside the packet C0 becomes DB DC, and DB becomes DB DD
     lengths          int32 big-endian length, packet
 
-Both decoders are stateful: ``feed`` takes what came, in any pieces, and gives the packets that are now whole;
-``close`` says whether the stream ended between packets. Neither ever holds more than ``max_packet`` bytes. SLIP
-finds its way after damage, so a bad packet is dropped and counted; lengths do not, so a bad one ends the stream.
+Both decoders are stateful: ``feed`` takes bytes, in any pieces, and returns the packets that are now complete;
+``close`` checks that the stream ended between packets. Neither holds more than ``max_packet`` bytes. SLIP
+resynchronizes after damage, so a bad packet is dropped and counted; a bad length ends the stream.
 """
 
 import struct
@@ -15,7 +15,7 @@ import struct
 from fapengine.errors import DataError, TruncatedError, UsageError
 
 MAX_PACKET = 65_536
-"""Bytes; a client that announces more is refused before anything is kept for it."""
+"""Bytes; a client that announces more is refused before anything is stored."""
 
 END, ESC, ESC_END, ESC_ESC = 0xC0, 0xDB, 0xDC, 0xDD
 
@@ -45,7 +45,7 @@ class SlipDecoder:
     Attributes
     ----------
     dropped : int
-        Packets lost because they were too long or held a wrong escape.
+        Packets that were too long or had an invalid escape.
     """
 
     def __init__(self, *, max_packet: int = MAX_PACKET) -> None:
@@ -56,7 +56,7 @@ class SlipDecoder:
         self._bad = False
 
     def feed(self, data: bytes) -> list[bytes]:
-        """Take bytes; return the packets that they complete, empty ones left out."""
+        """Add bytes; return the packets that they complete, without empty ones."""
         packets: list[bytes] = []
         pieces = data.split(b"\xc0")
         for number, piece in enumerate(pieces):
@@ -108,12 +108,12 @@ class SlipDecoder:
 
 
 def encode_length(packet: bytes) -> bytes:
-    """Put the packet's length in front of it.
+    """Prefix a packet with its length.
 
     Raises
     ------
     UsageError
-        If the packet is empty: a receiver may take it for the end.
+        If the packet is empty: a receiver may take it for the end of the stream.
     """
     if not packet:
         raise UsageError("packet: got 0 bytes, expected some")
@@ -137,13 +137,13 @@ class LengthDecoder:
         self._broken = ""
 
     def feed(self, data: bytes) -> list[bytes]:
-        """Take bytes; return the packets that they complete.
+        """Add bytes; return the packets that they complete.
 
         Raises
         ------
         DataError
-            If a length is not in 1..``max_packet``. Packets before it are returned first: then the next call of
-            ``feed`` or ``close`` raises. The connection is to be closed.
+            If a length is not in 1..``max_packet``. Packets before it are returned first; then the next call of
+            ``feed`` or ``close`` raises. The caller must close the connection.
         """
         if self._broken:
             raise DataError(self._broken, clause="OSC 1.0")

@@ -55,8 +55,7 @@ class Subject:
 
 def livelink_values(weights: ArrayLike, faps: ArrayLike) -> NDArray[np.float32]:
     """Return the 61 values of one frame, float32: (52,) weights, then the head and eye angles of (68,) FAPU."""
-    turns = turns_rad(np.asarray(faps)[None])
-    return np.concatenate([np.asarray(weights), turns.reshape(9)]).astype(np.float32)
+    return np.concatenate([np.asarray(weights), turns_rad(faps).reshape(9)]).astype(np.float32)
 
 
 def encode_face(

@@ -1,17 +1,17 @@
-"""A face stream over RTP, in the MPEG-4 visual payload (RFC 6416, which took the place of RFC 3016).
+"""A face stream over RTP, in the MPEG-4 visual payload (RFC 6416, which replaced RFC 3016).
 
 Layout of a packet::
 
     byte 0       80: version 2, no padding, no extension, no contributing sources
     byte 1       marker (1 bit: last packet of a plane), payload type (7 bits)
     bytes 2-3    sequence number
-    bytes 4-7    time of the plane in units of 1/90000 s, from a number of the sender's choice
-    bytes 8-11   SSRC: which stream
+    bytes 4-7    time of the plane in units of 1/90000 s, with an offset of the sender's choice
+    bytes 8-11   SSRC: number of the stream
     byte 12 on   bytes of the face stream, start codes and all; a plane never shares a packet with another
 
-The visual headers stand before the first plane, and ``config=`` of the session description repeats them. A P plane
-means something only behind all planes before it, so a receiver that misses a packet shows its last frame until the next
-I plane: with one a second, a loss costs half a second on average.
+The visual headers precede the first plane, and ``config=`` of the session description repeats them. A P plane depends
+on all planes before it, so a receiver that misses a packet shows its last frame until the next I plane: with one per
+second, a loss costs half a second on average.
 """
 
 import struct
@@ -20,16 +20,16 @@ from fapengine.codec.elementary import LEVELS, visual_headers
 
 CLOCK_HZ = 90_000
 PAYLOAD_TYPE = 96
-"""First of the dynamic ones."""
+"""First dynamic payload type."""
 HEADER = struct.Struct(">BBHII")
 VERSION, MARKER = 0x80, 0x80
 MAX_PAYLOAD = 1200
-"""Bytes; with all headers it passes every usual network unbroken."""
+"""Bytes; with all headers it passes every usual network without fragmentation."""
 PROFILE = LEVELS[-1].profile
 
 
 def session_description(host: str, port: int, *, profile: int = PROFILE) -> str:
-    r"""Write what a receiver must know (SDP, RFC 8866).
+    r"""Return the session description that a receiver needs (SDP, RFC 8866).
 
     Examples
     --------
@@ -54,14 +54,14 @@ def session_description(host: str, port: int, *, profile: int = PROFILE) -> str:
 
 
 class RtpSender:
-    """Planes in, packets out.
+    """Encoder of planes as packets.
 
     Stateful.
 
     Parameters
     ----------
     ssrc, sequence, time : int
-        Which stream it is, and its first numbers: chosen at random by the caller, so that streams do not meet.
+        Number of the stream and its first numbers: random, so that streams do not collide.
     """
 
     def __init__(self, *, ssrc: int, sequence: int = 0, time: int = 0) -> None:
@@ -69,14 +69,14 @@ class RtpSender:
         self._begun = False
 
     def plane(self, data: bytes, time_s: float) -> list[bytes]:
-        """Pack one plane.
+        """Encode one plane.
 
         Parameters
         ----------
         data : bytes
-            From its start code on.
+            With its start code.
         time_s : float
-            When it is shown.
+            Time to show it.
         """
         if not self._begun:
             data = visual_headers(PROFILE) + data

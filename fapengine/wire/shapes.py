@@ -1,4 +1,4 @@
-"""FAPs to what other programs show: ARKit's 52 shapes, VRM's presets, and the turns of head and eyes."""
+"""Weights of one face for other programs: ARKit's 52 shapes, VRM's presets, Oculus' visemes; turns of head and eyes."""
 
 from collections.abc import Callable
 
@@ -24,7 +24,7 @@ EYE_TURNS = ((23, 25), (24, 26))
 
 
 class _Follower:
-    """Weights of one map, frame by frame, found twice as :func:`fapengine.retarget.moods.approximate_upper` does.
+    """Weights of one map, frame by frame, solved twice as in :func:`fapengine.retarget.moods.approximate_upper`.
 
     Stateful.
     """
@@ -45,7 +45,7 @@ class _Follower:
 
 
 class ArkitFollower:
-    """The shapes of one face, frame by frame; each frame begins where the one before ended.
+    """ARKit's shapes of one face, frame by frame; each solution starts from that of the frame before.
 
     Stateful.
     """
@@ -55,7 +55,7 @@ class ArkitFollower:
         self._spoken = _Follower(speech_map(), spoken_cost)
 
     def follow(self, faps: ArrayLike) -> Array:
-        """Take the next frame, (68,) FAPU; return (52,) as a row of ``approximate_arkit``, only solved exactly."""
+        """Add the next frame, (68,) FAPU; return (52,) like a row of ``approximate_arkit``, solved exactly."""
         values = frozen(faps, "faps", (fap.FAP_COUNT,), np.float64)
         moods = self._hold.follow(read_moods(self._upper.follow(values), ALL_MOODS), values)
         spoken = self._spoken.follow(ask(values, moods))
@@ -63,54 +63,65 @@ class ArkitFollower:
         return shown
 
 
-class PresetFollower:
-    """VRM's presets of one face, frame by frame, without the looks: its eyes turn as bones.
+class _MoodFollower:
+    """Moods of one face, frame by frame, and the weights of a map for the rest of the face. Stateful."""
+
+    def __init__(self, shapes: BlendMap) -> None:
+        self._upper, self._hold = _Follower(mood_map(), cost_share), MoodHold()
+        self._shapes = shapes
+        self._weights: Array | None = None
+
+    def _follow(self, values: Array) -> tuple[Array, Array, Array]:
+        """Return the weights of the upper face, the moods, and the weights of the map."""
+        upper = self._upper.follow(values)
+        moods = self._hold.follow(read_moods(upper), values)
+        weights: Array = self._shapes.solve_weights(without_moods(values, moods), self._weights)
+        self._weights = weights
+        return upper, moods, weights
+
+
+class PresetFollower(_MoodFollower):
+    """VRM's presets of one face, frame by frame, without gaze: its eyes turn as bones.
 
     Stateful.
     """
 
     def __init__(self) -> None:
-        self._upper, self._hold = _Follower(mood_map(), cost_share), MoodHold()
-        self._vowels: Array | None = None
+        super().__init__(vowel_map())
 
     def follow(self, faps: ArrayLike) -> Array:
-        """Take the next frame, (68,) FAPU; return (13,): as :data:`fapengine.retarget.vrm.VRM1_NAMES` begins."""
+        """Add the next frame, (68,) FAPU; return (13,), the first of :data:`fapengine.retarget.vrm.VRM1_NAMES`."""
         values = frozen(faps, "faps", (fap.FAP_COUNT,), np.float64)
-        upper = self._upper.follow(values)
-        moods, lids = self._hold.follow(read_moods(upper), values), upper[len(MOODS) : len(MOODS) + 2]
-        self._vowels = vowel_map().solve_weights(without_moods(values, moods), self._vowels)
-        return join_presets(values[None], moods[None], lids[None], self._vowels[None])[0, :SHOWN]
+        upper, moods, vowels = self._follow(values)
+        lids = upper[len(MOODS) : len(MOODS) + 2]
+        return join_presets(values[None], moods[None], lids[None], vowels[None])[0, :SHOWN]
 
 
-class VisemeFollower:
+class VisemeFollower(_MoodFollower):
     """Oculus' visemes of one face, frame by frame.
 
     Stateful.
     """
 
     def __init__(self) -> None:
-        self._upper, self._hold = _Follower(mood_map(), cost_share), MoodHold()
-        self._weights: Array | None = None
+        super().__init__(oculus_map())
 
     def follow(self, faps: ArrayLike) -> Array:
-        """Take the next frame, (68,) FAPU; return (15,) as a row of ``approximate_visemes``, only solved exactly."""
-        values = frozen(faps, "faps", (fap.FAP_COUNT,), np.float64)
-        moods = self._hold.follow(read_moods(self._upper.follow(values)), values)
-        self._weights = oculus_map().solve_weights(without_moods(values, moods), self._weights)
-        return shares(self._weights)
+        """Add the next frame, (68,) FAPU; return (15,) like a row of ``approximate_visemes``, solved exactly."""
+        return shares(self._follow(frozen(faps, "faps", (fap.FAP_COUNT,), np.float64))[2])
 
 
 def turns_rad(faps: ArrayLike) -> Array:
-    """Read the turns of head and eyes out of FAPs.
+    """Return the turns of head and eyes in one frame, (68,) FAPU.
 
     Returns
     -------
-    (T, 3, 3) float64, rad
+    (3, 3) float64, rad
         Head, left eye, right eye, each yaw, pitch, roll; positive is the subject's left, down and right ear down, as
-        FAP 48 to 50 count. The eyes' roll is 0: no FAP has it.
+        in FAP 48 to 50. The eyes' roll is 0: no FAP has it.
     """
-    values = frozen(faps, "faps", ("T", fap.FAP_COUNT), np.float64)
-    turns = np.zeros((len(values), 3, 3))
+    values = frozen(faps, "faps", (fap.FAP_COUNT,), np.float64)
+    turns = np.zeros((3, 3))
     for row, numbers in enumerate((HEAD_TURNS, *EYE_TURNS)):
-        turns[:, row, : len(numbers)] = values[:, [fap.column(number) for number in numbers]] * AU_RAD
+        turns[row, : len(numbers)] = values[[fap.column(number) for number in numbers]] * AU_RAD
     return turns

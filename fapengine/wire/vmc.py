@@ -16,14 +16,12 @@ in Unity's space: x the subject's right, y up, z out of the face, left-handed. P
 import math
 import struct
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fapengine._arrays import frozen
 from fapengine.errors import UsageError
-from fapengine.mpeg4 import fap
 from fapengine.retarget.shape_rows import ARKIT_NAMES
 from fapengine.retarget.vrm import SHOWN, VRM0_NAMES, VRM1_NAMES
 from fapengine.wire import osc
@@ -39,25 +37,12 @@ VRM0_SHOWN, VRM1_SHOWN = VRM0_NAMES[:SHOWN], VRM1_NAMES[:SHOWN]
 BONES = ("Head", "LeftEye", "RightEye")
 
 Weight = tuple[str, float]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class BonePose:
-    """A bone of Unity's humanoid, relative to its parent. Arrays are read-only."""
-
-    name: str
-    rotation: NDArray[np.float64]
-    """(4,) unit quaternion x, y, z, w in Unity's space."""
-    position_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "rotation", frozen(self.rotation, "rotation", (4,), np.float64))
-        if abs(float(np.linalg.norm(self.rotation)) - 1.0) > 1e-6:
-            raise UsageError(f"rotation: got length {np.linalg.norm(self.rotation):.6g}, expected a unit quaternion")
+Bone = tuple[str, NDArray[np.float64]]
+"""Bone of Unity's humanoid, and its rotation relative to its parent: (4,) unit quaternion x, y, z, w."""
 
 
 def encode_frame(
-    weights: Sequence[Weight], *, time_s: float, bones: Sequence[BonePose] = (), limit: int = MAX_DATAGRAM
+    weights: Sequence[Weight], *, time_s: float, bones: Sequence[Bone] = (), limit: int = MAX_DATAGRAM
 ) -> list[bytes]:
     """Encode a frame for a Marionette: datagrams, to be sent in this order.
 
@@ -67,7 +52,7 @@ def encode_frame(
         Weights, clipped to 0..1.
     time_s : float
         Seconds since the sender began.
-    bones : sequence of BonePose
+    bones : sequence of (name, quaternion)
         Sent before the shapes.
     limit : int, bytes
         Largest datagram.
@@ -81,8 +66,8 @@ def encode_frame(
         raise UsageError(f"time_s: got {time_s}, expected a finite number")
     head = [osc.message("/VMC/Ext/OK", "i", 1), osc.message("/VMC/Ext/T", "f", time_s)]
     poses = [
-        osc.message("/VMC/Ext/Bone/Pos", "sfffffff", bone.name, *bone.position_m, *bone.rotation.tolist())
-        for bone in bones
+        osc.message("/VMC/Ext/Bone/Pos", "sfffffff", name, 0.0, 0.0, 0.0, *rotation.tolist())
+        for name, rotation in bones
     ]
     return osc.bundles([*head, *poses, *_blend(weights)], limit=limit)
 
@@ -92,13 +77,12 @@ def encode_shapes(weights: Sequence[Weight], *, limit: int = MAX_DATAGRAM) -> li
     return osc.bundles(_blend(weights), limit=limit)
 
 
-def head_and_eyes(faps: ArrayLike) -> tuple[BonePose, ...]:
-    """Convert one frame's FAPs, (68,) FAPU, to poses of ``Head``, ``LeftEye`` and ``RightEye``.
+def head_and_eyes(faps: ArrayLike) -> tuple[Bone, ...]:
+    """Convert one frame's FAPs, (68,) FAPU, to rotations of ``Head``, ``LeftEye`` and ``RightEye``.
 
     The order of rotations is roll, pitch, yaw, as in Unity.
     """
-    turns = turns_rad(frozen(faps, "faps", (fap.FAP_COUNT,), np.float64)[None])[0]
-    return tuple(BonePose(name, _rotation(*turn.tolist())) for name, turn in zip(BONES, turns, strict=True))
+    return tuple((name, _rotation(*turn.tolist())) for name, turn in zip(BONES, turns_rad(faps), strict=True))
 
 
 class ChangedShapes:

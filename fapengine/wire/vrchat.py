@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fapengine._arrays import frozen
-from fapengine.mpeg4 import fap
 from fapengine.retarget.shape_rows import ARKIT_NAMES
 from fapengine.wire import osc
 from fapengine.wire.shapes import turns_rad
@@ -83,7 +82,7 @@ def encode_eyes(faps: ArrayLike, weights: ArrayLike) -> list[bytes]:
     """
     row = frozen(weights, "weights", (len(ARKIT_NAMES),), np.float64)
     blinks = [row[ARKIT_NAMES.index(f"eyeBlink{side}")] for side in _SIDES]
-    turns = np.degrees(turns_rad(frozen(faps, "faps", (fap.FAP_COUNT,), np.float64)[None])[0])
+    turns = np.degrees(turns_rad(faps))
     (left_yaw, left_pitch), (right_yaw, right_pitch) = turns[1, :2].tolist(), turns[2, :2].tolist()
     return [
         osc.message("/tracking/eye/EyesClosedAmount", "f", float(np.clip(np.mean(blinks), 0.0, 1.0))),

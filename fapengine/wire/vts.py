@@ -1,12 +1,12 @@
 """VTube Studio's public API, version 1.0: one face as tracking parameters, in JSON texts over a WebSocket.
 
-The dialog: a token is asked for, which the user grants in VTube Studio's window; the token opens the connection; the
-parameters that there are, are asked for, since one that is not there spoils a whole request; then a request for each
-frame. Source of the messages: the README of DenchiSoft/VTubeStudio.
+The dialog: request a token, which the user grants in VTube Studio's window; authenticate with it; request the list of
+parameters, since an unknown one invalidates a whole request; then send one request per frame. Source of the messages:
+the README of DenchiSoft/VTubeStudio.
 
 Values (:func:`vts_values`): X is positive to the viewer's right, which is the model's left, Y up; smile and brows rest
-at 0.5; an eye is shut at 0 and wide at 1. VTube Studio has a range for each model, so what a value looks like is set
-there. The documents do not say where a parameter rests: these are ours.
+at 0.5; an eye is closed at 0 and wide at 1. VTube Studio maps the values to each model's range. Its documentation does
+not define the rest values: these are ours.
 """
 
 import json
@@ -18,7 +18,6 @@ from numpy.typing import ArrayLike
 
 from fapengine._arrays import frozen
 from fapengine.errors import DataError
-from fapengine.mpeg4 import fap
 from fapengine.retarget.oculus import OCULUS_NAMES
 from fapengine.retarget.shape_rows import ARKIT_NAMES
 from fapengine.wire.shapes import turns_rad
@@ -26,21 +25,21 @@ from fapengine.wire.shapes import turns_rad
 PORT = 8001
 API = {"apiName": "VTubeStudioPublicAPI", "apiVersion": "1.0"}
 PLUGIN = {"pluginName": "fapengine", "pluginDeveloper": "fapengine"}
-"""Names that VTube Studio shows; a token is good for these only."""
+"""Names that VTube Studio shows; a token is valid for these only."""
 DENIED, NO_LONGER_ALLOWED = 50, 8
-"""Errors: the user said no; the user took it back."""
+"""Errors: the user refused; the user withdrew the permission."""
 MAX_TOKEN = 64
 OPEN_AT_REST = 0.8
 GAZE_DEG = 30.0
 """Turn of an eye at which its X or Y is 1."""
 VOWELS = {"VoiceA": "aa", "VoiceI": "ih", "VoiceU": "ou", "VoiceE": "E", "VoiceO": "oh"}
-"""Parameters and Oculus' visemes."""
+"""Viseme of Oculus for each parameter."""
 
 DialogState = Literal["closed", "asking", "checking", "listing", "ready", "denied"]
 
 
 def vts_values(arkit: ArrayLike, visemes: ArrayLike, faps: ArrayLike) -> dict[str, float]:
-    """Turn one frame into parameters.
+    """Convert one frame to parameters.
 
     Parameters
     ----------
@@ -49,7 +48,7 @@ def vts_values(arkit: ArrayLike, visemes: ArrayLike, faps: ArrayLike) -> dict[st
     visemes : (15,)
         Shares of Oculus' visemes.
     faps : (68,) FAPU
-        For the turns of head and eyes.
+        For head and eye angles.
 
     Examples
     --------
@@ -61,7 +60,7 @@ def vts_values(arkit: ArrayLike, visemes: ArrayLike, faps: ArrayLike) -> dict[st
     shape = dict(zip(ARKIT_NAMES, weights.tolist(), strict=True))
     shares = frozen(visemes, "visemes", (len(OCULUS_NAMES),), np.float64)
     mouth = dict(zip(OCULUS_NAMES, shares.tolist(), strict=True))
-    turns = np.degrees(turns_rad(frozen(faps, "faps", (fap.FAP_COUNT,), np.float64)[None])[0])
+    turns = np.degrees(turns_rad(faps))
     (yaw, pitch, roll), *eyes = turns.tolist()
 
     def both(name: str) -> float:
@@ -89,49 +88,49 @@ def vts_values(arkit: ArrayLike, visemes: ArrayLike, faps: ArrayLike) -> dict[st
 
 
 def request(kind: str, data: Mapping[str, Any]) -> str:
-    """Write one request."""
+    """Encode one request."""
     return json.dumps({**API, "requestID": kind, "messageType": kind, "data": dict(data)})
 
 
 class VtsDialog:
-    """What is said on one connection after another: texts in, texts out.
+    """The dialog with VTube Studio, over one connection after another: texts in, texts out.
 
     Stateful.
 
     Parameters
     ----------
     token : str, optional
-        Granted earlier; without one, or where it is good no longer, the user is asked.
+        Granted earlier; without a valid one the user is asked.
     """
 
     def __init__(self, token: str | None = None) -> None:
         self.token = token
         self.state: DialogState = "closed"
         self.names: frozenset[str] = frozenset()
-        """Parameters that there are."""
+        """Parameters that exist."""
         self.unanswered = 0
-        """Frames sent that no answer has come for."""
+        """Number of frames without an answer."""
         self.complaint = ""
         """Last error about a frame."""
         self._is_fresh = False
 
     @property
     def is_denied(self) -> bool:
-        """Whether the user said no, or took it back."""
+        """Whether the user has refused or withdrawn the permission."""
         return self.state == "denied"
 
     def begin(self) -> str:
-        """Open a connection: the first request."""
+        """Start a connection: return the first request."""
         self.unanswered, self._is_fresh = 0, False
         return self._authenticate() if self.token else self._ask()
 
     def take(self, text: str) -> str | None:
-        """Take what VTube Studio says; return the next request, if one follows.
+        """Process a message of VTube Studio; return the next request, if one follows.
 
         Raises
         ------
         DataError
-            If it is no message of the API, or an error that ends the connection.
+            If it is not a message of the API, or an error that ends the connection.
         """
         kind, data = _read(text)
         if kind == "APIError":
@@ -162,7 +161,7 @@ class VtsDialog:
         return None
 
     def inject(self, values: Mapping[str, float]) -> str:
-        """Write a frame; parameters that are not there are left out."""
+        """Encode a frame; unknown parameters are left out."""
         self.unanswered += 1
         rows = [{"id": name, "value": value} for name, value in values.items() if name in self.names]
         return request("InjectParameterDataRequest", {"faceFound": True, "mode": "set", "parameterValues": rows})

@@ -1,4 +1,4 @@
-"""One face as JSON text, for engines that have a JSON reader and blend shapes: Unity, Godot, a page, a script.
+"""One face as JSON text, for programs with a JSON parser and blend shapes: Unity, Godot, a page, a script.
 
 A frame is one object::
 
@@ -8,7 +8,7 @@ A frame is one object::
      "visemes": {"sil": 0.2, "aa": ...},   Oculus' 15, 0..1, together 1
      "head": [pitch, yaw, roll]}           degrees; positive is down, the subject's left, right ear down
 
-A receiver shows either the shapes or the visemes, whichever its model has.
+A receiver uses either the shapes or the visemes, whichever its model has.
 """
 
 import json
@@ -17,17 +17,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fapengine._arrays import frozen
-from fapengine.mpeg4 import fap
 from fapengine.retarget.oculus import OCULUS_NAMES
 from fapengine.retarget.shape_rows import ARKIT_NAMES
 from fapengine.wire.shapes import turns_rad
 
 DIGITS = 4
-"""Digits behind the point."""
+"""Decimal places."""
 
 
 def encode_weights(session: str, time_s: float, arkit: ArrayLike, visemes: ArrayLike, faps: ArrayLike) -> bytes:
-    """Write one frame.
+    """Encode one frame.
 
     Parameters
     ----------
@@ -48,7 +47,7 @@ def encode_weights(session: str, time_s: float, arkit: ArrayLike, visemes: Array
     """
     shapes = frozen(arkit, "arkit", (len(ARKIT_NAMES),), np.float64)
     mouth = frozen(visemes, "visemes", (len(OCULUS_NAMES),), np.float64)
-    yaw, pitch, roll = np.degrees(turns_rad(frozen(faps, "faps", (fap.FAP_COUNT,), np.float64)[None])[0, 0]).tolist()
+    yaw, pitch, roll = np.degrees(turns_rad(faps)[0]).tolist()
     frame = {
         "t": round(time_s, DIGITS),
         "session": session,

@@ -227,11 +227,8 @@ class SenderClock:
         if self._reported_s is not None and abs(sent_s - self._reported_s) <= REPORT_S:
             return
         self._reported_s, self._skew = None, 0.0
-        if self._offset_s is not None:
-            usable, jump_s = self._of_pings.take(now_s - self.engine_s(sent_s))
-            self._step(jump_s)
-            if not usable:
-                return
+        if self._offset_s is not None and not self._is_usable(self._of_pings, now_s - self.engine_s(sent_s)):
+            return
         self._ways.append((sent_s, now_s - sent_s))
         self._offset_s = min(way_s + AGE_PPM * 1e-6 * abs(sent_s - at_s) for at_s, way_s in self._ways)
 
@@ -239,15 +236,15 @@ class SenderClock:
         """Engine's time of an audio position that arrives now; None if its stamp is an outlier."""
         if self._offset_s is None:
             return now_s
-        usable, jump_s = self._of_audio.take(now_s - self.engine_s(sender_s))
-        self._step(jump_s)
-        return self.engine_s(sender_s) if usable else None
+        return self.engine_s(sender_s) if self._is_usable(self._of_audio, now_s - self.engine_s(sender_s)) else None
 
-    def _step(self, jump_s: float) -> None:
+    def _is_usable(self, filtered: Lateness, lateness_s: float) -> bool:
+        usable, jump_s = filtered.take(lateness_s)
         if jump_s and self._offset_s is not None:
             self.steps += 1
             self._offset_s += jump_s
             self._ways.clear()
+        return usable
 
 
 def _agree(values_s: list[float]) -> bool:

@@ -13,20 +13,8 @@ from typing import Any
 from fapengine.engine.command_table import Command, defaults_of, fields_of
 from fapengine.errors import DataError
 from fapengine.wire import osc
-from fapengine.wire.speech_osc.schema import (
-    MAX_DATAGRAM,
-    MAX_DURATION_US,
-    MAX_FIRST_SAMPLE,
-    RATES_HZ,
-    SESSION_BYTES,
-    WORD_BYTES,
-    Kind,
-    Phones,
-    SessionCommand,
-    Sound,
-    Wire,
-    WordTimes,
-)
+from fapengine.wire.speech_osc import schema
+from fapengine.wire.speech_osc.schema import Kind, Phones, Sound, Wire, WordTimes
 
 MAX_INDEX = 1_000_000
 _RANGES = {"i": (-(2**31), 2**31 - 1), "h": (-(2**63), 2**63 - 1)}
@@ -71,7 +59,7 @@ def encode(wire: Wire) -> bytes:
     UsageError
         If a value does not fit its type.
     """
-    if isinstance(wire, SessionCommand):
+    if isinstance(wire, schema.SessionCommand):
         kind, specs = type(wire.command), fields_of(type(wire.command)).items()
         values = [spec.to_osc(getattr(wire.command, name)) for name, spec in specs if spec.osc]
         return osc.message(layout(kind).address, layout(kind).tags, wire.session, *values)
@@ -102,7 +90,7 @@ def parse(kind: Kind, message: osc.Message) -> Wire:
         specs = [(name, spec) for name, spec in fields_of(kind).items() if spec.osc]
         fields_given = {name: spec.from_osc(value) for (name, spec), value in zip(specs, values[1:], strict=False)}
         make_command: Callable[..., Command] = kind
-        wire: Wire = SessionCommand(values[0], make_command(**fields_given))
+        wire: Wire = schema.SessionCommand(values[0], make_command(**fields_given))
     elif issubclass(kind, Phones | WordTimes):
         wire = _parse_rows(kind, values, message)
     else:
@@ -110,16 +98,19 @@ def parse(kind: Kind, message: osc.Message) -> Wire:
         wire = make(*values)
     if isinstance(wire, Sound):
         length = len(wire.samples)
-        if not 0 < length <= MAX_DATAGRAM or length % 2:
-            raise _error(f"{wire.ADDRESS}: got {length} bytes, expected 2..{MAX_DATAGRAM}, int16")
-        if not 0 <= wire.first_sample <= MAX_FIRST_SAMPLE or not RATES_HZ[0] <= wire.rate_hz <= RATES_HZ[1]:
+        if not 0 < length <= schema.MAX_DATAGRAM or length % 2:
+            raise _error(f"{wire.ADDRESS}: got {length} bytes, expected 2..{schema.MAX_DATAGRAM}, int16")
+        if (
+            not 0 <= wire.first_sample <= schema.MAX_FIRST_SAMPLE
+            or not schema.RATES_HZ[0] <= wire.rate_hz <= schema.RATES_HZ[1]
+        ):
             raise _error(
-                f"{wire.ADDRESS}: got sample {wire.first_sample} at {wire.rate_hz} Hz, expected 0..{MAX_FIRST_SAMPLE}"
-                f" at {RATES_HZ[0]}..{RATES_HZ[1]} Hz"
+                f"{wire.ADDRESS}: got sample {wire.first_sample} at {wire.rate_hz} Hz, expected"
+                f" 0..{schema.MAX_FIRST_SAMPLE} at {schema.RATES_HZ[0]}..{schema.RATES_HZ[1]} Hz"
             )
     session = getattr(wire, "session", "-")
-    if not 1 <= len(session.encode()) <= SESSION_BYTES:
-        raise _error(f"session: got {session!r:.50}, expected 1..{SESSION_BYTES} bytes")
+    if not 1 <= len(session.encode()) <= schema.SESSION_BYTES:
+        raise _error(f"session: got {session!r:.50}, expected 1..{schema.SESSION_BYTES} bytes")
     return wire
 
 
@@ -167,10 +158,12 @@ def _parse_rows(kind: type[Phones | WordTimes], values: list[Any], message: osc.
         flat = tuple(_value(value, tag, kind.ADDRESS) for value, tag in zip(flat, tags, strict=True))
     rows: Any = tuple(map(kind.ROW, *(flat[part::width] for part in range(width))))
     for label, start_us, duration_us, *_ in rows:
-        if not (0 <= start_us <= MAX_DURATION_US and 0 <= duration_us <= MAX_DURATION_US):
-            raise _error(f"{noun} {label!r:.30}: got {start_us} us for {duration_us} us, expected 0..{MAX_DURATION_US}")
-        if noun == "word" and len(label.encode()) > WORD_BYTES:
-            raise _error(f"{noun} {label!r:.30}: got {len(label.encode())} bytes, expected 0..{WORD_BYTES}")
+        if not (0 <= start_us <= schema.MAX_DURATION_US and 0 <= duration_us <= schema.MAX_DURATION_US):
+            raise _error(
+                f"{noun} {label!r:.30}: got {start_us} us for {duration_us} us, expected 0..{schema.MAX_DURATION_US}"
+            )
+        if noun == "word" and len(label.encode()) > schema.WORD_BYTES:
+            raise _error(f"{noun} {label!r:.30}: got {len(label.encode())} bytes, expected 0..{schema.WORD_BYTES}")
     last = [_value(value, kind.LAST_TAG, kind.ADDRESS) for value in message.arguments[stop : stop + 1]]
     make: Callable[..., Phones | WordTimes] = kind
     return make(*head, first, rows, *last)

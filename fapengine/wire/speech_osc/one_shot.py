@@ -28,6 +28,7 @@ from fapengine.engine.commands import Append, Begin, Cancel, End
 from fapengine.engine.engine import Engine
 from fapengine.engine.session import Event
 from fapengine.errors import DataError
+from fapengine.speech.alphabets.guess import guess
 from fapengine.speech.phone_track import SILENCE, Phone
 from fapengine.wire import osc
 from fapengine.wire.speech_osc import phone_labels, schema
@@ -177,7 +178,7 @@ class SimpleMode:
         if phone_set is None:
             arrival.peer.labels.append(label.strip())
             named_set = phone_labels.phone_set_named(arrival.peer.phone_set) if arrival.peer.phone_set else None
-            phone_set, rest = named_set or phone_labels.guess_set(arrival.peer.labels), label
+            phone_set, rest = named_set or guess(arrival.peer.labels).alphabet, label
         ipa, stress = phone_labels.to_phone(rest, phone_set)
         if len(times) < 2:
             duration_s = _clamped(times[0]) if times and times[0] > 0 else None
@@ -206,10 +207,7 @@ class SimpleMode:
         until_s = utterance.starts_s[after] if after < len(utterance.starts_s) else inf
         lasts_s = FIRST_S if duration_s is None else duration_s + GRACE_S
         phone = Phone(label, start_s, min(start_s + lasts_s, until_s), stress)
-        self._append(utterance, phone, now_s)
-        insort(utterance.starts_s, start_s)
-        del utterance.starts_s[:-REMEMBERED]
-        utterance.told_s = max(now_s, at_s)
+        self._add(utterance, phone, now_s, max(now_s, at_s))
         if start_s >= utterance.starts_s[-1]:
             utterance.held = phone if duration_s is None and label != SILENCE else None
 
@@ -224,10 +222,7 @@ class SimpleMode:
             in_time = goes_on and -0.5 < (self._zero_s or 0.0) + phone.start_s - now_s < LATEST_S
             utterance = self._begin(self._zero_s if in_time else None, now_s)
             utterance.started = in_time
-        self._append(utterance, phone, now_s)
-        insort(utterance.starts_s, phone.start_s)
-        del utterance.starts_s[:-REMEMBERED]
-        utterance.told_s = now_s
+        self._add(utterance, phone, now_s, now_s)
 
     def _weigh(self, label: str, weight: float, arrival: Arrival) -> None:
         """Store the weight of a viseme; show the strongest viseme when it changes."""
@@ -291,6 +286,12 @@ class SimpleMode:
         begin = Begin(utterance.number) if zero_s is None else Begin(utterance.number, "at", zero_s)
         self.engine.apply(self.session, begin, now_s)
         return utterance
+
+    def _add(self, utterance: _Open, phone: Phone, now_s: float, told_s: float) -> None:
+        self._append(utterance, phone, now_s)
+        insort(utterance.starts_s, phone.start_s)
+        del utterance.starts_s[:-REMEMBERED]
+        utterance.told_s = told_s
 
     def _append(self, utterance: _Open, phone: Phone, now_s: float) -> None:
         self.engine.apply(self.session, Append(utterance.number, utterance.next_index, (phone,)), now_s)

@@ -1,24 +1,22 @@
-"""What senders call phones and visemes, as IPA.
+"""Labels of phones and visemes that senders use, and their IPA.
 
 A viseme is shown as a phone that looks like it (:mod:`fapengine.speech.alphabets.phone_sets`). Names without a prefix
-are Oculus' (``PP``, ``viseme_PP``, ``vrc.v_pp``) or numbers of MPEG-4, which are Oculus' too; ``az:19``, ``rh:D`` and
-``po:p`` are those of Azure, Rhubarb and Polly.
+are of Oculus (``PP``, ``viseme_PP``, ``vrc.v_pp``), numbers are of MPEG-4, in the order of Oculus; ``az:19``, ``rh:D``
+and ``po:p`` are of Azure, Rhubarb and Polly.
 """
 
-from collections.abc import Sequence
 from functools import lru_cache
 
 from fapengine.mpeg4.visemes import VISEMES
 from fapengine.speech.alphabets import convert as alphabets
-from fapengine.speech.alphabets.guess import guess
 from fapengine.speech.alphabets.phone_sets import PHONE_SETS
 from fapengine.speech.phone_track import SILENCE, Phone
 from fapengine.wire.speech_osc.schema import LABEL_BYTES, PRIMARY_STRESS, SECONDARY_STRESS, WirePhone
 
 UNKNOWN = "?"
-"""No IPA: the engine counts it, and a neutral vowel stands in."""
+"""Not IPA: the engine counts it and shows a neutral vowel."""
 MIN_PHONE_S = 1e-6
-"""A phone without length is a silence of this length: it keeps its index and shows nothing."""
+"""A phone of no length becomes a silence of this length: it keeps its index and shows nothing."""
 MIN_WEIGHT = 0.1
 """Weight below which a phone or viseme is not shown."""
 VISEME_PREFIXES = {
@@ -37,7 +35,7 @@ _OCULUS["i"], _OCULUS["o"], _OCULUS["u"] = "ih", "oh", "ou"
 
 
 def phone_set_named(name: str) -> str | None:
-    """Find the phone set that a sender means; None if there is none.
+    """Return the phone set of a name or synonym; None if there is none.
 
     Examples
     --------
@@ -50,7 +48,7 @@ def phone_set_named(name: str) -> str | None:
 
 
 def to_phone(label: str, phone_set: str) -> tuple[str, int]:
-    """IPA (or :data:`SILENCE`) and stress of a label; :data:`UNKNOWN` for one that is too long.
+    """Return the IPA (or :data:`SILENCE`) and stress of a label; :data:`UNKNOWN` if it is too long.
 
     Examples
     --------
@@ -73,7 +71,7 @@ def _to_phone(plain: str, phone_set: str) -> tuple[str, int]:
 
 @lru_cache(maxsize=1024)
 def to_viseme(name: str | int) -> str:
-    """Give the phone that shows a viseme; :data:`UNKNOWN` if there is none of this name.
+    """Return the phone that shows a viseme; :data:`UNKNOWN` if there is no such viseme.
 
     Examples
     --------
@@ -105,19 +103,8 @@ def _mpeg4(number: int) -> str:
     return VISEMES[number].phonemes[0] if number else SILENCE
 
 
-def guess_set(labels: Sequence[str]) -> str:
-    """Guess the phone set of the labels that a sender has used so far.
-
-    Examples
-    --------
-    >>> guess_set(["b", "aɪ"]), guess_set(["HH", "EH1"]), guess_set(["{", "t"])
-    ('ipa', 'arpabet', 'x-sampa')
-    """
-    return guess(labels).alphabet
-
-
 def to_engine_phone(phone: WirePhone, phone_set: str) -> Phone:
-    """Give the engine's phone."""
+    """Convert a phone to the engine's form."""
     start_s, end_s = phone.start_us / 1e6, (phone.start_us + phone.duration_us) / 1e6
     label, stress = to_phone(phone.label, phone_set)
     if phone.flags & PRIMARY_STRESS:

@@ -15,7 +15,7 @@ session names; it drives :data:`SIMPLE_SESSION`.
 
 import heapq
 import hmac
-from collections import OrderedDict, deque
+from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from itertools import chain, count
 
@@ -94,8 +94,8 @@ class OscReceiver:
         self._sessions: dict[str, WireSession] = {}
         self._asleep: OrderedDict[str, WireSession] = OrderedDict()
         """Closed sessions, for the peers that joined them."""
-        self._texts: deque[TextRequest] = deque()
-        self._words: deque[WordsRequest] = deque()
+        self._texts: list[TextRequest] = []
+        self._words: list[WordsRequest] = []
         self._subscribers: OrderedDict[Hashable, None] = OrderedDict()
         """Simple senders that receive events."""
         self._again: list[tuple[float, int, Hashable, bytes]] = []
@@ -171,14 +171,12 @@ class OscReceiver:
 
     def texts(self) -> list[TextRequest]:
         """Take the texts that the server's voice is to speak."""
-        taken = list(self._texts)
-        self._texts.clear()
+        taken, self._texts = self._texts, []
         return taken
 
     def words(self) -> list[WordsRequest]:
         """Take the words whose phones the server's voice is to find; keep the order of those of one utterance."""
-        taken = list(self._words)
-        self._words.clear()
+        taken, self._words = self._words, []
         return taken
 
     def sounds(self, now_s: float) -> list[SoundRequest]:
@@ -274,7 +272,7 @@ class OscReceiver:
                 if text.strip() and self._session(name, arrival) is not None:
                     self._texts.append(TextRequest(name, text, wire.voice, arrival.peer.name))
                 return None
-        assert not isinstance(wire, schema.FromEngine)
+        assert isinstance(wire, schema.OfSession)
         session, request = self._session(wire.session, arrival), None
         if session is None:
             return None
@@ -405,7 +403,7 @@ class OscReceiver:
 
     def _forget_texts(self, session: str) -> None:
         """Drop the texts of a session that the voice has not taken yet."""
-        self._texts = deque(request for request in self._texts if request.session != session)
+        self._texts = [request for request in self._texts if request.session != session]
 
     def _session(self, name: str, arrival: Arrival) -> WireSession | None:
         """Find or open a session; None if it is served elsewhere, or there are too many."""

@@ -40,16 +40,13 @@ def session_of(packet: bytes) -> str | None:
 
 def hello_of(packet: bytes) -> schema.Hello | None:
     """Decode the hello of a datagram, if there is a valid one."""
-    if schema.Hello.ADDRESS.encode() not in packet[:64]:
-        return None
+    address = schema.Hello.ADDRESS
     try:
-        for message in osc.parse_packet(packet):
-            if message.address == schema.Hello.ADDRESS:
-                hello = codec.parse(schema.Hello, message)
-                return hello if isinstance(hello, schema.Hello) else None
+        messages = osc.parse_packet(packet) if address.encode() in packet[:64] else ()
+        wires = (codec.parse(schema.Hello, message) for message in messages if message.address == address)
+        return next((wire for wire in wires if isinstance(wire, schema.Hello)), None)
     except DataError:
         return None
-    return None
 
 
 def _messages(packet: bytes, depth: int) -> Iterator[bytes]:

@@ -69,12 +69,25 @@ class WireWord(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Hello:
+class OfSession:
+    """A message that names its session first."""
+
+    session: str
+
+
+@dataclass(frozen=True, slots=True)
+class OfUtterance(OfSession):
+    """A message that names its utterance next, in the sender's numbering."""
+
+    utterance: int
+
+
+@dataclass(frozen=True, slots=True)
+class Hello(OfSession):
     """Open or join a session; the engine answers with :class:`Welcome`."""
 
     ADDRESS: ClassVar[str] = "/fap/1/hello"
     TAGS: ClassVar[str] = "sissisii"
-    session: str
     protocol: int = PROTOCOL
     phone_set: str = ""
     language: str = ""
@@ -87,12 +100,11 @@ class Hello:
 
 
 @dataclass(frozen=True, slots=True)
-class Welcome:
+class Welcome(OfSession):
     """Answer to a hello: the engine's clock and limits."""
 
     ADDRESS: ClassVar[str] = "/fap/1/welcome"
     TAGS: ClassVar[str] = "shiiiii"
-    session: str
     engine_us: int
     """The engine's clock."""
     lookahead_us: int = 0
@@ -107,12 +119,11 @@ class Welcome:
 
 
 @dataclass(frozen=True, slots=True)
-class Moved:
+class Moved(OfSession):
     """Answer to a hello: the session is on another port. Send a hello and everything else there."""
 
     ADDRESS: ClassVar[str] = "/fap/1/moved"
     TAGS: ClassVar[str] = "ssii"
-    session: str
     host: str
     """Empty: the same host."""
     port: int
@@ -121,12 +132,11 @@ class Moved:
 
 
 @dataclass(frozen=True, slots=True)
-class Bye:
+class Bye(OfSession):
     """Leave the session: its utterances are cancelled."""
 
     ADDRESS: ClassVar[str] = "/fap/1/bye"
     TAGS: ClassVar[str] = "s"
-    session: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,13 +171,11 @@ class Pong:
 
 
 @dataclass(frozen=True, slots=True)
-class BeginUtterance:
+class BeginUtterance(OfUtterance):
     """Begin an utterance."""
 
     ADDRESS: ClassVar[str] = commands.Begin.SPEC.osc
     TAGS: ClassVar[str] = "siishss"
-    session: str
-    utterance: int
     revision: int = 0
     anchor: str = "now"
     """``now``, ``at``, ``audio``; or ``sound``: the recognizer sets the start, from the audio that is sent."""
@@ -178,7 +186,7 @@ class BeginUtterance:
 
 
 @dataclass(frozen=True, slots=True)
-class Phones:
+class Phones(OfUtterance):
     """Phones of an utterance, by index. On the wire: their count, 5 arguments per phone, the revision."""
 
     ADDRESS: ClassVar[str] = commands.Append.SPEC.osc
@@ -187,8 +195,6 @@ class Phones:
     ROW_TAGS: ClassVar[str] = "siiif"
     LAST_TAG: ClassVar[str] = "i"
     MAX_ROWS: ClassVar[int] = 256
-    session: str
-    utterance: int
     sequence: int
     """Number of the sender's datagram in this utterance; gaps are lost datagrams."""
     first_index: int
@@ -198,7 +204,7 @@ class Phones:
 
 
 @dataclass(frozen=True, slots=True)
-class WordTimes:
+class WordTimes(OfUtterance):
     """Words of an utterance, by index; the server finds their phones. On the wire: count, words, voice."""
 
     ADDRESS: ClassVar[str] = "/fap/1/words"
@@ -207,8 +213,6 @@ class WordTimes:
     ROW_TAGS: ClassVar[str] = "sii"
     LAST_TAG: ClassVar[str] = "s"
     MAX_ROWS: ClassVar[int] = 64
-    session: str
-    utterance: int
     first_index: int
     words: tuple[WireWord, ...]
     voice: str = ""
@@ -216,13 +220,11 @@ class WordTimes:
 
 
 @dataclass(frozen=True, slots=True)
-class EndUtterance:
+class EndUtterance(OfUtterance):
     """End of an utterance, with what the engine needs to check that it is complete."""
 
     ADDRESS: ClassVar[str] = commands.End.SPEC.osc
     TAGS: ClassVar[str] = "siiiii"
-    session: str
-    utterance: int
     phone_count: int
     duration_us: int = -1
     """-1: until the end of the last phone."""
@@ -233,12 +235,11 @@ class EndUtterance:
 
 
 @dataclass(frozen=True, slots=True)
-class CancelUtterance:
+class CancelUtterance(OfSession):
     """Stop speaking."""
 
     ADDRESS: ClassVar[str] = commands.Cancel.SPEC.osc
     TAGS: ClassVar[str] = "siiiii"
-    session: str
     utterance: int = NOW
     """-1: all."""
     at_us: int = NOW
@@ -251,24 +252,20 @@ class CancelUtterance:
 
 
 @dataclass(frozen=True, slots=True)
-class SeekUtterance:
+class SeekUtterance(OfUtterance):
     """Continue from another position."""
 
     ADDRESS: ClassVar[str] = commands.Seek.SPEC.osc
     TAGS: ClassVar[str] = "sii"
-    session: str
-    utterance: int
     position_us: int
 
 
 @dataclass(frozen=True, slots=True)
-class AudioPosition:
+class AudioPosition(OfUtterance):
     """Position of the audio."""
 
     ADDRESS: ClassVar[str] = commands.Audio.SPEC.osc
     TAGS: ClassVar[str] = "sihif"
-    session: str
-    utterance: int
     sender_us: int
     """Time on the sender's clock."""
     position_us: int
@@ -277,13 +274,11 @@ class AudioPosition:
 
 
 @dataclass(frozen=True, slots=True)
-class Sound:
+class Sound(OfUtterance):
     """Audio of an utterance; the recognizer finds its phones."""
 
     ADDRESS: ClassVar[str] = "/fap/1/sound"
     TAGS: ClassVar[str] = "siiib"
-    session: str
-    utterance: int
     first_sample: int
     """Index of its first sample in the utterance."""
     rate_hz: int
@@ -293,24 +288,21 @@ class Sound:
 
 
 @dataclass(frozen=True, slots=True)
-class SpeakText:
+class SpeakText(OfSession):
     """Text that the server's voice is to speak."""
 
     ADDRESS: ClassVar[str] = "/fap/1/text"
     TAGS: ClassVar[str] = "sss"
-    session: str
     text: str
     voice: str = ""
 
 
 @dataclass(frozen=True, slots=True)
-class Ack:
+class Ack(OfUtterance):
     """What has arrived of an utterance."""
 
     ADDRESS: ClassVar[str] = "/fap/1/ack"
     TAGS: ClassVar[str] = "siihiii"
-    session: str
-    utterance: int
     next_index: int
     """All phones, or words, below this index have arrived."""
     bitmap64: int
@@ -323,27 +315,22 @@ class Ack:
 
 
 @dataclass(frozen=True, slots=True)
-class Nack:
+class Nack(OfUtterance):
     """Request for missing phones."""
 
     ADDRESS: ClassVar[str] = "/fap/1/nack"
     TAGS: ClassVar[str] = "siii"
-    session: str
-    utterance: int
     first: int
     stop: int
     """Index after the last missing phone."""
 
 
 @dataclass(frozen=True, slots=True)
-class Notice:
-    """Event of a session or an utterance."""
+class Notice(OfUtterance):
+    """Event of an utterance; of the session, if its number is -1."""
 
     ADDRESS: ClassVar[str] = "/fap/1/event"
     TAGS: ClassVar[str] = "sisiihs"
-    session: str
-    utterance: int
-    """-1: none."""
     kind: str
     """``started``, ``underrun``, ``late``, ``concealed``, ``finished``, ``cancelled``, ``error``, or ``unknown``:
     the session or utterance is not known here, begin it again."""
@@ -357,10 +344,9 @@ class Notice:
 
 
 @dataclass(frozen=True, slots=True)
-class SessionCommand:
+class SessionCommand(OfSession):
     """A command whose arguments are its fields."""
 
-    session: str
     command: Command
     """Its times count from the arrival."""
 

@@ -18,19 +18,11 @@ import numpy as np
 from fapengine.engine.commands import VOICE_UTTERANCES, Anchor, Append, Audio, Begin, Cancel, Command, End, Seek
 from fapengine.engine.engine import Engine
 from fapengine.engine.session import JUMP_S
-from fapengine.wire.speech_osc import codec, phone_labels, schema
+from fapengine.wire.speech_osc import codec, phone_labels, receive_window, schema
 from fapengine.wire.speech_osc.clock import SenderClock
 from fapengine.wire.speech_osc.counts import SoundRequest, WireCounts, WordsRequest
 from fapengine.wire.speech_osc.peers import Arrival, Peer, Replies
-from fapengine.wire.speech_osc.receive_window import (
-    ACK_S,
-    MAX_NACKS,
-    MAX_UNBEGUN,
-    NACK_AGAIN_S,
-    UNBEGUN_S,
-    ReceiveWindow,
-    SoundWindow,
-)
+from fapengine.wire.speech_osc.receive_window import ReceiveWindow, SoundWindow
 
 AGAIN_S = 2.0
 """Time after the end of an utterance from which a begin of it is not a repeat."""
@@ -180,7 +172,7 @@ class WireSession:
             if not window.take(message):
                 self.counts.repeated += 1
             elif window.begun is None:  # the phone set is not known before the begin
-                window.unbegun_s = min(window.unbegun_s, now_s + UNBEGUN_S)
+                window.unbegun_s = min(window.unbegun_s, now_s + receive_window.UNBEGUN_S)
             else:
                 self._tell_phones(window, message.first_index, message.phones, now_s)
             self.counts.checksums += window.check(now_s)
@@ -314,9 +306,11 @@ class WireSession:
                 known = peer_of(peer)
                 self._follow(window, known.clock if known is not None else None, now_s)
             if window.unbegun_s <= now_s:
-                window.unbegun_s = now_s + UNBEGUN_S
+                window.unbegun_s = now_s + receive_window.UNBEGUN_S
                 window.unbegun += 1
-                if window.unbegun > MAX_UNBEGUN or peer not in self.peers:  # its sender is gone, or gets no answers
+                if (
+                    window.unbegun > receive_window.MAX_UNBEGUN or peer not in self.peers
+                ):  # its sender is gone, or gets no answers
                     self._forget_one(number)
                     continue
                 wires.append((peer, schema.Notice(self.name, number, "unknown", engine_us=now_us, reason="no begin")))
@@ -326,11 +320,11 @@ class WireSession:
                 if window.is_corrupt:
                     wires.append((peer, schema.Notice(self.name, number, "error", engine_us=now_us, reason="checksum")))
             if window.nack_s <= now_s:
-                window.nack_s = now_s + NACK_AGAIN_S
+                window.nack_s = now_s + receive_window.NACK_AGAIN_S
                 if not is_behind(peer):
                     window.nacks += 1
                     wires += [(peer, schema.Nack(self.name, number, *gap)) for gap in window.missing()[:8]]
-                    if window.nacks >= MAX_NACKS:
+                    if window.nacks >= receive_window.MAX_NACKS:
                         window.nack_s = inf
         return [(peer, codec.encode(wire)) for peer, wire in wires]
 
@@ -408,7 +402,7 @@ class WireSession:
 
     def _schedule_ack(self, sender_number: int, window: ReceiveWindow, arrival: Arrival) -> None:
         if self.peers.get(arrival.peer.name, 0) & schema.WANT_ACK:
-            window.ack_s = min(window.ack_s, arrival.now_s + ACK_S)
+            window.ack_s = min(window.ack_s, arrival.now_s + receive_window.ACK_S)
         else:
             window.nack_s = inf  # a peer that does not listen gets no requests
         self.pending[sender_number] = arrival.peer.name

@@ -31,7 +31,7 @@ def recording(track: FapTrack, *, sender_time: bool = True, rate_hz: float = 30.
         time = f"{NTP_S + (arrived >> 32):08x}.{arrived & 0xFFFFFFFF:08x}"
         lines.append(f"{time} /VMC/Ext/OK i 1")
         lines += [f"{time} /VMC/Ext/T f {n / rate_hz:f}"] * sender_time
-        pose = head_and_eyes(faps)[0].rotation
+        pose = head_and_eyes(faps)[0][1]
         lines.append(f'{time} /VMC/Ext/Bone/Pos sfffffff "Head" 0.0 0.0 0.0 {" ".join(f"{v:.6f}" for v in pose)}')
         lines += [
             f'{time} /VMC/Ext/Blend/Val sf "{name}" {value:.6f}'
