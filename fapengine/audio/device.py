@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fapengine._arrays import frozen
 from fapengine.audio.clock import Fetch, PlaybackClock
-from fapengine.audio.output import LastingOutput, MixerOutput, Output, SilentOutput
+from fapengine.audio.output import Output, SilentOutput
 from fapengine.errors import ResourceError, UsageError
 
 LATENCY_S = 0.08
@@ -76,15 +76,14 @@ def open_output(sample_rate_hz: int, *, device: str | None = None, silent: bool 
     if silent:
         return SilentOutput(sample_rate_hz, "no sound was wished for")
     try:
-        player = Player(sample_rate_hz, device=int(device) if device is not None and device.isdecimal() else device)
+        return Player(sample_rate_hz, device=int(device) if device is not None and device.isdecimal() else device)
     except ResourceError as error:
         if device is not None:
             raise
         return SilentOutput(sample_rate_hz, str(error).removeprefix("sound: "))
-    return LastingOutput(player, sample_rate_hz)
 
 
-class Player(MixerOutput):
+class Player(Output):
     """Playback on a sound device. Use it as a context manager, or close it.
 
     Stateful.
@@ -104,6 +103,8 @@ class Player(MixerOutput):
         If PortAudio is missing, or the device cannot be opened.
     """
 
+    settle_s = SETTLE_S
+
     def __init__(
         self, sample_rate_hz: int, *, device: int | str | None = None, now: Callable[[], float] = time.monotonic
     ) -> None:
@@ -114,7 +115,8 @@ class Player(MixerOutput):
             raise ResourceError("sound: there is no output device; `fapengine doctor` tells more")
         try:
             about = sounddevice.query_devices(device, "output")
-            super().__init__(supported_rate_hz("output", device, (sample_rate_hz,), about), now)
+            rate_hz = supported_rate_hz("output", device, (sample_rate_hz,), about)
+            super().__init__(rate_hz, f"{about['name']}, {rate_hz} Hz", now)
             self._given_hz, self._opened_s = sample_rate_hz, now()
             self.clock = PlaybackClock(self._rate_hz)
             self._stream = sounddevice.OutputStream(
@@ -124,7 +126,6 @@ class Player(MixerOutput):
             self._stream.start()
         except (sounddevice.PortAudioError, ValueError) as error:
             raise ResourceError(f"sound: {plain(error)}; `fapengine doctor` lists the devices") from error
-        self.description = f"{about['name']}, {self._rate_hz} Hz"
 
     def _fetch(self, out: NDArray[np.int16], frames: int, times: Any, status: Any) -> None:
         """PortAudio's own thread calls this."""
@@ -134,13 +135,8 @@ class Player(MixerOutput):
             heard_s = times.outputBufferDacTime
             self.clock.tell(Fetch(called_s, times.currentTime, heard_s, frames, bool(status.output_underflow)))
 
-    def is_settled(self, now_s: float) -> bool:
-        """See :class:`Output`."""
-        with self._lock:
-            return self._stream_s(now_s) >= SETTLE_S
-
     def is_alive(self, now_s: float) -> bool:
-        """See :class:`~fapengine.audio.output.DeviceOutput`."""
+        """See :class:`Output`."""
         with self._lock:
             fetched_s = self.clock.fetched_s or self._opened_s
         return bool(self._stream.active) and now_s - fetched_s < DEAD_S
@@ -154,7 +150,7 @@ class Player(MixerOutput):
         """See :class:`Output`."""
         self._stream.close()
 
-    def _stream_s(self, now_s: float) -> float:
+    def _device_s(self, now_s: float) -> float:
         return self.clock.position_s(now_s)
 
 

@@ -1,10 +1,10 @@
-"""Edge: a live face that comes as ``/fap/1/frame`` to a UDP port, for a window."""
+"""Edge: receiver of a live face, ``/fap/1/frame`` on a UDP port, for a window."""
 
 import socket
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,34 +18,34 @@ Faps = NDArray[np.int32]
 
 MAX_DATAGRAM_BYTES = 65_535
 SILENT_S = 2.0
-"""A port where nothing comes for so long is said to be silent."""
+"""Time without a frame after which a port is silent."""
 
 
 @dataclass(slots=True)
 class ViewerCounts:
-    """Counts of frames that came.
+    """Counts of received frames.
 
     Stateful.
     """
 
     frames: int = 0
     missed: int = 0
-    """Numbers that never came."""
+    """Frame numbers that did not arrive."""
     refused: int = 0
     """Messages of another kind."""
 
 
 class OscViewer:
-    """Frames of ``/fap/1/frame`` received on a UDP port. Close it.
+    """Receiver of ``/fap/1/frame`` on a UDP port. Close it.
 
     Stateful.
 
     Parameters
     ----------
     host, port : str, int
-        Where to listen.
+        Address to listen on.
     session : str, optional
-        Whose frames; by default of the first that comes.
+        Session of the frames; by default that of the first frame.
     clock : callable
         The monotonic clock.
 
@@ -65,27 +65,30 @@ class OscViewer:
         self._values = np.zeros(fap.FAP_COUNT, np.int32)
         try:
             family, kind, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
-            self._socket = _bound(socket.socket(family, kind), address)
+            with ExitStack() as failed:
+                self._socket = failed.enter_context(socket.socket(family, kind))
+                self._socket.bind(address)
+                failed.pop_all()
         except OSError as error:
             raise ResourceError(f"osc://{host}:{port}: got {error}, expected a port that is free") from error
         self._socket.setblocking(False)
 
     @property
     def port(self) -> int:
-        """Where it listens."""
+        """Port that it listens on."""
         return int(self._socket.getsockname()[1])
 
     @property
     def is_silent(self) -> bool:
-        """Whether nothing has come for :data:`SILENT_S`."""
+        """Whether no frame has arrived for :data:`SILENT_S`."""
         return self._clock() - self._heard_s > SILENT_S
 
     def faps(self) -> Faps:
-        """Newest frame, (68,) FAPU; late ones are dropped, what one leaves out keeps its value."""
+        """Return the newest frame, (68,) FAPU; late ones are dropped, FAPs that are not sent keep their values."""
         while True:
             try:
                 data = self._socket.recv(MAX_DATAGRAM_BYTES)
-            except OSError:  # nothing more is there
+            except OSError:  # no more packets
                 return self._values.copy()
             try:
                 for message in osc.parse_packet(data):
@@ -94,7 +97,7 @@ class OscViewer:
                 self.counts.refused += 1
 
     def close(self) -> None:
-        """Listen no more."""
+        """Close the port."""
         self._socket.close()
 
     def _take(self, message: osc.Message) -> None:
@@ -114,12 +117,3 @@ class OscViewer:
         self.counts.frames += 1
         self._frame = frame
         self._values = np.where(frame.mask, frame.values, self._values).astype(np.int32)
-
-
-def _bound(bound_socket: socket.socket, address: Any) -> socket.socket:
-    try:
-        bound_socket.bind(address)
-    except OSError:
-        bound_socket.close()
-        raise
-    return bound_socket

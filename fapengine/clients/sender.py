@@ -1,7 +1,7 @@
 """The client of a live server: ``with Client() as face: face.say(phones)``.
 
-The sockets around :class:`fapengine.wire.speech_osc.sender.OscSender`. One thread of the client's own sends,
-repeats and listens; all methods may be called from any thread and return at once. Times are ``time.monotonic()``.
+The sockets around :class:`fapengine.wire.speech_osc.sender.OscSender`. A thread of the client sends, repeats and
+receives; all methods may be called from any thread and return at once. Times are ``time.monotonic()``.
 """
 
 import secrets
@@ -11,7 +11,6 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -36,17 +35,17 @@ if TYPE_CHECKING:
 PORT = 9110
 """Port of ``fapengine serve``."""
 LINGER_S = 5.0
-"""Time that :meth:`Client.close` waits until what was said has come."""
+"""Longest wait of :meth:`Client.close` for what was sent to arrive."""
 SILENT_S = 0.5
-"""Time that :meth:`Client.close` waits for an engine that answers nothing."""
+"""Longest wait of :meth:`Client.close` for an engine that does not answer."""
 IDLE_S = 0.25
-"""The thread looks up at least so often."""
+"""Longest pause of the thread."""
 LOST_S, AWAY_PING_S = 1.0, 0.5
-"""Times of a client that was sent to one process of a server: without an answer, until it asks at the known port again;
-and between its questions."""
+"""Of a client that a server sent to another process: time without an answer until it returns to the known port; time
+between pings."""
 KEPT_EVENTS = 256
 KEPT_OVER = 1024
-"""Number of utterances whose end is remembered."""
+"""Number of ended utterances that are remembered."""
 Phones = PhoneTrack | Iterable[Phone | schema.WirePhone]
 
 
@@ -62,8 +61,7 @@ class Client(GestureMethods):
     session : str
         Name of the face, 1..32 bytes.
     others : sequence of (str, int)
-        Hosts and ports of other servers that share the sessions of the first: asked in turn when that
-        does not answer.
+        Hosts and ports of other servers that share the sessions of the first, tried in turn if it does not answer.
     tcp : bool or ``"slip"`` or ``"length"``
         UDP by default. TCP with SLIP (OSC 1.1) or lengths before packets (OSC 1.0).
     phone_set, language : str
@@ -71,15 +69,15 @@ class Client(GestureMethods):
     token : str
         If the engine wants one.
     on_event : callable, optional
-        Called in the client's thread with each :class:`~fapengine.wire.speech_osc.schema.Notice`. What it raises
-        ends the connection, and is said by the next call.
+        Called in the client's thread with each :class:`~fapengine.wire.speech_osc.schema.Notice`. An exception in it
+        ends the connection; the next call raises it.
     clock : callable
-        Seconds that only rise.
+        Monotonic clock in seconds.
 
     Raises
     ------
     ResourceError
-        If the host is not known, or TCP finds nobody who listens. UDP does not know: see :meth:`wait`.
+        If the host is unknown, or TCP finds no server. UDP does not notice: see :meth:`wait`.
     UsageError
         If the session's name is too long.
 
@@ -120,11 +118,11 @@ class Client(GestureMethods):
         self._clock, self._on_event = clock, on_event
         self._framing: TcpFraming | None = "slip" if tcp is True else tcp or None
         self._homes, self._has_answered = deque([(host, port), *others]), False
-        """Known addresses, the one that is asked first."""
+        """Known addresses, the current one first; and whether the current one has answered."""
         self._at = host, port
         self._went_s = clock()
         self._is_away = False
-        """Whether the server has sent us to another port than the one we know."""
+        """Whether the server has sent us to an unknown port."""
         self._pipe = self._opened(host, port)
         self._changed = threading.Condition()
         self._events: deque[schema.Notice] = deque(maxlen=KEPT_EVENTS)
@@ -141,11 +139,9 @@ class Client(GestureMethods):
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is not None:
-            with suppress(ResourceError, UsageError):  # lost, or closed: the block's own error is the one to tell
+            with suppress(ResourceError, UsageError):  # lost or closed: the block's own error matters
                 self.cancel()
         self.close()
 
@@ -154,19 +150,19 @@ class Client(GestureMethods):
     def say(
         self, phones: Phones, *, at_s: float | None = None, audio: bool = False, duration_s: float | None = None
     ) -> int:
-        """Say phones that are all known.
+        """Speak phones that are all known.
 
         Parameters
         ----------
         phones : PhoneTrack or iterable of Phone or WirePhone
-            In the time of their sound.
+            With times from the beginning of their audio.
         at_s : float, optional
-            When the sound begins, on the client's clock; by default now, or behind what is being said. Phones that are
+            Start of the audio, on the client's clock; by default now, or after the utterances before. Phones that are
             known half a second before they sound look best.
         audio : bool
-            The face waits until :meth:`audio_position` tells that the sound has begun.
+            The face waits until :meth:`audio_position` reports that the audio has begun.
         duration_s : float, optional
-            Of the sound; by default to the end of the last phone.
+            Of the audio; by default until the end of the last phone.
 
         Returns
         -------
@@ -174,15 +170,21 @@ class Client(GestureMethods):
             Number of the utterance.
         """
         with self._telling() as now_s:
-            number = self._sender.begin(now_s, anchor=_anchor(at_s, audio), at_s=at_s or 0.0)
+            number = self._begin(now_s, at_s, audio)
             self._sender.append(number, _phones(phones))
             self._sender.end(number, duration_s=duration_s)
             return number
 
     def begin(self, *, at_s: float | None = None, audio: bool = False) -> int:
-        """Open an utterance whose phones follow by :meth:`append`, as they become known; then :meth:`end` it."""
+        """Begin an utterance; :meth:`append` its phones as they become known, then :meth:`end` it."""
         with self._telling() as now_s:
-            return self._sender.begin(now_s, anchor=_anchor(at_s, audio), at_s=at_s or 0.0)
+            return self._begin(now_s, at_s, audio)
+
+    def _begin(self, now_s: float, at_s: float | None, audio: bool) -> int:
+        if audio and at_s is not None:
+            raise UsageError("say: got both at_s and audio, expected one")
+        anchor: Anchor = "audio" if audio else "now" if at_s is None else "at"
+        return self._sender.begin(now_s, anchor=anchor, at_s=at_s or 0.0)
 
     def append(self, utterance: int, phones: Phones) -> None:
         """Add phones to an utterance.
@@ -205,16 +207,16 @@ class Client(GestureMethods):
         at_s: float | None = None,
         audio: bool = False,
     ) -> int:
-        """Let words be said whose times are known, as a TTS tells them beside its sound.
+        """Speak words whose times are known, as a TTS reports them with its audio.
 
-        They are pronounced here, by espeak-ng, and their phones fitted into their times.
+        espeak-ng on this machine pronounces them, and the phones are fitted to their times.
 
         Parameters
         ----------
         words : iterable of (str, float, float)
-            Word, start and end in seconds from the utterance's beginning; in order. May be few: what is known so far.
+            Word, start and end in seconds from the beginning of the utterance; in order. More may follow.
         utterance : int, optional
-            One that is open, which they are added to; by default they begin one. :meth:`end` says that no more follow.
+            An open one, to which they are added; by default they begin one. :meth:`end` it after the last words.
         voice : str, VoiceChoice or Voice
             Language of the words.
         at_s, audio
@@ -228,14 +230,14 @@ class Client(GestureMethods):
         Raises
         ------
         UsageError
-            If times are out of order, nothing of it can be pronounced, or the utterance was ended or has sound.
+            If times are out of order, no word can be pronounced, or the utterance was ended or has audio.
         ResourceError
             If espeak-ng is not installed.
         """
         spoken = self._pronounced(list(words), voice)
         with self._telling() as now_s:
             if utterance is None:
-                utterance = self._sender.begin(now_s, anchor=_anchor(at_s, audio), at_s=at_s or 0.0)
+                utterance = self._begin(now_s, at_s, audio)
             if utterance not in self._over:
                 self._sender.append(utterance, spoken)
             return utterance
@@ -247,28 +249,27 @@ class Client(GestureMethods):
         from fapengine.voices.pronounce import Pronouncer
 
         chosen = VoiceChoice(voice) if isinstance(voice, str) else voice
-        if isinstance(chosen, VoiceChoice):
-            with self._voices_lock:
-                pronouncer = self._voices.get(chosen) or Pronouncer(chosen.load())
-                self._voices[chosen] = pronouncer
-        else:
-            pronouncer = Pronouncer(chosen)
+        if not isinstance(chosen, VoiceChoice):
+            return Pronouncer(chosen).words(words)
+        with self._voices_lock:
+            pronouncer = self._voices.get(chosen) or Pronouncer(chosen.load())
+            self._voices[chosen] = pronouncer
         return pronouncer.words(words)
 
     def sound(self, samples: ArrayLike, rate_hz: int, *, utterance: int | None = None) -> int:
-        """Let the engine's ear find the phones of a sound, as it comes.
+        """Let the engine's recognizer find the phones of audio, as it arrives.
 
-        The face moves as the sound does, 0.5 s after it was given, so play it so much later; or :meth:`begin` the
-        utterance at the time at which it will be heard.
+        The face follows the audio with a delay of 0.5 s, so play it that much later; or :meth:`begin` the utterance at
+        the time at which it will be heard.
 
         Parameters
         ----------
         samples : (N,) int16
-            Mono; any length, as it comes from a microphone or a TTS.
+            Mono; of any length, as it comes from a microphone or a TTS.
         rate_hz : int
             8000..48000.
         utterance : int, optional
-            One that is open, which the sound goes on with; by default it begins one. :meth:`end` says that it is over.
+            An open one, which the audio continues; by default it begins one. :meth:`end` it after the last samples.
 
         Returns
         -------
@@ -279,7 +280,7 @@ class Client(GestureMethods):
         ------
         UsageError
             If the utterance was ended, has phones or begins now (:meth:`begin` without a time), or the rate is out of
-            range or another one than before.
+            range or has changed.
         """
         pcm = frozen(samples, "samples", ("N",), np.int16)
         with self._telling() as now_s:
@@ -289,19 +290,19 @@ class Client(GestureMethods):
             return number
 
     def end(self, utterance: int, *, duration_s: float | None = None) -> None:
-        """Say that no phone will follow."""
+        """End an utterance: no phone follows."""
         with self._telling():
             if utterance not in self._over:
                 self._sender.end(utterance, duration_s=duration_s)
 
     def revise(self, utterance: int, phones: Phones) -> None:
-        """Replace what is still to come of an utterance; all its phones are given."""
+        """Replace all phones of an utterance; those that were shown already are not shown again."""
         with self._telling() as now_s:
             if utterance not in self._over:
                 self._sender.revise(utterance, _phones(phones), now_s)
 
     def cancel(self, utterance: int | None = None, *, fade_s: float = 0.2) -> None:
-        """Stop speaking at once (barge-in): one utterance, or all. To do it again changes nothing."""
+        """Stop speaking at once (barge-in): one utterance, or all. A repeat changes nothing."""
         with self._telling() as now_s:
             for number in self._sender.live if utterance is None else (utterance,):
                 self._note_over(number, "cancelled")
@@ -310,7 +311,7 @@ class Client(GestureMethods):
     def audio_position(
         self, utterance: int, position_s: float, *, at_s: float | None = None, rate: float = 1.0
     ) -> None:
-        """Tell where the sound of an utterance is heard to be, 4 to 10 times a second; the face follows it.
+        """Report the audio position of an utterance, 4 to 10 times a second; the face follows it.
 
         Parameters
         ----------
@@ -318,38 +319,38 @@ class Client(GestureMethods):
         position_s : float
             In the utterance.
         at_s : float, optional
-            When it is there, on the client's clock; by default now. A sound card knows it better.
+            Time at which this position is heard, on the client's clock; by default now. A sound card knows it better.
         rate : float
-            0: the sound stands still.
+            0: the audio is paused.
         """
         with self._telling() as now_s:
             self._sender.audio(utterance, position_s, now_s, at_s=at_s, rate=rate)
 
     def pause(self, *, fade_s: float = 0.2) -> None:
-        """Stop where it is; the mouth comes to rest."""
+        """Pause; the mouth comes to rest."""
         self.tell(Pause(fade_s))
 
     def resume(self) -> None:
-        """Go on from where it was paused."""
+        """Continue from where it was paused."""
         self.tell(Resume())
 
     def seek(self, utterance: int, position_s: float) -> None:
-        """Go on from another place of what is being said."""
+        """Continue from another position in an utterance."""
         self._tell(schema.SeekUtterance(self.session, utterance, round(position_s * 1e6)))
 
     def say_text(self, text: str, *, voice: str = "") -> None:
-        """Have a text spoken by the engine's own voice, if it has one."""
+        """Speak a text with the engine's own voice, if it has one."""
         self._tell(schema.SpeakText(self.session, text, voice))
 
     # The rest of the face -------------------------------------------------------------------------------------------
 
     def tell(self, command: Command) -> None:
-        """Send any command that is the same for every sender; its times are on the client's clock.
+        """Send a command that is the same for every sender; its times are on the client's clock.
 
         Raises
         ------
         UsageError
-            If it speaks of an utterance: that has methods of its own.
+            If it concerns an utterance: there are other methods for that.
         """
         if not command.SPEC.is_direct:
             raise UsageError(f"command: got {type(command).__name__}, expected one that speaks of no utterance")
@@ -365,17 +366,17 @@ class Client(GestureMethods):
 
     @property
     def welcome(self) -> schema.Welcome | None:
-        """What the engine takes; None until it has answered."""
+        """The engine's answer with its limits; None before it."""
         return self._sender.handshake.welcome
 
     @property
     def is_connected(self) -> bool:
-        """Whether the engine was heard of in the last seconds."""
+        """Whether the engine was heard in the last seconds."""
         with self._changed:
             return self._fault is None and self._sender.handshake.is_connected(self._clock())
 
     def events(self) -> list[schema.Notice]:
-        """Take the events that came: started, underrun, late, concealed, finished, cancelled, error."""
+        """Take the events that have arrived: started, underrun, late, concealed, finished, cancelled, error."""
         with self._changed:
             taken = list(self._events)
             self._events.clear()
@@ -402,9 +403,9 @@ class Client(GestureMethods):
         return self
 
     def wait_until_over(self, utterance: int, timeout_s: float | None = None) -> str:
-        """Wait until an utterance is over; tells how: ``"finished"``, ``"cancelled"``, ``"error"`` or ``"lost"``.
+        """Wait until an utterance is over; return how: ``"finished"``, ``"cancelled"``, ``"error"`` or ``"lost"``.
 
-        ``"lost"``: its time is over and nothing was heard; also when the timeout, or the connection, ended first.
+        ``"lost"``: its time is over and nothing was heard; also if the timeout or the connection ended first.
         """
         with self._changed:
             self._changed.wait_for(
@@ -414,7 +415,7 @@ class Client(GestureMethods):
             return self._over.get(utterance, "lost")
 
     def close(self) -> None:
-        """Close, as soon as all that was told has come; it is said to its end. To close again does nothing."""
+        """Close, as soon as everything sent has arrived; it is still spoken. A second call does nothing."""
         if self._stops:
             return
         with self._changed:
@@ -427,7 +428,7 @@ class Client(GestureMethods):
         self._wake_out.close()
 
     def _linger(self) -> None:
-        """Wait for what was told to have come, as long as somebody answers."""
+        """Wait until everything sent has arrived, as long as the engine answers."""
         now_s = begun_s = self._clock()
         while self._fault is None and not self._sender.is_settled() and now_s < begun_s + LINGER_S:
             if now_s - max(begun_s, self._sender.handshake.heard_s) > SILENT_S:
@@ -498,7 +499,7 @@ class Client(GestureMethods):
             return self._pipe.is_refused or self._sender.handshake.is_unanswered(self._clock(), LOST_S)
 
     def _go(self, host: str, port: int, *, follows: bool, is_away: bool) -> None:
-        """Speak to another address from now on."""
+        """Connect to another address."""
         pipe = self._opened(host, port)
         self._pipe.close()
         self._pipe, self._is_away, self._has_answered = pipe, is_away, False
@@ -544,13 +545,7 @@ class Client(GestureMethods):
 
 
 class _ClosedError(UsageError):
-    """The client was told something after it was closed."""
-
-
-def _anchor(at_s: float | None, audio: bool) -> Anchor:
-    if audio and at_s is not None:
-        raise UsageError("say: got both at_s and audio, expected one")
-    return "audio" if audio else "now" if at_s is None else "at"
+    """A call after the client was closed."""
 
 
 def _phones(phones: Phones) -> Iterable[Phone | schema.WirePhone]:

@@ -1,6 +1,6 @@
-"""Edge: a live face of a server, for a window, over its WebSocket; from a UDP port: :mod:`.osc_viewer`.
+"""Edge: receiver of a live face over a server's WebSocket, for a window; from a UDP port: :mod:`.osc_viewer`.
 
-Either gives the newest frame that has come; a frame that is not there yet is never waited for.
+Both return the newest frame that has arrived, and never wait for one.
 """
 
 import asyncio
@@ -11,6 +11,7 @@ import time
 import wave
 from collections import deque
 from collections.abc import Callable
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from http import HTTPStatus
 from typing import Any, Literal
@@ -28,21 +29,21 @@ from fapengine.server.web.messages import FRAME, FRAME_KIND, text_of
 LinkState = Literal["connecting", "open", "lost"]
 
 RETRY_S = (0.2, 2.0)
-"""First and longest pause before it is tried again."""
+"""First and longest pause between two attempts to connect."""
 PING_S = 1.0
 BEST_PINGS = 8
-"""Pings of which the quickest is used to estimate the server's clock."""
+"""Number of pings of which the quickest estimates the server's clock."""
 CLOSE_S = 3.0
 SOUND_PATH = "/sound.wav?"
 MAX_SOUND = 1 << 26
-"""Bytes of one sound: half an hour and more."""
+"""Bytes of one sound: more than half an hour."""
 STOPPED, OVER = ("cancelled", "error"), ("cancelled", "error", "finished")
-"""Events: its sound is not to be heard any more; nothing more is said of it."""
+"""Events that stop the sound of an utterance, and all that end an utterance."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AnnouncedSound:
-    """What a server's voice said."""
+    """Audio of the server's voice."""
 
     utterance: int
     samples: NDArray[np.int16]
@@ -51,12 +52,12 @@ class AnnouncedSound:
 
 
 def web_socket_of(url: str, session: str | None = None) -> str:
-    """Find the socket's address, given that of a server's page.
+    """Return the address of the WebSocket, given that of a server's page.
 
     Raises
     ------
     UsageError
-        If it is no such address.
+        If it is not such an address.
 
     Examples
     --------
@@ -74,7 +75,7 @@ def web_socket_of(url: str, session: str | None = None) -> str:
 
 
 class WebSocketViewer:
-    """A session of ``fapengine serve``, connected again whenever it breaks. Close it.
+    """A session of ``fapengine serve``, reconnected whenever the connection breaks. Close it.
 
     Stateful.
 
@@ -85,14 +86,14 @@ class WebSocketViewer:
     session : str, optional
         By default the server's own choice, or that of the address.
     plays : bool
-        Whether somebody here plays the sounds and tells where they are (:mod:`.viewer_sound`): the face waits for that.
+        Whether the caller plays the sounds and reports their positions (:mod:`.viewer_sound`): the face waits for that.
     clock : callable
         The monotonic clock.
 
     Raises
     ------
     UsageError
-        If the address cannot be.
+        If the address is invalid.
     ResourceError
         If aiohttp is missing.
     """
@@ -111,33 +112,32 @@ class WebSocketViewer:
         self._ended: deque[int] = deque()
         self._saying: set[int] = set()
         self._fetching: dict[int, asyncio.Task[None]] = {}
-        """Utterance to the task that has its sound sent."""
+        """Utterance to the task that loads its sound."""
         self.state: LinkState = "connecting"
         self.trouble = ""
-        """Why there is no connection."""
+        """Reason why there is no connection."""
         self._refusal = ""
-        """Reason that the server gave instead of hello."""
+        """Reason of the server for refusing the connection."""
         self.hello: dict[str, Any] = {}
         """Fields of the server's hello."""
         self.counts = ViewerCounts()
         self._clock = clock
         self._frame: tuple[int, float, Faps] | None = None
         self._pings: dict[int, float] = {}
-        self._trips: list[tuple[float, float]] = []
+        self._trips: deque[tuple[float, float]] = deque(maxlen=BEST_PINGS)
         """Round trip and the server's clock minus ours, both in s."""
-        self._aiohttp = _aiohttp()
+        self._aiohttp = needed("aiohttp", "aiohttp", "server")
         self._loop = asyncio.new_event_loop()
         self._queue: asyncio.Queue[str] = asyncio.Queue()
-        self._task: asyncio.Task[None] | None = None
+        self._task = self._loop.create_task(self._connect())
         self._thread = threading.Thread(target=self._run, name="fapengine-link", daemon=True)
         self._thread.start()
 
     @property
     def age_s(self) -> float | None:
-        """How old the newest frame is, by the server's clock; None before that is known."""
-        if self._frame is None or not self._trips:
-            return None
-        return self._clock() + min(self._trips)[1] - self._frame[1]
+        """Age of the newest frame by the server's clock; None before that is known."""
+        server_s = self.server_s(self._clock())
+        return None if self._frame is None or server_s is None else server_s - self._frame[1]
 
     @property
     def round_trip_s(self) -> float | None:
@@ -146,48 +146,40 @@ class WebSocketViewer:
 
     @property
     def is_speaking(self) -> bool:
-        """Whether something is being said there, or waits."""
+        """Whether an utterance is spoken or waits."""
         return bool(self._saying)
 
     def server_s(self, now_s: float) -> float | None:
-        """Turn the monotonic clock into the server's; None before that is known."""
+        """Convert a time of the monotonic clock to the server's; None before that is known."""
         return now_s + min(self._trips)[1] if self._trips else None
 
     def sounds(self) -> list[AnnouncedSound]:
-        """Take the sounds that have come since this was asked last."""
+        """Take the sounds that have arrived since the last call."""
         return [self._sounds.popleft() for _ in range(len(self._sounds))]
 
     def ended(self) -> list[int]:
-        """Take the utterances that were cancelled since this was asked last; ask before :meth:`sounds`."""
+        """Take the utterances that were cancelled since the last call; call it before :meth:`sounds`."""
         return [self._ended.popleft() for _ in range(len(self._ended))]
 
     def faps(self) -> Faps:
-        """Newest frame, (68,) FAPU; a face at rest before the first, and where the server is lost."""
+        """Return the newest frame, (68,) FAPU; a face at rest before the first, and without a connection."""
         frame = self._frame
         return np.zeros(fap.FAP_COUNT, np.int32) if frame is None else frame[2]
 
     def send(self, kind: str, **fields: object) -> None:
-        """Send a message of :func:`fapengine.server.web.messages.structs`; it is lost while there is no server."""
+        """Send a message of :func:`fapengine.server.web.messages.structs`; it is dropped without a connection."""
         if self.state == "open":
             self._loop.call_soon_threadsafe(self._queue.put_nowait, text_of(kind, **fields))
 
     def close(self) -> None:
-        """Leave."""
+        """Close the connection."""
         if self._thread.is_alive():
-            self._loop.call_soon_threadsafe(lambda: self._task.cancel() if self._task else None)
+            self._loop.call_soon_threadsafe(self._task.cancel)
             self._thread.join(CLOSE_S)
 
     def _run(self) -> None:
-        async def live() -> None:
-            self._task = asyncio.current_task()
-            await self._connect()
-
-        try:
-            self._loop.run_until_complete(live())
-        except asyncio.CancelledError:
-            pass
-        finally:
-            self._loop.close()
+        with closing(self._loop), suppress(asyncio.CancelledError):
+            self._loop.run_until_complete(self._task)
 
     async def _connect(self) -> None:
         pause_s = RETRY_S[0]
@@ -205,12 +197,13 @@ class WebSocketViewer:
             if self.state == "open":
                 pause_s = RETRY_S[0]
             self.state = "lost"
-            self._frame, self._trips = None, []
+            self._frame = None
+            self._trips.clear()
             await asyncio.sleep(pause_s)
             pause_s = min(2 * pause_s, RETRY_S[1])
 
     def _in_words(self, error: Exception) -> str:
-        """Say what is wrong, and what to do."""
+        """Describe an error of the connection, and what to do."""
         where = urlsplit(self._url).netloc
         if isinstance(error, self._aiohttp.WSServerHandshakeError):
             if error.status == HTTPStatus.FORBIDDEN:
@@ -244,7 +237,7 @@ class WebSocketViewer:
             await asyncio.gather(*tasks, return_exceptions=True)
 
     async def _fetch(self, client: Any, turn: asyncio.Lock, utterance: int, path: str) -> None:
-        """Have a sound, after those before it: they are played in the order in which they come."""
+        """Load a sound after those before it: they are played in this order."""
         parts = urlsplit(self._url)
         token = dict(parse_qsl(parts.query)).get("token")
         query = f"&{urlencode({'token': token})}" if token else ""
@@ -286,7 +279,7 @@ class WebSocketViewer:
         self._frame = (number, time_s, np.array(values, np.int32))
 
     def _take_text(self, text: str) -> tuple[int, str] | None:
-        """Take a message; returns the utterance and address of a sound that is to be had."""
+        """Process a message; return the utterance and address of a sound that is to be loaded."""
         try:
             message = json.loads(text)
             kind = message["type"]
@@ -314,14 +307,13 @@ class WebSocketViewer:
                 self._fetching.pop(number).cancel()
 
     def _take_pong(self, number: int, server_s: float) -> None:
-        asked_s = self._pings.pop(number, None)
+        asked_s, now_s = self._pings.pop(number, None), self._clock()
         if asked_s is not None:
-            now_s = self._clock()
-            self._trips = [*self._trips[-BEST_PINGS + 1 :], (now_s - asked_s, server_s - (asked_s + now_s) / 2)]
+            self._trips.append((now_s - asked_s, server_s - (asked_s + now_s) / 2))
 
 
 async def _body(answer: Any) -> bytes:
-    """Read an answer to its end; aiohttp's ``read(n)`` returns as soon as anything is there.
+    """Read an answer to its end; aiohttp's ``read(n)`` may return less.
 
     Raises
     ------
@@ -337,12 +329,12 @@ async def _body(answer: Any) -> bytes:
 
 
 def parse_wav(data: bytes) -> tuple[NDArray[np.int16], int]:
-    """Read a WAV of 16 bits: samples (N,), the first channel, and the rate in Hz.
+    """Decode a WAV of 16 bits: samples (N,) of the first channel, and the rate in Hz.
 
     Raises
     ------
     DataError
-        If it is none.
+        If it is not one.
     """
     try:
         with wave.open(io.BytesIO(data), "rb") as sound:
@@ -354,7 +346,3 @@ def parse_wav(data: bytes) -> tuple[NDArray[np.int16], int]:
         raise DataError(f"sound: got {8 * width} bits at {rate_hz} Hz, expected 16 bits")
     whole = frames[: len(frames) - len(frames) % (2 * channels)]
     return np.frombuffer(whole, "<i2").reshape(-1, channels)[:, 0].astype(np.int16), rate_hz
-
-
-def _aiohttp() -> Any:
-    return needed("aiohttp", "aiohttp", "server")

@@ -50,7 +50,7 @@ class Subject:
         if not 1 <= size <= MAX_NAME_BYTES or "\0" in self.name:
             raise UsageError(f"name: got {self.name!r:.40} of {size} bytes, expected 1..{MAX_NAME_BYTES} without NUL")
         if not _UUID.fullmatch(self.device):
-            raise UsageError(f"device: got {self.device!r:.60}, expected a UUID of 36 letters")
+            raise UsageError(f"device: got {self.device!r:.60}, expected a UUID of 36 characters")
 
 
 def livelink_values(weights: ArrayLike, faps: ArrayLike) -> NDArray[np.float32]:

@@ -188,6 +188,9 @@ def _message(data: bytes, at: int, time_tag: int) -> Message:
                 )
             values += step.unpack_from(data, here)
             here += step.size
+        elif isinstance(step, str):
+            readable = "".join((*_LAYOUTS, *_READERS))
+            raise UnsupportedError(f"OSC type tag: got {step!r}, expected one of {readable}", where=f"byte {at}")
         else:
             value, here = step(data, here, at)
             values.append(value)
@@ -204,7 +207,9 @@ def _string(data: bytes, here: int, at: int) -> tuple[str, int]:
     try:
         return data[here:stop].decode(), end
     except UnicodeDecodeError as error:
-        raise DataError(f"OSC string: is no UTF-8: {error.reason}", where=f"byte {at + here + error.start}") from error
+        raise DataError(
+            f"OSC string: invalid UTF-8: {error.reason}", where=f"byte {at + here + error.start}"
+        ) from error
 
 
 def _blob(data: bytes, here: int, at: int) -> tuple[bytes, int]:
@@ -233,20 +238,12 @@ _READERS: dict[str, Reader] = {
 
 
 @lru_cache(maxsize=256)
-def _steps(tags: str) -> tuple[struct.Struct | Reader, ...]:
-    """Return the readers of the arguments, one struct for each run of numbers."""
-    steps: list[struct.Struct | Reader] = []
+def _steps(tags: str) -> tuple[struct.Struct | Reader | str, ...]:
+    """Return the readers of the arguments, one struct for each run of numbers; unknown tags as they are."""
+    steps: list[struct.Struct | Reader | str] = []
     for run in re.findall(f"[{''.join(_LAYOUTS)}]+|.", tags, re.DOTALL):
         if run[0] in _LAYOUTS:
             steps.append(struct.Struct(">" + "".join(_LAYOUTS[tag] for tag in run)))
         else:
-            steps.append(_READERS.get(run) or _unsupported(run))
+            steps.append(_READERS.get(run, run))
     return tuple(steps)
-
-
-def _unsupported(tag: str) -> Reader:
-    def refuse(data: bytes, here: int, at: int) -> tuple[Argument, int]:
-        readable = "".join((*_LAYOUTS, *_READERS))
-        raise UnsupportedError(f"OSC type tag: got {tag!r}, expected one of {readable}", where=f"byte {at}")
-
-    return refuse

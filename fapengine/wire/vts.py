@@ -139,7 +139,7 @@ class VtsDialog:
         if kind == "AuthenticationTokenResponse" and self.state == "asking":
             token = data.get("authenticationToken")
             if not isinstance(token, str) or not 0 < len(token) <= MAX_TOKEN:
-                raise DataError(f"VTube Studio: got no token of 1 to {MAX_TOKEN} letters")
+                raise DataError(f"VTube Studio: got no token of 1 to {MAX_TOKEN} characters")
             self.token, self._is_fresh = token, True
             return self._authenticate()
         if kind == "AuthenticationResponse" and self.state == "checking":

@@ -108,12 +108,6 @@ class EngineClock:
         self._odd = []
         self._slope = self._fitted_slope()
 
-    def reset(self) -> None:
-        """Forget everything, for another engine."""
-        self._samples.clear()
-        self._odd = []
-        self._slope = 0.0
-
     def offset_s(self, sender_s: float) -> float:
         """Engine's clock minus sender's; 0 while nothing is known."""
         if not self._samples:

@@ -87,7 +87,7 @@ class Handshake:
         before, self._instance = self._instance, answer.instance or self._instance
         is_other = bool(before) and before != self._instance
         if is_other:
-            self.clock.reset()
+            self.clock = EngineClock()
             self._pings = 0
         if isinstance(answer, schema.Welcome):
             self.welcome, self._hello_s, self._hellos = answer, inf, 0

@@ -9,7 +9,7 @@ import pytest
 from fapengine.app.face import Face, Ticks
 from fapengine.app.phone_ticker import ticker
 from fapengine.app.view import BLINK, PAUSE, STOP, FaceSource, OscSource, ServerSource, TrackSource
-from fapengine.audio.output import LastingOutput, SilentOutput
+from fapengine.audio.output import Output, SilentOutput
 from fapengine.engine.commands import SetParameter
 from fapengine.expressions import Expression
 from fapengine.mpeg4 import fap
@@ -132,15 +132,15 @@ def test_a_sound_that_is_late_holds_the_track() -> None:
 
 
 def test_a_track_goes_on_when_its_device_is_pulled_out() -> None:
-    class Pulled(SilentOutput):
+    class Pulled(Output):
         def is_alive(self, now_s: float) -> bool:
             return now_s < 11.0
 
-        def _reach(self, now_s: float) -> float:
-            return super()._reach(min(now_s, 10.5))
+        def _device_s(self, now_s: float) -> float:
+            return self._skip_to(min(now_s, 10.5) - 10.0)
 
     clock = Clock()
-    output = LastingOutput(Pulled(8000, "a card", now=clock), 8000, now=clock)
+    output = Pulled(8000, "a card", clock)
     source = TrackSource(ramp(), clock, samples=np.ones(16_000, np.int16), sample_rate_hz=8000, output=output)
     shown = {}
     for _ in range(75):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from fapengine.audio.mixer import Mixer
-from fapengine.audio.output import LastingOutput, SilentOutput
+from fapengine.audio.output import Output, SilentOutput
 from fapengine.audio.player import SETTLE_S, STILL_S
 from fapengine.engine.commands import VOICE_UTTERANCES, Cancel, Pause, Resume, Seek
 from fapengine.engine.engine import Engine
@@ -35,27 +35,33 @@ class Clock:
         return self.now_s
 
 
-@dataclass
-class Card:
+class Card(Output):
     """Plays at a rate that is a little wrong, late, and stands still when told so."""
 
-    clock: Clock
-    drift_ppm: float = 0.0
-    latency_s: float = 0.1
-    opens_s: float = 0.0
-    """When its clock is to be trusted."""
-    stalls: tuple[tuple[float, float], ...] = ()
-    """(when, how long), engine time."""
-    dies_s: float = 1e9
-    description: str = "a card"
-    is_silent: bool = False
-    is_closed: bool = False
-    queue: Mixer = field(default_factory=lambda: Mixer(RATE_HZ))
+    def __init__(
+        self,
+        clock: Clock,
+        *,
+        drift_ppm: float = 0.0,
+        latency_s: float = 0.1,
+        opens_s: float = 0.0,
+        stalls: tuple[tuple[float, float], ...] = (),
+        dies_s: float = 1e9,
+        is_silent: bool = False,
+    ) -> None:
+        """``opens_s``: when its clock is to be trusted; ``stalls``: (when, how long), engine time."""
+        super().__init__(RATE_HZ, "a card", clock)
+        self.drift_ppm, self.latency_s, self.opens_s = drift_ppm, latency_s, opens_s
+        self.stalls, self.dies_s, self.is_silent, self.is_closed = stalls, dies_s, is_silent, False
 
-    def heard_s(self, now_s: float) -> float:
+    @property
+    def queue(self) -> Mixer:
+        return self._mixer
+
+    def _device_s(self, now_s: float) -> float:
         lost = sum(min(max(now_s - at, 0.0), span) for at, span in self.stalls)
         heard = (now_s - 50.0 - lost) * (1 + self.drift_ppm * 1e-6)
-        self.queue.take(max(round((heard + self.latency_s) * RATE_HZ) - self.queue.taken, 0))
+        self._mixer.take(max(round((heard + self.latency_s) * RATE_HZ) - self._mixer.taken, 0))
         return heard
 
     def is_settled(self, now_s: float) -> bool:
@@ -63,25 +69,6 @@ class Card:
 
     def is_alive(self, now_s: float) -> bool:
         return now_s < self.dies_s
-
-    def play(self, samples: np.ndarray) -> int:
-        self.heard_s(self.clock())
-        return self.queue.add(samples)
-
-    def position_s(self, sound: int, now_s: float) -> float | None:
-        return self.queue.position_s(sound, self.heard_s(now_s))
-
-    def is_over(self, sound: int, now_s: float) -> bool:
-        return self.queue.is_over(sound, self.heard_s(now_s))
-
-    def pause(self, on: bool) -> None:
-        self.queue.pause(on)
-
-    def drop(self, sound: int) -> None:
-        self.queue.drop(sound)
-
-    def stop(self) -> None:
-        self.queue.stop()
 
     def close(self) -> None:
         self.is_closed = True
@@ -126,7 +113,7 @@ def stage(**card: object) -> Stage:
     made = Card(clock, **card)
     hub = Hub(Engine(english(), rng=np.random.default_rng(1), style=STYLE), rate_hz=60.0, clock=clock)
     hub.open("face")
-    return Stage(made, clock, hub, Playback(hub, "face", opens=lambda rate_hz: LastingOutput(made, rate_hz, now=clock)))
+    return Stage(made, clock, hub, Playback(hub, "face", opens=lambda rate_hz: made))
 
 
 def opening(faps: np.ndarray) -> np.ndarray:

@@ -108,7 +108,7 @@ def test_bundles_are_filled_to_the_limit_and_keep_the_order() -> None:
         (h("2f610000 69000000"), DataError, "type tags"),
         (h("2f610000 2c510000"), UnsupportedError, "type tag: got 'Q'"),
         (h("2f610000 2c000000 00000000"), DataError, "4 bytes follow"),
-        (h("2fff0000 2c000000"), DataError, "no UTF-8"),
+        (h("2fff0000 2c000000"), DataError, "invalid UTF-8"),
         (h("2f610000 2c620000 ffffffff"), DataError, "length of -1"),
         (h("2f610000 2c620000 00000005 31323334"), TruncatedError, "blob: got 4 bytes of 5"),
         (osc.BUNDLE_HEAD + h("00000000"), DataError, "got 0 bytes"),
