@@ -1,14 +1,14 @@
-"""Child processes: how each is started, spoken with, and ended.
+"""Child processes: starting them, exchanging messages, and ending them.
 
 Theory of operation
 -------------------
 A child is a module of this package with a function ``main(parent, *arguments)``. It reads messages from its standard
 input and writes messages to its standard output, so it ends with its input, however its parent ends. A message is two
 lengths (``<II``, bytes), a JSON object and raw bytes: any Python reads it with its standard library alone, which the
-face detector's needs (:mod:`fapengine.files.detector_program`).
+face detector needs (:mod:`fapengine.files.detector_program`).
 
 One policy for all: a child imports from where its parent does, never from the working directory. It is in a process
-group of its own and ignores Ctrl-C, which its parent handles for it. It is nicer than its parent where faces go first.
+group of its own and ignores Ctrl-C, which its parent handles for it. Its niceness may be higher than its parent's.
 What a library prints goes to standard error. A child that fails on purpose sends its error, which the parent raises. A
 child has nothing to save, so it is ended by a kill.
 """
@@ -32,13 +32,12 @@ from fapengine.errors import FapEngineError, ResourceError
 LENGTHS = struct.Struct("<II")
 """Bytes of the JSON object, and bytes of the data."""
 NICENESS = 5
-"""Of children that may take longer: faces go first."""
+"""Niceness of children that must not slow down faces."""
 START = "import sys; sys.path[:] = {path!r}; from fapengine._child import run; run()"
 PIPE_BYTES = 1 << 20
-"""Size asked for pipes; 64 KiB is usual, and makes many small steps of a picture."""
-
+"""Requested size of pipes; the usual 64 KiB cut an image into many small pieces."""
 LOOK_S = 0.5
-"""Time between two looks for the parent, where a child looks for it."""
+"""Interval at which a child checks for its parent."""
 
 Head = dict[str, Any]
 Message = tuple[Head, bytes]
@@ -73,7 +72,7 @@ def messages(stream: BinaryIO) -> Iterator[Message]:
 
 
 def unpacked(received: bytearray) -> Iterator[Message]:
-    """Take whole messages from the beginning of what was received."""
+    """Remove complete messages from the beginning of the received bytes."""
     while len(received) >= LENGTHS.size:
         size, data_size = LENGTHS.unpack_from(received)
         end = LENGTHS.size + size + data_size
@@ -167,7 +166,7 @@ class Child:
         self._unsent += packed(head, data)
 
     def flush(self) -> bool:
-        """Send what the pipe takes now; True if nothing is left.
+        """Send what the pipe accepts now; True if nothing remains.
 
         Raises
         ------
@@ -184,7 +183,7 @@ class Child:
         return True
 
     def poll(self) -> list[Message]:
-        """Take the messages that have come.
+        """Return the messages that have arrived.
 
         Raises
         ------
@@ -204,7 +203,7 @@ class Child:
         return messages
 
     def take_input(self) -> int:
-        """Take over the pipe to the child: a file number, to be closed by the caller."""
+        """Return the file descriptor of the pipe to the child, which the caller must close."""
         taken = os.dup(self._in.fileno())
         self._in.close()
         with contextlib.suppress(OSError):  # pipes of Windows always wait (before Python 3.12)
@@ -216,7 +215,7 @@ class Child:
         self.process.kill()
 
     def close(self) -> None:
-        """End it and wait for its end. To close again does nothing."""
+        """End it, and wait for its end. Closing again does nothing."""
         self.process.kill()
         self.process.wait()
         for pipe in (self._in, self._out):
@@ -265,7 +264,7 @@ class Parent:
 
 
 def ignore_signals(*others: int) -> None:
-    """Leave Ctrl-C and the end of the terminal to the parent, and other signals."""
+    """Ignore Ctrl-C, the end of the terminal and other signals, which the parent handles."""
     for number in (signal.SIGINT, getattr(signal, "SIGHUP", signal.SIGINT), *others):
         signal.signal(number, signal.SIG_IGN)
 
@@ -283,7 +282,7 @@ def end_soon_with_parent() -> None:
 
 
 def run() -> None:
-    """Be a child: its module, niceness and arguments are those of the command."""
+    """Run a child: its module, niceness and arguments are those of the command."""
     module, niceness, *arguments = sys.argv[1:]
     ignore_signals()
     if hasattr(os, "nice"):

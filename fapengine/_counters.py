@@ -1,4 +1,4 @@
-"""Counters: dataclasses of numbers that name the metric they are a part of, and how they become its samples.
+"""Counters: dataclasses of numbers, and their conversion to metrics with samples.
 
 A class of counters is one metric, with its fields as values of the label ``kind``; a field made by :func:`metric` is a
 metric of its own. What serves metrics (:mod:`fapengine.server.metrics`) asks each of them for :meth:`Counts.families`.
@@ -47,10 +47,10 @@ class Counts:
     """
 
     METRIC: ClassVar[tuple[str, str]] = "", ""
-    """Name and help of the metric that its fields are kinds of."""
+    """Name and help of the metric; its fields are values of the label ``kind``."""
 
     def families(self, *labels: tuple[str, str]) -> Iterator[Family]:
-        """Metrics with these numbers, each sample with some labels more."""
+        """Return metrics with these numbers; ``labels`` are added to each sample."""
         kinds: dict[tuple[str, str, bool], list[tuple[Labels, float]]] = {}
         for one in fields(self):
             own = one.metadata.get("metric")
@@ -66,7 +66,7 @@ class Counts:
 
 
 def metric(name: str, help_text: str, *, is_gauge: bool = False, has_kind: bool = False) -> Any:
-    """Make a field, at first 0, that is a metric of its own, or with ``has_kind`` one of its kinds."""
+    """Make a field, initially 0, that is a metric of its own, or with ``has_kind`` one of its kinds."""
     return field(default=0, metadata={"metric": (name, help_text, is_gauge, has_kind)})
 
 

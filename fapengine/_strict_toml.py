@@ -1,7 +1,7 @@
 """Strict reading of TOML into frozen dataclasses, and values checked against their annotations.
 
 A key that a dataclass does not have, one that is missing, and a value of another type or out of range are errors that
-name file, key, what was there and what was expected.
+name file, key, value and expectation.
 """
 
 import dataclasses
@@ -30,7 +30,7 @@ WORDS: dict[object, str] = {
     dict: "a table",
     tuple: "a list",
 }
-"""Type to what it is called in a TOML file."""
+"""Name of each type in error messages."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -45,14 +45,14 @@ class Between:
 
 
 class Checked:
-    """Base of dataclasses that refuse fields which their annotations do not allow.
+    """Base of dataclasses that reject values which their annotations do not allow.
 
     Ranges are annotations too: ``Annotated[int, Between(0, 65535)]``.
 
     Raises
     ------
     UsageError
-        At construction; it begins with the field's name.
+        When it is created; the message begins with the field's name.
     """
 
     __slots__ = ()
@@ -63,12 +63,12 @@ class Checked:
 
 
 def check_value(name: str, value: object, kind: Any) -> None:
-    """Refuse a value that its annotation does not allow.
+    """Reject a value that its annotation does not allow.
 
     Raises
     ------
     UsageError
-        It begins with the name.
+        The message begins with the name.
     """
     try:
         _converted(value, kind)
@@ -87,16 +87,16 @@ def parse_toml(
     kind : type
         Dataclass with a field for each key: of plain types, tuples of them, mappings, or further dataclasses.
     name : str
-        Of the file, for messages.
+        Name of the file, for error messages.
     error : type
-        What to raise.
+        Exception to raise.
     schema : int, optional
         Number that the key ``schema`` must have; checked before all other keys, which another version may have.
 
     Raises
     ------
     DataError
-        If it is no TOML, or does not fit; ``where`` is file and key.
+        If it is not TOML, or does not fit; ``where`` is file and key.
 
     Examples
     --------
@@ -133,7 +133,7 @@ def quoted(text: str) -> str:
 
 
 def _structured(value: Any, kind: Any, path: tuple[str | int, ...], error: type[DataError]) -> Any:
-    """Turn what tomllib has read into a type; ``path`` is the file and the keys down to the value."""
+    """Convert what tomllib has read into a type; ``path`` is the file and the keys down to the value."""
     if type(None) in get_args(kind):
         kind = get_args(kind)[0]
     plain, parts = get_origin(kind) or kind, get_args(kind)
@@ -150,11 +150,11 @@ def _structured(value: Any, kind: Any, path: tuple[str | int, ...], error: type[
 
 
 class _UnfitError(ValueError):
-    """A value is not what its annotation says."""
+    """A value does not fit its annotation."""
 
 
 def _converted(value: Any, kind: Any) -> Any:
-    """Give a value as an annotation wants it, a whole number as a float, say; what does not fit is an error."""
+    """Convert a value to the type of an annotation, such as a whole number to a float; raise _UnfitError otherwise."""
     origin, parts = get_origin(kind) or kind, get_args(kind)
     if origin is Annotated:
         value = _converted(value, parts[0])
@@ -220,7 +220,7 @@ def _complaint(value: object, kind: Any) -> str:
 
 
 def _spell(kind: Any) -> str:
-    """Say which values a type has."""
+    """Describe the values of a type."""
     origin, parts = get_origin(kind), get_args(kind)
     if origin is Annotated:
         ranges = "".join(f", {part}" for part in parts[1:] if isinstance(part, Between))

@@ -1,7 +1,7 @@
-"""Profiles: the data that make one face speak one language. Strict: a wrong or unknown key is a :class:`ProfileError`.
+"""Speaker profiles: data of how one face speaks one language. A wrong or unknown key is a :class:`ProfileError`.
 
-A profile is a folder, ``profile.toml``, ``modes.npz`` and, if it knows about context, ``context.npz``. It carries the
-FAPU of the recorded face, so its motion suits any other.
+A profile is a folder, ``profile.toml``, ``modes.npz`` and, if targets depend on neighbours, ``context.npz``. It
+contains the FAPU of the recorded face, so its motion fits any face.
 """
 
 import hashlib
@@ -42,7 +42,7 @@ class PhoneTarget:
     """Points of one phone in the viseme space."""
 
     ipa: str
-    """One IPA letter, or several for a diphthong or an affricate."""
+    """One IPA symbol, or several for a diphthong or an affricate."""
     fractions: tuple[float, ...]
     """Times of the keyframes as fractions of the phone, 0..1, rising."""
     targets: NDArray[np.float64]
@@ -84,7 +84,7 @@ class ContextModel:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Profile:
-    """All that one face needs to speak one language."""
+    """How one face speaks one language."""
 
     id: str
     language: str
@@ -96,7 +96,7 @@ class Profile:
     """Targets by IPA."""
     expressions: Mapping[Expression, ExpressionTarget]
     context: ContextModel | None = None
-    """Targets by neighbours; without them every phone has one look, :attr:`phones`."""
+    """Targets that depend on neighbours; without them every phone has one pose, :attr:`phones`."""
 
 
 def format_profile(profile: Profile) -> dict[str, bytes]:
@@ -108,7 +108,7 @@ def format_profile(profile: Profile) -> dict[str, bytes]:
     Raises
     ------
     UsageError
-        If ``origin`` lacks source or command: no numbers without a birthplace.
+        If ``origin`` lacks source or command.
     """
     missing = [key for key in ORIGIN_NEEDED if key not in profile.origin]
     if missing:
@@ -192,7 +192,7 @@ def parse_profile(files: Mapping[str, bytes]) -> Profile:
     document = parse_toml(files[TOML_NAME], _Document, TOML_NAME, ProfileError, schema=SCHEMA)
     for key in ORIGIN_NEEDED:
         if key not in document.origin:
-            raise _wrong(f"key {key!r} is missing: no numbers without a birthplace", "origin", key)
+            raise _wrong(f"key {key!r} is missing", "origin", key)
     space = _space(document.modes, files)
     return Profile(
         id=document.id,
@@ -304,7 +304,7 @@ def _context(context: _Context, files: Mapping[str, bytes], modes: int) -> Conte
     if strange is not None:
         raise _wrong(
             f"{context.file}: got feature {strange!r}, expected one that begins with {', '.join(FEATURE_KINDS)};"
-            " a profile of an earlier fapengine must be fitted anew (fapengine fit)", "context", "file",
+            " fit profiles of earlier versions again (fapengine fit)", "context", "file",
         )  # fmt: skip
     return model
 

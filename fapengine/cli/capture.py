@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from fapengine.cli.options import DATAGRAM_SINKS, LIVE, AsJson, HeadName, WriteOptions, complete_datagram_sink
+from fapengine.cli.options import LIVE, AsJson, HeadName, Sinks, WriteOptions
 
 WINDOW = "512x512"
 
@@ -50,15 +50,7 @@ def capture(
         bool,
         typer.Option("--window", help="Show the result live in a window.", rich_help_panel=LIVE),
     ] = False,
-    sink: Annotated[
-        list[str],
-        typer.Option(
-            "--sink",
-            help=f"Send live frames to this URL: {DATAGRAM_SINKS}. Repeatable.",
-            rich_help_panel=LIVE,
-            autocompletion=complete_datagram_sink,
-        ),
-    ] = [],  # noqa: B006
+    sink: Sinks = [],  # noqa: B006
     to: Annotated[
         str | None,
         typer.Option(

@@ -82,13 +82,20 @@ def complete_sink(incomplete: str) -> list[tuple[str, str]]:
     return [(f"{kind.name}://", kind.receivers) for kind in SINK_KINDS if f"{kind.name}://".startswith(incomplete)]
 
 
-def complete_datagram_sink(incomplete: str) -> list[tuple[str, str]]:
-    """As :func:`complete_sink`, for sinks that work without a server."""
-    return [
-        (f"{kind.name}://", kind.receivers)
-        for kind in SINK_KINDS
-        if kind.medium == "datagrams" and f"{kind.name}://".startswith(incomplete)
-    ]
+def _complete_datagram_sink(incomplete: str) -> list[tuple[str, str]]:
+    names = {f"{kind.name}://" for kind in SINK_KINDS if kind.medium == "datagrams"}
+    return [(name, receivers) for name, receivers in complete_sink(incomplete) if name in names]
+
+
+Sinks = Annotated[
+    list[str],
+    typer.Option(
+        "--sink",
+        help=f"Also send live frames to this URL: {DATAGRAM_SINKS}. Repeatable.",
+        rich_help_panel=LIVE,
+        autocompletion=_complete_datagram_sink,
+    ),
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -287,15 +294,7 @@ class LiveOptions:
         bool,
         typer.Option("--silent", help="Do not play sound. The face follows the system clock.", rich_help_panel=LIVE),
     ] = False
-    sink: Annotated[
-        list[str],
-        typer.Option(
-            "--sink",
-            help=f"Also send live frames to this URL: {DATAGRAM_SINKS}. Repeatable.",
-            rich_help_panel=LIVE,
-            autocompletion=complete_datagram_sink,
-        ),
-    ] = field(default_factory=list)
+    sink: Sinks = field(default_factory=list)
 
     def value(self) -> "LiveOutput":
         """Return the live output that the options describe."""

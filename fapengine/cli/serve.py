@@ -9,6 +9,8 @@ from fapengine import speaking
 from fapengine.cli import options as shared
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from fapengine.mesh.face_mesh import FaceMesh
     from fapengine.profiles import Profile
     from fapengine.server.cluster.workers import Workers
@@ -193,12 +195,14 @@ def serve(
 def _start(config: "ServeConfig") -> None:
     import asyncio
 
+    from fapengine._late import needed
     from fapengine.files.heads.load import load_head
     from fapengine.files.profiles import load_profile
     from fapengine.server.logs import begin_log
     from fapengine.server.watchdog import start_watchdog
 
-    _need_extra()
+    for name in ("aiohttp", "prometheus_client"):
+        needed(name, name, "serve")
     if config.calls.on:
         from fapengine.server.calls.calls import need_aiortc
 
@@ -213,17 +217,20 @@ def _start(config: "ServeConfig") -> None:
         asyncio.run(_run(config, profile, face, watchdog))
 
 
-def _need_extra() -> None:
-    """Check the server's libraries, which are an extra, before anything starts."""
-    from fapengine._late import needed
+def _stop_on_signals(stop: "Callable[[], None]") -> None:
+    import asyncio
+    import signal
 
-    for name in ("aiohttp", "prometheus_client"):
-        needed(name, name, "serve")
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        try:
+            loop.add_signal_handler(number, stop)
+        except NotImplementedError:  # Windows
+            signal.signal(number, lambda *_: loop.call_soon_threadsafe(stop))
 
 
 async def _run(config: "ServeConfig", profile: "Profile", head: "FaceMesh | None", guard: "Watchdog") -> None:
     import asyncio
-    import signal
 
     from fapengine.server.load import collect_now_and_then
     from fapengine.server.server import Server
@@ -231,12 +238,7 @@ async def _run(config: "ServeConfig", profile: "Profile", head: "FaceMesh | None
 
     server = Server(config, profile, head)
     server.hub.listeners.on_frames(lambda frames: guard.tell(frames.sessions))
-    loop = asyncio.get_running_loop()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        try:
-            loop.add_signal_handler(number, server.stop)
-        except NotImplementedError:  # Windows
-            signal.signal(number, lambda *_: loop.call_soon_threadsafe(server.stop))
+    _stop_on_signals(server.stop)
     collecting = asyncio.create_task(collect_now_and_then())
     try:
         await serve_until_stopped(server, lambda: _announce(server))
