@@ -259,13 +259,14 @@ class AvatarOptions:
         UsageError
             If there are options for an avatar but no avatar.
         """
-        from fapengine.app.scene_files import Into
         from fapengine.errors import UsageError
 
         if self.into is None:
             if self.mapping is not None or self.keys != "linear":
                 raise UsageError("into: missing; --keys and --map need it")
             return None
+        from fapengine.app.scene_files import Into  # with the formats of other programs
+
         return Into(self.into, self.keys, self.mapping)
 
 
