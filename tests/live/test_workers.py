@@ -158,8 +158,8 @@ def _lives(process: int) -> bool:
     [
         (ServeConfig(sinks=("vmc://127.0.0.1",)), "session=NAME"),
         (ServeConfig(sinks=("fba+tcp://127.0.0.1:9?session=anna",)), "one that sends datagrams"),
-        (ServeConfig(sound=SoundChoice(session="face")), "sound card"),
-        (ServeConfig(sound=SoundChoice(microphone="default")), "sound card"),
+        (ServeConfig(sound=SoundChoice(session="face")), "audio devices"),
+        (ServeConfig(sound=SoundChoice(microphone="default")), "audio devices"),
     ],
 )
 def test_what_one_process_alone_can_do_is_refused(config: ServeConfig, why: str) -> None:
