@@ -2,7 +2,7 @@
 
 Theory of operation
 -------------------
-A text is cut into pieces (:mod:`fapengine.speech.text.pieces`). The voice speaks one piece at a time, and each session
+A text is cut into pieces (:mod:`fapengine.speech.text.words`). The voice speaks one piece at a time, and each session
 has at most one piece in the queue, so sessions take turns: a long text of one delays the others by a piece each, not by
 all of it. A text whose audio exceeds its limit is given up with an error.
 
@@ -20,7 +20,7 @@ import numpy as np
 from fapengine.errors import NothingToSpeakError, UsageError
 from fapengine.speech.marks import MarkedText, read_marks
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
-from fapengine.speech.text.pieces import ends_sentence, pieces_of
+from fapengine.speech.text.words import ends_sentence, pieces_of
 from fapengine.voices.choice import VoiceChoice
 from fapengine.voices.pronounce import Pronouncer
 from fapengine.voices.protocol import Speech

@@ -1,10 +1,10 @@
-"""What lips and tongue do for each IPA letter, in mm: a table of our own, for what no video tracker has measured.
+"""Positions of lips and tongue for each IPA symbol, in mm: a built-in table of what no video tracker has measured.
 
-The profile's recordings know how far a mouth opens and how wide it is; they know little of how far lips come forward
-(a single camera) and nothing of the tongue. This table has facts for that, with their source and their uncertainty.
-Length, nasalisation and tone are ignored on purpose: none of them is seen (:func:`.ipa.letters` drops their marks).
+The profile's recordings show how far a mouth opens and how wide it is; they show little of how far lips come forward
+(a single camera) and nothing of the tongue. This table has values for that, with source and uncertainty. Length,
+nasalisation and tone are ignored, because they are invisible (:func:`.ipa.letters` drops their marks).
 
-Axes of a letter's row, in the order of :data:`AXES`:
+Axes of a symbol's row, in the order of :data:`AXES`:
 
 - ``push``: both lips forward from rest, mm, mean of upper and lower.
 - ``round``: what the corners of the mouth are held to, 1 narrow, 0 free, -1 spread.
@@ -13,7 +13,7 @@ Axes of a letter's row, in the order of :data:`AXES`:
   what reaches the palate is as much higher as the jaw is down for that letter, 3 to 5 mm.
 - ``body_up``: the middle of the tongue up, mm.
 
-``insists`` say how far a letter keeps to its row beside others, 0 to 1: 1 takes nothing from its neighbours, 0 all.
+``insists`` is the resistance to coarticulation, 0 to 1: at 1 a symbol takes nothing from its neighbours, at 0 all.
 
 Sources:
 
@@ -65,10 +65,9 @@ class Articulation:
         return (self.lips_insist,) * 2 + (self.tongue_insists,) * 3
 
 
-_COLUMNS = (*AXES, "lips_insist", "tongue_insists", "sure_mm")
 # fmt: off
 _ROWS: tuple[tuple[str, tuple[float, ...], str], ...] = (
-    # letters, the columns, source
+    # letters; push, round, tip_up, tip_out, body_up, lips_insist, tongue_insists, sure_mm; source
     ("i",    ( 0.0, -1.0,  0.0, -1.0,  8.0, 1.0, 1.0, 2), "JD3 i"),
     ("ɪ",    ( 0.0, -0.6,  0.0, -1.0,  3.0, 0.9, 0.9, 2), "JD3 ɪ"),
     ("e",    ( 0.0, -0.8, -1.0, -2.0,  7.0, 1.0, 1.0, 2), "JD3 e"),
@@ -123,16 +122,10 @@ _ROWS: tuple[tuple[str, tuple[float, ...], str], ...] = (
 # fmt: on
 
 
-def _table() -> dict[str, Articulation]:
-    table: dict[str, Articulation] = {}
-    for letters, numbers, source in _ROWS:
-        for letter in letters:
-            table[letter] = Articulation(**dict(zip(_COLUMNS, numbers, strict=True)), source=source)
-    return table
-
-
-ARTICULATIONS: dict[str, Articulation] = _table()
-"""Every letter of :data:`.ipa.SOUNDS`."""
+ARTICULATIONS: dict[str, Articulation] = {
+    letter: Articulation(*numbers, source=source) for letters, numbers, source in _ROWS for letter in letters
+}
+"""The articulation of every symbol of :data:`.ipa.SOUNDS`."""
 OPENINGS = {
     letter: opening_mm
     for letters, opening_mm in (
@@ -159,7 +152,7 @@ OPENINGS_ALONE = {
 in steps of about 1 mm, none of them farther from it than 1.5 mm, which is within its uncertainty. In words these values
 made new words harder to read (21.3 % misread in place of 19.7 %)."""
 SIBILANTS = frozenset("szʃʒɕʑʂʐ")
-"""Sounds that need the teeth near each other: of all consonants the jaw is highest and varies least (Mooshammer, Hoole
+"""Consonants with the teeth close together: of all consonants the jaw is highest and varies least (Mooshammer, Hoole
 and Geumann 2007, "Jaw and order", Language and Speech 50, 145)."""
 PUCKERED = frozenset("uyoøʉɵwʍɥ")
 """Tense rounded vowels and their glides: lips that go on narrowing while the sound lasts."""

@@ -93,23 +93,13 @@ ROUNDED_MM = 5.0
 STRESS = {"ˈ": 1, "ˌ": 2}
 TIES = "\u0361\u035c"
 LENGTH = "ːˑ"
-_REPLACED = {
-    "g": "ɡ",
-    "ʣ": "dz",
-    "ʤ": "dʒ",
-    "ʦ": "ts",
-    "ʧ": "tʃ",
-    "ʨ": "tɕ",
-    "ʥ": "dʑ",
-    "ᵻ": "ɪ",
-    "ᵊ": "ə",
-    "’": "",
-}
+_LIGATURES = {"ʣ": "dz", "ʤ": "dʒ", "ʦ": "ts", "ʧ": "tʃ", "ʨ": "tɕ", "ʥ": "dʑ"}
+_REPLACED = {**_LIGATURES, "g": "ɡ", "ᵻ": "ɪ", "ᵊ": "ə", "’": ""}
 
 
 @dataclass(frozen=True, slots=True)
 class Sound:
-    """Articulation of one IPA letter."""
+    """Articulation of one IPA symbol."""
 
     lips: float
     """0 free, 0.5 lip against teeth, 1 both lips closed or nearly."""
@@ -125,23 +115,15 @@ class Sound:
     """0 stop, 0.3 fricative, 0.6 approximant, 0.8 nasal; 1 vowel."""
 
 
-_PLACES = {  # place of articulation: (lips, rounding, place)
-    "bilabial": (1.0, 0.0, 0.0),
-    "labiodental": (0.5, 0.0, 0.0),
-    "dental": (0.0, 0.0, 0.05),
-    "alveolar": (0.0, 0.0, 0.15),
-    "postalveolar": (0.0, 0.6, 0.3),
-    "retroflex": (0.0, 0.4, 0.35),
-    "palatal": (0.0, 0.0, 0.5),
-    "labiovelar": (0.1, 1.0, 0.7),
-    "velar": (0.0, 0.0, 0.7),
-    "uvular": (0.0, 0.0, 0.8),
-    "pharyngeal": (0.0, 0.0, 0.9),
-    "glottal": (0.0, 0.0, 1.0),
-}
 _MANNERS = {"stop": 0.0, "fricative": 0.3, "approximant": 0.6, "nasal": 0.8}
 
 # fmt: off
+_PLACES = {  # place of articulation: (lips, rounding, place)
+    "bilabial": (1.0, 0.0, 0.0),     "labiodental": (0.5, 0.0, 0.0), "dental": (0.0, 0.0, 0.05),
+    "alveolar": (0.0, 0.0, 0.15),    "postalveolar": (0.0, 0.6, 0.3), "retroflex": (0.0, 0.4, 0.35),
+    "palatal": (0.0, 0.0, 0.5),      "labiovelar": (0.1, 1.0, 0.7),  "velar": (0.0, 0.0, 0.7),
+    "uvular": (0.0, 0.0, 0.8),       "pharyngeal": (0.0, 0.0, 0.9),  "glottal": (0.0, 0.0, 1.0),
+}
 _CONSONANTS = {  # (place, manner): voiceless letters, voiced letters
     ("bilabial", "stop"): ("pʘ", "bɓ"),       ("bilabial", "nasal"): ("", "m"),
     ("bilabial", "fricative"): ("ɸ", "β"),    ("bilabial", "approximant"): ("", "ʙ"),
@@ -193,11 +175,11 @@ def _table() -> dict[str, Sound]:
 
 
 SOUNDS: dict[str, Sound] = _table()
-"""Every IPA letter that fapengine knows, with its articulation."""
+"""Every IPA symbol that fapengine knows, with its articulation."""
 
 
 def split_stress(label: str) -> tuple[str, int]:
-    """Take stress marks off a label.
+    """Remove the stress marks of a label; returns the rest and the stress.
 
     Examples
     --------
@@ -209,7 +191,7 @@ def split_stress(label: str) -> tuple[str, int]:
 
 
 def normalise(label: str) -> str:
-    """One spelling for one phone: tie bars and tones dropped, ligatures such as ʧ opened, g as ɡ; marks stay.
+    """Give a phone its one spelling: without tie bars and tones, ligatures such as ʧ split, g as ɡ.
 
     Examples
     --------
@@ -230,9 +212,7 @@ CEDILLA = "\u0327"
 
 @cache
 def letters(label: str) -> tuple[str, ...]:
-    """Split a label into known IPA letters; marks, ties and lengths fall away.
-
-    Returns an empty tuple if any letter is unknown.
+    """Split a label into known IPA symbols, without diacritics, ties and lengths; empty if one is unknown.
 
     Examples
     --------
@@ -253,11 +233,14 @@ def letters(label: str) -> tuple[str, ...]:
     return tuple(known_letters)
 
 
-def distance(one: str, other: str) -> float:
-    """How different two IPA letters look, 0 the same.
+_VISIBILITY = {
+    "lips": 3.0, "rounding": 2.0, "opening": 2.0, "vowel": 1.5, "place": 0.8, "manner": 0.5, "voiced": 0.05,
+}  # fmt: skip
+"""Weights of differences: chosen so that the nearest neighbours agree with the groups of the MPEG-4 viseme table."""
 
-    Lips count 3, rounding 2, opening 2, vowel against consonant 1.5, place 0.8, manner 0.5, voice 0.05: an order of
-    visibility, chosen so that the nearest neighbours agree with the groups of the MPEG-4 viseme table.
+
+def distance(one: str, other: str) -> float:
+    """Visible difference of two IPA symbols, 0 for the same.
 
     Examples
     --------
@@ -265,19 +248,11 @@ def distance(one: str, other: str) -> float:
     True
     """
     a, b = SOUNDS[one], SOUNDS[other]
-    return (
-        3.0 * abs(a.lips - b.lips)
-        + 2.0 * abs(a.rounding - b.rounding)
-        + 2.0 * abs(a.opening - b.opening)
-        + 1.5 * (a.vowel != b.vowel)
-        + 0.8 * abs(a.place - b.place)
-        + 0.5 * abs(a.manner - b.manner)
-        + 0.05 * (a.voiced != b.voiced)
-    )
+    return sum(weight * abs(getattr(a, name) - getattr(b, name)) for name, weight in _VISIBILITY.items())
 
 
 def is_rounded(letter: str) -> bool:
-    """Whether lips come forward for a letter, by :data:`ROUNDED_MM` or more.
+    """Return whether lips come forward for a symbol, by :data:`ROUNDED_MM` or more.
 
     Examples
     --------
@@ -288,11 +263,11 @@ def is_rounded(letter: str) -> bool:
 
 
 def nearest(letter: str, known: tuple[str, ...]) -> str:
-    """Return the letter of ``known`` that is articulated most like ``letter``.
+    """Return the symbol of ``known`` with the articulation most similar to ``letter``.
 
-    Panphon's feature distance decides, but only among letters whose lips do the same: a phone never closes the lips,
-    sets them against the teeth or rounds them because an inner feature such as nasality agrees. Ties go to what looks
-    more alike (:func:`distance`), then to the earlier letter. Of vowels looks alone decide: panphon's *tense* sets ʊ
+    Panphon's feature distance decides, but only among symbols with the same lips: a phone never closes the lips, sets
+    them against the teeth or rounds them because an inner feature such as nasality agrees. Ties go to the smaller
+    :func:`distance`, then to the earlier symbol. For vowels only :func:`distance` counts: panphon's *tense* puts ʊ
     nearer to ɔ than to u, which opens half as far.
 
     Examples

@@ -4,6 +4,7 @@
 labels that no alphabet explains.
 """
 
+from collections import Counter
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import inf
@@ -13,12 +14,12 @@ from fapengine.errors import UsageError
 from fapengine.speech import ipa
 
 STAND_IN = "ə"
-"""Shown for a label that has no IPA letter at all: the neutral vowel."""
+"""Phone shown for a label without any IPA symbol: the neutral vowel."""
 
 
 @dataclass(frozen=True, slots=True)
 class UnknownPhone:
-    """A label that its alphabet does not explain, and what stands in for it."""
+    """A label outside its alphabet, and the phone shown instead."""
 
     label: str
     count: int
@@ -33,16 +34,16 @@ class UnknownPhone:
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """What the labels of a track were taken for."""
+    """Interpretation of a track's labels."""
 
     alphabet: str
     """One of :data:`fapengine.speech.alphabets.convert.ALPHABETS`."""
     guessed: bool = False
     """True where neither the format nor the caller named the alphabet."""
     others: tuple[str, ...] = ()
-    """Alphabets that explain as many of the labels, and mean something else by some."""
+    """Alphabets that explain as many of the labels, and read some of them differently."""
     doubtful: tuple[UnknownPhone, ...] = ()
-    """Labels that the alphabet does not have; their letters are read one by one."""
+    """Labels outside the alphabet, which are read character by character."""
 
     def __str__(self) -> str:
         how = " (guessed)" if self.guessed else ""
@@ -53,9 +54,9 @@ class Reading:
 SILENCE = "_"
 """Label of a pause or gap; never an IPA letter."""
 LOUDNESS_DB = (-12.0, 8.0)
-"""Bounds of a phone's loudness; beyond them a mouth does not do more."""
+"""Limits of a phone's loudness; beyond them a mouth does not change."""
 Level = Literal["phone", "viseme", "word", "character"]
-"""Units that a tool gave times for."""
+"""Units that a file gives times for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,9 +72,9 @@ class Phone:
     word: str = ""
     """The word it belongs to, if known."""
     confidence: float = 1.0
-    """Sureness of who heard it, 0..1; 1 too where nobody doubts."""
+    """Confidence of the recognizer, 0..1; 1 for phones from other sources."""
     loudness_db: float = 0.0
-    """Against the speaker's usual loudness, -12..8: whispered, shouted; 0 too where nobody measured it."""
+    """Relative to the speaker's usual loudness, -12 (whispered) to 8 (shouted); 0 if it was not measured."""
 
     def __post_init__(self) -> None:
         if not 0 <= self.start_s < self.end_s < inf:  # which no NaN is
@@ -99,18 +100,15 @@ class Phone:
 
 @dataclass(frozen=True, slots=True)
 class PhoneTrack:
-    """Phones in time order without overlap and without holes: silence is a phone too.
-
-    Use :meth:`of` to fill the holes.
-    """
+    """Phones in time order without overlaps and gaps: silence is a phone too. :meth:`of` fills gaps."""
 
     phones: tuple[Phone, ...]
     level: Level = "phone"
-    """Unit that the times were given for; of anything but phones, less precise animation comes."""
+    """Unit of the times; anything but phones gives less precise animation."""
     spelled: bool = False
-    """True where the labels are still spelled words, which must be pronounced before they can be shown."""
+    """True if the labels are written words, which must be pronounced before they can be shown."""
     reading: Reading | None = None
-    """Alphabet that the labels were read in; None where they were IPA from the start, or are words."""
+    """Alphabet of the labels; None for labels that were IPA from the start, and for words."""
 
     def __post_init__(self) -> None:
         for before, after in pairwise(self.phones):
@@ -130,14 +128,14 @@ class PhoneTrack:
         spelled: bool = False,
         reading: Reading | None = None,
     ) -> "PhoneTrack":
-        """Make a track, with silence put into the gaps and neighbouring silences joined.
+        """Make a track: gaps become silence, and neighbouring silences are joined.
 
         Parameters
         ----------
         phones : list of Phone
             In time order.
         tolerance_s : float
-            Gaps and overlaps up to this length are rounding of the file; the later start gives way.
+            Gaps and overlaps up to this length are rounding of the file; the later start is moved.
         level, spelled, reading : Level, bool, Reading or None
             See :class:`PhoneTrack`.
 
@@ -164,8 +162,7 @@ class PhoneTrack:
                 append(Phone(SILENCE, now_s, phone.start_s))
                 now_s = phone.start_s
             if phone.end_s > now_s:
-                follows = phone.start_s == now_s
-                append(phone if follows else replace(phone, start_s=now_s))
+                append(replace(phone, start_s=now_s))
                 now_s = phone.end_s
         return cls(tuple(filled), level, spelled, reading)
 
@@ -176,19 +173,16 @@ class PhoneTrack:
 
 
 def find_unknown(track: PhoneTrack) -> tuple[UnknownPhone, ...]:
-    """Find the labels that are no IPA, and those that only seem to be, in the order in which they first come.
+    """Find the labels outside IPA, and the doubtful ones, in the order in which they first occur.
 
     Examples
     --------
     >>> find_unknown(PhoneTrack((Phone("m", 0, 1), Phone("QQ", 1, 2), Phone("QQ", 2, 3))))[0].count
     2
     """
-    unknown: dict[str, UnknownPhone] = {}
-    for phone in track.phones:
-        if phone.is_silence or ipa.letters(phone.label):
-            continue
-        before = unknown.get(phone.label)
-        first_s = before.first_s if before else phone.start_s
-        unknown[phone.label] = UnknownPhone(phone.label, before.count + 1 if before else 1, first_s)
+    unknown = [phone for phone in track.phones if not (phone.is_silence or ipa.letters(phone.label))]
+    first_s = {phone.label: phone.start_s for phone in reversed(unknown)}
+    counts = Counter(phone.label for phone in unknown)
+    found = [UnknownPhone(label, count, first_s[label]) for label, count in counts.items()]
     doubtful = track.reading.doubtful if track.reading else ()
-    return tuple(sorted((*unknown.values(), *doubtful), key=lambda each: each.first_s))
+    return tuple(sorted((*found, *doubtful), key=lambda each: each.first_s))

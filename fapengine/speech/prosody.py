@@ -1,21 +1,21 @@
-"""How something is said: loudness and pitch of phones, against the speaker's own, and which vowels that stresses.
+"""Prosody: loudness of phones relative to the speaker's usual loudness, and the stressed vowels.
 
 Theory of operation
 -------------------
-*Usual*: the speaker's median level and pitch over all vowels, by their length. Vowels alone count, for consonants are
-quieter whatever the voice does. So a recording that is louder as a whole is no shout; a shout is louder than the rest
-of its recording.
+*Usual*: the speaker's median level and pitch over all vowels, weighted by their length. Only vowels count, for
+consonants are quieter at any effort. So a recording that is loud as a whole is not shouted; a shout is louder than the
+rest of its recording.
 
-*Effort*: the mean level of the vowels around a phone (Gaussian, :data:`AROUND_S`), against the usual. Levels within
-:data:`USUAL_DB` of it are everybody's normal speech, and say nothing about how far a mouth opens: scaling each vowel by
-its own level lowers the likeness to filmed lips (docs/how-to/sound.md). What is beyond is the phone's ``loudness_db``.
-A vowel that was heard unsurely gets a part of its own level, too, as far as it is unsure (:data:`UNSURE_SHARE`).
+*Effort*: the mean level of the vowels around a phone (Gaussian, :data:`AROUND_S`), relative to the usual level. Levels
+within :data:`USUAL_DB` of it are normal speech, and do not show how far a mouth opens: scaling each vowel by its own
+level lowers the similarity to filmed lips (docs/how-to/sound.md). The rest is the phone's ``loudness_db``. A vowel that
+was recognized with low confidence also gets a part of its own level (:data:`UNSURE_SHARE`).
 
-*Stress*: of what no text tells. A vowel is stressed that stands out among those around it: louder, higher, longer
+*Stress*, for phones without it: a vowel is stressed that is louder, higher and longer than those around it
 (:data:`SHARES`; Fry 1958, doi:10.1177/002383095800100207, has all three as cues). Of vowels within :data:`APART_S` the
-one that stands out most is taken.
+most prominent one is chosen.
 
-All is a function of the phones given, so a stream gives what it knows: :class:`RunningProsody`.
+All is a function of the phones given; for a stream, :class:`RunningProsody` keeps the past.
 """
 
 from collections.abc import Sequence
@@ -30,14 +30,14 @@ from fapengine.speech.phone_track import LOUDNESS_DB, Phone
 Array = NDArray[np.float64]
 
 SILENT_DB = -90.0
-"""Level, below full scale, under which nothing was measured."""
+"""Level, dB below full scale, under which nothing was measured."""
 AROUND_S = 0.3
 """Standard deviation of the time over which effort is measured: about a word."""
 USUAL_DB = 4.0
-"""Half of the range of effort that is usual. In 60 filmed sentences of even effort it costs .0003 of the mean
-likeness (r .8456, with 3 dB .8446, with none .8352)."""
+"""Half of the range of usual effort. In 60 filmed sentences of even effort it costs .0003 of the mean similarity
+(r .8456, with 3 dB .8446, with none .8352)."""
 UNSURE_SHARE = 0.5
-"""Share of its own level that a vowel of confidence 0 gets."""
+"""Fraction of its own level that a vowel of confidence 0 gets."""
 SHARES = (1 / 4.0, 1 / 3.0, 1.0)
 """Weights of a vowel's level (per dB), pitch (per semitone) and length (per doubling) above those around it."""
 STANDS_OUT = 0.6
@@ -48,17 +48,17 @@ NEAR_S, APART_S = 1.0, 0.35
 
 @dataclass(frozen=True, slots=True)
 class Sounding:
-    """How a phone sounds."""
+    """Measured loudness and pitch of a phone."""
 
     loudness_db: float
     """Highest level in it, dB below full scale."""
     pitch_hz: float
-    """Median of its voiced frames; 0 if there is none."""
+    """Median of its voiced frames; 0 without any."""
 
 
 @dataclass(frozen=True, slots=True)
 class Usual:
-    """How somebody sounds most of the time."""
+    """Usual loudness and pitch of a speaker."""
 
     loudness_db: float
     """Median level of vowels, dB below full scale."""
@@ -79,18 +79,13 @@ class _Vowels:
 
     @classmethod
     def of(cls, phones: Sequence[Phone], soundings: Sequence[Sounding]) -> "_Vowels":
-        index = [
-            number
+        rows = [
+            (number, (phone.start_s + phone.end_s) / 2, phone.duration_s, sounding.loudness_db, sounding.pitch_hz)
             for number, (phone, sounding) in enumerate(zip(phones, soundings, strict=True))
             if is_vowel(phone) and sounding.loudness_db > SILENT_DB
         ]
-        rows = [
-            ((phones[n].start_s + phones[n].end_s) / 2, phones[n].duration_s, soundings[n].loudness_db,
-             soundings[n].pitch_hz)
-            for n in index
-        ]  # fmt: skip
-        columns = np.array(rows, dtype=np.float64).reshape(len(rows), 4).T
-        return cls(np.array(index, dtype=np.int64), *columns)
+        index, *columns = np.array(rows, dtype=np.float64).reshape(len(rows), 5).T
+        return cls(index.astype(np.int64), *columns)
 
 
 def is_vowel(phone: Phone) -> bool:
@@ -117,12 +112,12 @@ def _median(values: Array, weights: Array) -> float:
 
 
 def with_prosody(phones: Sequence[Phone], soundings: Sequence[Sounding], usual: Usual | None = None) -> list[Phone]:
-    """Give phones their loudness against the speaker's usual one, and stress where no text tells it.
+    """Add loudness relative to the speaker's usual one to phones, and stress if none of them has any.
 
     Parameters
     ----------
     phones : sequence of Phone
-        In order; where one of them has a stress, all of them are taken to be marked, and keep it.
+        In order; if one of them has a stress, all keep theirs.
     soundings : sequence of Sounding
         One for each phone.
     usual : Usual, optional
@@ -149,18 +144,18 @@ def with_prosody(phones: Sequence[Phone], soundings: Sequence[Sounding], usual: 
     stressed = frozenset() if is_marked else frozenset(vowels.index[_standing_out(vowels)].tolist())
     own = dict(zip(vowels.index.tolist(), (vowels.level_db - usual.loudness_db).tolist(), strict=True))
     low, high = LOUDNESS_DB
-    told: list[Phone] = []
+    found: list[Phone] = []
     for number, phone in enumerate(phones):
         if phone.is_silence:
-            told.append(phone)
+            found.append(phone)
             continue
         around = float(effort[number])
-        level_db = _beyond_usual(around)
+        level_db = float(np.sign(around)) * max(abs(around) - USUAL_DB, 0.0)
         if number in own:
             level_db += UNSURE_SHARE * (1.0 - phone.confidence) * (own[number] - around)
         loudness_db = round(min(max(level_db, low), high), 2)
-        told.append(replace(phone, loudness_db=loudness_db, stress=1 if number in stressed else phone.stress))
-    return told
+        found.append(replace(phone, loudness_db=loudness_db, stress=1 if number in stressed else phone.stress))
+    return found
 
 
 def _effort(phones: Sequence[Phone], vowels: _Vowels, usual: Usual) -> Array:
@@ -174,10 +169,6 @@ def _effort(phones: Sequence[Phone], vowels: _Vowels, usual: Usual) -> Array:
             weights = vowels.length_s[a:b] * np.exp(-0.5 * ((vowels.at_s[a:b] - at_s[number]) / AROUND_S) ** 2)
             effort[number] = weights @ vowels.level_db[a:b] / weights.sum() - usual.loudness_db
     return effort
-
-
-def _beyond_usual(level_db: float) -> float:
-    return float(np.sign(level_db) * max(abs(level_db) - USUAL_DB, 0.0))
 
 
 def _standing_out(vowels: _Vowels) -> list[int]:
@@ -205,9 +196,9 @@ def _standing_out(vowels: _Vowels) -> list[int]:
 
 @dataclass(slots=True)
 class RunningProsody:
-    """Prosody of phones that come one after the other: each is compared with what came before. Stateful.
+    """Prosody of a stream of phones: each is compared with those before. Stateful.
 
-    The usual loudness and pitch are those of the last :data:`KEPT_S`; before :data:`KNOWN_S` of vowels have come,
+    The usual loudness and pitch are those of the last :data:`KEPT_S`; during the first :data:`KNOWN_S` of vowels,
     nothing is louder or quieter than usual.
     """
 
@@ -215,7 +206,7 @@ class RunningProsody:
     _soundings: list[Sounding] = field(default_factory=list)
 
     def push(self, phones: Sequence[Phone], soundings: Sequence[Sounding]) -> list[Phone]:
-        """Give the next phones their prosody; see :func:`with_prosody`."""
+        """Add prosody to the next phones; see :func:`with_prosody`."""
         if not phones:
             return []
         self._phones += phones
@@ -228,6 +219,6 @@ class RunningProsody:
 
 
 KEPT_S = 30.0
-"""Length of the past that a running speaker is compared with."""
+"""Length of the past that a stream is compared with."""
 KNOWN_S = 0.4
-"""Length of vowels from which on it is known how somebody sounds."""
+"""Least length of vowels that makes a speaker's usual loudness known."""

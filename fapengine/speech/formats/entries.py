@@ -1,6 +1,7 @@
 """Timed labels of a file, and the :class:`PhoneTrack` made of them: the checks that every reader shares."""
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -183,15 +184,13 @@ def _reading_of(entries: Sequence[Entry], alphabet: str | None) -> Reading:
     """Alphabet of the labels, and those of them that are doubtful."""
     guessed = guess(entry.label for entry in entries) if alphabet is None else None
     name = guessed.alphabet if guessed else alphabet or ""
-    doubtful: dict[str, UnknownPhone] = {}
-    for entry in entries:
-        label = entry.label
-        if label in doubtful:
-            doubtful[label] = replace(doubtful[label], count=doubtful[label].count + 1)
-        elif not alphabets.is_silence(label) and is_doubtful(label, name, guessed=guessed is not None):
-            shown = " ".join(ipa.letters(alphabets.to_ipa(label, name)[0]))
-            doubtful[label] = UnknownPhone(label, 1, entry.start_s, shown)
-    return Reading(name, guessed is not None, guessed.others if guessed else (), tuple(doubtful.values()))
+    first_s = {entry.label: entry.start_s for entry in reversed(entries)}
+    doubtful = tuple(
+        UnknownPhone(label, count, first_s[label], " ".join(ipa.letters(alphabets.to_ipa(label, name)[0])))
+        for label, count in Counter(entry.label for entry in entries).items()
+        if not alphabets.is_silence(label) and is_doubtful(label, name, guessed=guessed is not None)
+    )
+    return Reading(name, guessed is not None, guessed.others if guessed else (), doubtful)
 
 
 def _phone(entry: Entry, alphabet: str) -> Phone:

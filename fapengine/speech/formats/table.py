@@ -8,6 +8,7 @@ are whole numbers and no unit is given, seconds and milliseconds are both possib
 import csv
 import io
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from fapengine.errors import DataError, UsageError
@@ -115,16 +116,17 @@ def parse_table(data: bytes, *, columns: str | None = None, alphabet: str | None
     text = decode_text(data, "table")
     is_json = text.lstrip()[:1] in ("{", "[")
     numbered = bool(said.names) and all(name.isdigit() for name in said.names.values())
-    rows, places = _json_rows(data) if is_json else _csv_rows(text, numbered)
-    found = _found(list(rows[0]) if rows else [], said)
+    rows = _json_rows(data) if is_json else _csv_rows(text, numbered)
+    names = list(next(iter(rows.values()), {}))
+    found = _found(names, said)
     if not _is_whole(found):
         raise DataError(
-            f"table: got the columns {list(rows[0])[:12] if rows else []}, expected start, end and label;"
+            f"table: got the columns {names[:12]}, expected start, end and label;"
             " name them with columns='start=NAME,end=NAME,label=NAME'"
         )
-    unit_s = said.unit_s or _unit_s(rows, found)
+    unit_s = said.unit_s or _unit_s(rows.values(), found)
     entries: list[Entry] = []
-    for row, where in zip(rows, places, strict=True):
+    for where, row in rows.items():
         start_s = _time(row, found["start"], where) * unit_s
         ends = "end" if "end" in found else "length"
         end_s = _time(row, found[ends], where) * unit_s + (0.0 if ends == "end" else start_s)
@@ -135,20 +137,21 @@ def parse_table(data: bytes, *, columns: str | None = None, alphabet: str | None
     return labelled_track(entries, "table", alphabet, hint="one word a row")
 
 
-def _csv_rows(text: str, numbered: bool) -> tuple[list[dict[str, str]], list[str]]:
-    """Rows by the names of the first line, or by the numbers of the columns, from 1, where there are no names."""
-    lines = [(number, line) for number, line in enumerate(text.splitlines(), start=1) if line.strip()]
+def _csv_rows(text: str, numbered: bool) -> dict[str, dict[str, str]]:
+    """Rows by their places; columns by the names in the first line, or by their numbers, from 1."""
+    lines = [line for line in text.splitlines() if line.strip()]
+    names = [str(number) for number in range(1, MAX_COLUMNS)] if numbered else None
     try:
-        names = [str(number) for number in range(1, MAX_COLUMNS)] if numbered else None
-        rows = list(csv.DictReader(io.StringIO("\n".join(line for _, line in lines)), names,
-                                   delimiter=_delimiter(lines[0][1] if lines else "")))  # fmt: skip
+        rows = list(csv.DictReader(io.StringIO("\n".join(lines)), names, delimiter=_delimiter("".join(lines[:1]))))
     except csv.Error as error:
         raise DataError(f"table: {error}") from error
-    plain = [{str(key): value for key, value in row.items() if isinstance(value, str)} for row in rows]
-    return plain, [f"row {number}" for number in range(1, len(plain) + 1)]
+    return {
+        f"row {number}": {str(key): value for key, value in row.items() if isinstance(value, str)}
+        for number, row in enumerate(rows, start=1)
+    }
 
 
-def _json_rows(data: bytes) -> tuple[list[dict[str, str]], list[str]]:
+def _json_rows(data: bytes) -> dict[str, dict[str, str]]:
     document = parse_document(data, "table")
     if isinstance(document.value, dict):
         lists = [document[str(key)] for key, value in document.value.items() if isinstance(value, list) and value
@@ -156,17 +159,17 @@ def _json_rows(data: bytes) -> tuple[list[dict[str, str]], list[str]]:
         if len(lists) != 1:
             raise DataError(f"table: got {len(lists)} lists of objects, expected one", where="the top")
         document = lists[0]
-    rows, places = [], []
+    rows: dict[str, dict[str, str]] = {}
     for item in document.items():
         if not isinstance(item.value, dict):
             raise DataError(f"row: got {ascii(item.value)[:40]}, expected an object", where=item.where)
-        rows.append({str(key): value if isinstance(value, str) else repr(value) for key, value in item.value.items()
-                     if isinstance(value, str | int | float) and not isinstance(value, bool)})  # fmt: skip
-        places.append(item.where)
-    return rows, places
+        rows[item.where] = {str(key): value if isinstance(value, str) else repr(value)
+                            for key, value in item.value.items()
+                            if isinstance(value, str | int | float) and not isinstance(value, bool)}  # fmt: skip
+    return rows
 
 
-def _unit_s(rows: list[dict[str, str]], found: dict[str, str]) -> float:
+def _unit_s(rows: Iterable[dict[str, str]], found: dict[str, str]) -> float:
     named = [match[1].lower() for name in (found["start"], found.get("end", found.get("length", "")))
              if (match := _UNIT_AT_THE_END.search(name)) and match.start() > 0]  # fmt: skip
     if named and UNITS[named[0]] is not None and len({UNITS[name] for name in named}) == 1:

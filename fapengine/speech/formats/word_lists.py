@@ -39,7 +39,7 @@ class WordList:
     rows: tuple[str, ...]
     """Paths of the list, the best first, as for :func:`.documents.walk`."""
     label: tuple[str, ...]
-    """Paths of the text within a row, the best first, as for :func:`value_of`."""
+    """Paths of the text within a row, the best first."""
     start: tuple[str, ...] = ("start",)
     end: tuple[str, ...] = ("end",)
     length: tuple[str, ...] = ()
@@ -66,14 +66,14 @@ WORD_LISTS: tuple[WordList, ...] = (
     WordList("whisper-cpp", "whisper.cpp", ("transcription[].tokens[]", "transcription[]"), ("text",),
              ("offsets.from",), ("offsets.to",), unit_s=1e-3, pieces=True, phrases=("transcription[]",),
              hint="ask for words: -ojf, or -ml 1"),
-    WordList("transformers", "Hugging Face pipelines", ("chunks[]",), ("text",), ("timestamp.0",), ("timestamp.1",),
+    WordList("transformers", "Hugging Face pipelines", ("chunks[]",), ("text",), ("timestamp[0]",), ("timestamp[1]",),
              hint="ask for words: return_timestamps='word'"),
     WordList("vosk", "Vosk", ("result[]", "[].result[]", "alternatives[0].result[]"), ("word",)),
     WordList("deepgram", "Deepgram", ("results.channels[].alternatives[0].words[]",
                                       "[].channel.alternatives[0].words[]", "channel.alternatives[0].words[]"),
              ("punctuated_word", "word")),
     WordList("assemblyai", "AssemblyAI", ("words[]",), ("text",), unit_s=1e-3, never=("loss", "type", "logprob")),
-    WordList("aws-transcribe", "Amazon Transcribe", ("results.items[]",), ("alternatives.0.content",),
+    WordList("aws-transcribe", "Amazon Transcribe", ("results.items[]",), ("alternatives[0].content",),
              ("start_time",), ("end_time",), only=("type", "pronunciation")),
     WordList("google-speech", "Google Cloud Speech-to-Text", ("results[].alternatives[0].words[]",
              "response.results[].alternatives[0].words[]"), ("word",), ("startTime", "startOffset", "start_time"),
@@ -91,17 +91,8 @@ WORD_LISTS: tuple[WordList, ...] = (
 
 
 def value_of(row: Node, keys: Sequence[str]) -> Node | None:
-    """Find the first of some dotted keys that a row has."""
-    for key in keys:
-        node: Node | None = row
-        for part in key.split("."):
-            if node is not None and part.isdigit() and isinstance(node.value, list):
-                node = next((item for at, item in enumerate(node.items()) if at == int(part)), None)
-            else:
-                node = node[part] if node is not None and node.has(part) else None
-        if node is not None and node.value is not None:
-            return node
-    return None
+    """Return the value of the first path that leads to one."""
+    return next((node for key in keys for node in walk(row, key) if node.value is not None), None)
 
 
 def _is_word(row: Node, kind: WordList) -> bool:
@@ -132,8 +123,7 @@ def seconds(node: Node) -> float:
     (1.3, 1.3, 1.3)
     """
     if isinstance(node.value, dict):
-        whole = node["seconds"].number() if node.has("seconds") else 0.0
-        return whole + (node["nanos"].number() / 1e9 if node.has("nanos") else 0.0)
+        return node.number_or("seconds", 0.0) + node.number_or("nanos", 0.0) / 1e9
     if isinstance(node.value, str) and node.value.endswith("s"):
         return Node(node.value[:-1], node.where).number()
     return node.number()

@@ -1,1 +1,1 @@
-"""Text as it comes: its normal form, its words and scripts, SSML."""
+"""Text input: its normal form, words, pieces and scripts, and SSML."""

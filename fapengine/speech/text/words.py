@@ -1,4 +1,4 @@
-"""Words of a text, and which of them each stretch of speech belongs to.
+"""Words of a text, the words that each mark of a voice speaks, and pieces of a long text.
 
 Theory of operation
 -------------------
@@ -6,9 +6,11 @@ A word is what stands between spaces, without the punctuation around it: apostro
 numbers stay inside (``we'll``, ``là-bas``, ``a.m.``, ``1,234.50``). Where a script puts no spaces between words, a word
 ends where the script does; in Chinese and Japanese also where the voice begins another.
 
-A voice marks places in the text. The marks may lie inside a word (``84`` of ``1984``), behind it, or be missing where
-the voice joins words (``on the``). So a mark belongs to the word around it, and the phones of one mark are shared
-among the words that have none, by the number of their letters.
+A voice marks places in the text. The marks may be inside a word (``84`` of ``1984``), after it, or missing where the
+voice joins words (``on the``). So a mark belongs to the word around it, and the phones of one mark are divided among
+the words that have none, by the number of their letters.
+
+Pieces of a long text are spoken one by one, so that other texts have their turn between them.
 """
 
 import re
@@ -200,3 +202,46 @@ def _part(text: str, word: Stretch, place: int, places: set[int]) -> Stretch:
     start = max((at for at in inside if at <= place), default=word.start)
     stop = min((at for at in inside if at > place), default=word.stop)
     return Stretch(edge(start), edge(stop) if stop < word.stop else stop)
+
+
+PIECE_LETTERS = 300
+"""Characters of a piece; 300 of 字, read out in English, are 100 s of audio and take espeak-ng 0.4 s."""
+_CUTS = (
+    re.compile(r"\n+|\w{4,}[.!?…][\"'»”)]*\s+|[。！？]"),  # not after "Dr."
+    re.compile(r"[.!?…]\s+|[,;:]\s+|[、，；：]"),
+    re.compile(r"\s+"),
+)
+"""Places where a text may be cut, the best first."""
+
+
+def pieces_of(text: str, letters: int = PIECE_LETTERS) -> list[str]:
+    """Cut a long text into pieces: after a sentence, else after a comma, else after a word, else anywhere.
+
+    Examples
+    --------
+    >>> pieces_of("I saw Dr. Lee. He slept, and then he woke.", 30)
+    ['I saw Dr. Lee. He slept, ', 'and then he woke.']
+    >>> pieces_of("The sentence ends. The next begins.", 30)
+    ['The sentence ends. ', 'The next begins.']
+    >>> "".join(pieces_of("x" * 1000)) == "x" * 1000, len(pieces_of("x" * 1000))
+    (True, 4)
+    """
+    pieces = []
+    while len(text) > letters:
+        window = text[:letters]
+        ends = ([found.end() for found in cut.finditer(window)] for cut in _CUTS)
+        end = next((places[-1] for places in ends if places and places[-1] >= letters // 4), letters)
+        pieces.append(text[:end])
+        text = text[end:]
+    return [*pieces, text] if text else pieces
+
+
+def ends_sentence(piece: str) -> bool:
+    """Return whether a sentence ends with a piece, so that a longer pause follows.
+
+    Examples
+    --------
+    >>> [ends_sentence(piece) for piece in ("He slept. ", "He slept, ", "睡了。")]
+    [True, False, True]
+    """
+    return bool(re.search(r"[.!?…。！？\n][\"'»”)]*\s*$", piece))
