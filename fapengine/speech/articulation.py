@@ -36,6 +36,7 @@ AXES = ("push", "round", "tip_up", "tip_out", "body_up")
 class Articulation:
     """One row of the table."""
 
+    source: str
     push: float
     """Both lips forward, mm."""
     round: float
@@ -51,8 +52,7 @@ class Articulation:
     tongue_insists: float
     """0..1, of the tongue."""
     sure_mm: float
-    """Uncertainty, mm, standard deviation: spread between speakers and contexts, judged by us."""
-    source: str
+    """Uncertainty, mm, standard deviation: spread between speakers and contexts, our estimate."""
 
     @property
     def values(self) -> tuple[float, ...]:
@@ -123,7 +123,7 @@ _ROWS: tuple[tuple[str, tuple[float, ...], str], ...] = (
 
 
 ARTICULATIONS: dict[str, Articulation] = {
-    letter: Articulation(*numbers, source=source) for letters, numbers, source in _ROWS for letter in letters
+    letter: Articulation(source, *numbers) for letters, numbers, source in _ROWS for letter in letters
 }
 """The articulation of every symbol of :data:`.ipa.SOUNDS`."""
 OPENINGS = {

@@ -248,7 +248,7 @@ def distance(one: str, other: str) -> float:
     True
     """
     a, b = SOUNDS[one], SOUNDS[other]
-    return sum(weight * abs(getattr(a, name) - getattr(b, name)) for name, weight in _VISIBILITY.items())
+    return float(sum(weight * abs(getattr(a, name) - getattr(b, name)) for name, weight in _VISIBILITY.items()))
 
 
 def is_rounded(letter: str) -> bool:
