@@ -4,7 +4,7 @@
 FROM python:3.12-slim-bookworm AS build
 RUN apt-get update && apt-get install -y --no-install-recommends git && rm -rf /var/lib/apt/lists/*
 COPY . /source
-RUN pip wheel --no-cache-dir --wheel-dir /wheels "/source[voice,video,ear,fast,live,batch,nats]"
+RUN pip wheel --no-cache-dir --wheel-dir /wheels "/source[voice,video,recognizer,fast,live,batch,nats]"
 
 FROM python:3.12-slim-bookworm
 RUN apt-get update && apt-get install -y --no-install-recommends libegl1 libgl1 libgl1-mesa-dri libportaudio2 \

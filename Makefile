@@ -140,7 +140,7 @@ oracles:
 	$(BIN)/python -m tests.oracles.bus
 	$(PYTHON) -m venv out/oracles/frameworks
 	out/oracles/frameworks/bin/python -m pip install --quiet --upgrade "pip>=25.1"
-	out/oracles/frameworks/bin/python -m pip install --quiet --group frameworks --editable ".[voice,ear]"
+	out/oracles/frameworks/bin/python -m pip install --quiet --group frameworks --editable ".[voice,recognizer]"
 	out/oracles/frameworks/bin/python -m pytest -q -s -p no:cacheprovider -c tests/frameworks/pytest.ini --rootdir=. \
 	    tests/frameworks/check_pipecat.py tests/frameworks/check_livekit.py tests/frameworks/check_examples.py
 
@@ -168,7 +168,7 @@ $(VENV)/.ready: pyproject.toml .ci/system-packages
 	.ci/system-packages $(PYTHON)
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade "pip>=25.1"
-	$(BIN)/python -m pip install --quiet --editable ".[voice,video,batch,nats,ear,ear-learned,fast,lab,live,usd,webrtc,window]"
+	$(BIN)/python -m pip install --quiet --editable ".[voice,video,batch,nats,recognizer,recognizer-onnx,fast,lab,live,usd,webrtc,window]"
 	@touch $@
 
 # Its tests are skipped, and counted, where it does not install.

@@ -29,7 +29,7 @@ from fapengine.render.drawing import Drawing, parse_edges
 from fapengine.render.renderer import FaceRenderer
 from fapengine.speech.marks import words_of
 from fapengine.voices.espeak import EspeakVoice
-from fapengine.voices.pronounce import Pronouncer, pronounce_words
+from fapengine.voices.pronounce import Pronouncer
 from fapengine.wire.fap_osc import encode_track
 
 TEXT = "Good morning. I looked at the plan you sent me, and most of it is fine; but the budget may be a problem."
@@ -94,7 +94,7 @@ def measured() -> dict[str, float]:
     words = [TimedWord(*word) for word in words_of(speech.phones.phones)]
     length_s = speech.duration_s
 
-    known = pronounce_words([(word.text, word.start_s, word.end_s or 0.0) for word in words], voice)
+    known = Pronouncer(voice).words([(word.text, word.start_s, word.end_s or 0.0) for word in words])
 
     def by_words() -> list[np.ndarray]:
         stage = StreamHost(profile, rng=np.random.default_rng(1), pronounce=lambda _: known)

@@ -8,8 +8,8 @@ not the speakers that are learned: the length of the throat (the bands' axis is 
 telephone, loudness, echo, noise, other speakers and music. Loss: cross entropy of the phones, and of kinds of
 phones that look alike on lips. ``--without`` leaves speakers out, for honest figures on a voice that was never heard.
 
-It needs PyTorch: pip install --group ear. One processor core; seeded, so the same data, version and number of steps
-(``--steps``) give the same weights.
+It needs PyTorch: pip install --group recognizer-training. One processor core; seeded, so the same data, version and
+number of steps (``--steps``) give the same weights.
 """
 
 import argparse
@@ -24,17 +24,19 @@ from torch import nn
 from torch.nn import functional
 
 from bench.ear_speech import EITHER, LABELS, UNKNOWN
+from fapengine.recognition.loudness import HOP
 from fapengine.recognition.small_net import (
     AHEAD,
     BANDS,
+    BEFORE,
     FLOOR,
     FRONT,
     LOUD,
     OFFSETS,
     PAIR,
+    WINDOW,
     RunningMean,
     log_mel,
-    windows,
 )
 
 CLASSES = len(LABELS)
@@ -54,6 +56,14 @@ KIND_WEIGHT = 0.6
 NO_SPEECH = ("music", "tones")
 
 Array = np.ndarray
+
+
+def windows(samples: np.ndarray) -> np.ndarray:
+    """Frames of a recording, (N,) int16: (N // 160, 400), with silence before and after it."""
+    count = len(samples) // HOP
+    padded = np.zeros(count * HOP + 2 * BEFORE, np.int16)
+    padded[BEFORE : BEFORE + count * HOP] = samples[: count * HOP]
+    return np.lib.stride_tricks.sliding_window_view(padded, WINDOW)[::HOP]
 
 
 class Net(nn.Module):
@@ -215,7 +225,7 @@ class Pieces:
         """Make so many pieces as the network sees them, and their labels."""
         pieces = [self.piece() for _ in range(size)]
         mel = np.stack([piece for piece, _ in pieces]).astype(np.float32)
-        running = RunningMean(self.first_mean, (size,))
+        running = RunningMean(self.first_mean)
         seen = np.stack([running.push(mel[:, t]) for t in range(FRAMES)], axis=1)
         for row in seen:
             if self.rng.random() < 0.3:

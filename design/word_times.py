@@ -14,7 +14,7 @@ from fapengine.recognition.sphinx import ipa_of
 from fapengine.recognition.sphinx_recognizer import SphinxRecognizer
 from fapengine.speech.phone_track import Phone
 from fapengine.voices.choice import VoiceChoice
-from fapengine.voices.pronounce import pronounce_words
+from fapengine.voices.pronounce import Pronouncer
 from tests.conftest import SHARED
 
 SENTENCES = 20
@@ -33,7 +33,7 @@ def main() -> None:
             clip = ids.index(path.stem)
             words = _moved(_rows(data, "word", clip), off_ms / 1e3, rng)
             known = [(ipa_of(label), start_s) for label, start_s, _ in _rows(data, "phone", clip)]
-            phones = [phone for phone in pronounce_words(words, voice) if not phone.is_silence]
+            phones = [phone for phone in Pronouncer(voice).words(words) if not phone.is_silence]
             ear = SphinxRecognizer()
             heard = ear.push(np.concatenate(list(stream_sound(path, rate_hz=16_000)))) + ear.end()
             moved = [

@@ -2,7 +2,7 @@
 
 ::
 
-    pip install "fapengine[livekit,voice,ear]"
+    pip install "fapengine[livekit,voice,recognizer]"
     livekit-server --dev                        # or LIVEKIT_URL, LIVEKIT_API_KEY and LIVEKIT_API_SECRET of another
     python livekit_agent.py dev
 

@@ -2,7 +2,7 @@
 
 ::
 
-    pip install "fapengine[pipecat,voice,ear]" "pipecat-ai[webrtc]"
+    pip install "fapengine[pipecat,voice,recognizer]" "pipecat-ai[webrtc]"
     python pipecat_agent.py                     # then open http://127.0.0.1:7860/
 
 Type a sentence: the agent answers, and its face speaks. To make it yours, put your STT, LLM and TTS in place of

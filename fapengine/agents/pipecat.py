@@ -1,4 +1,4 @@
-"""A face for Pipecat: a processor after the TTS that adds images (``pip install fapengine[pipecat,voice,ear]``).
+"""A face for Pipecat: a processor after the TTS that adds images (``pip install fapengine[pipecat,voice,recognizer]``).
 
 It reads the audio, and the words with times if the TTS reports them. It pushes each image with ``sync_with_audio`` into
 its audio, so that the transport shows it when that audio is sent; set the transport to chunks of 10 ms

@@ -44,7 +44,7 @@ def doctor(as_json: bool = typer.Option(False, "--json", help="Print the finding
         ("voices", 'pip install "fapengine[voice]"', _voices),
         ("video", 'pip install --upgrade "fapengine[video]"', _video),
         ("sound", "sudo apt-get install -y libportaudio2", live.sound),
-        ("recognizer", 'pip install "fapengine[ear]"', live.recognizer),
+        ("recognizer", 'pip install "fapengine[recognizer]"', live.recognizer),
         ("microphone", "connect one; only live input needs it", live.microphone),
         (f"port {OSC_PORT}, OSC in", "fapengine serve --port N", partial(live.port_in, OSC_PORT)),
         (f"port {WEB_PORT}, page", "fapengine serve --web-port N", partial(live.port_in, WEB_PORT)),

@@ -62,7 +62,7 @@ LIMITS = Limits(name_bytes=None, phones=1_000_000, queued_s=86_400.0, silence_s=
 
 EventKind = Literal["started", "finished", "interrupted"]
 Pronounce = Callable[[Sequence[tuple[str, float, float]]], Sequence[Phone]]
-"""Speaker of words that have times, such as :func:`fapengine.voices.pronounce.pronounce_words`."""
+"""Speaker of words that have times, such as :meth:`fapengine.voices.pronounce.Pronouncer.words`."""
 
 
 @dataclass(frozen=True, slots=True)

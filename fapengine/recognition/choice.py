@@ -1,4 +1,4 @@
-"""The recognizer for sound without a text: one of ours by its name, or the user's own learned one."""
+"""The recognizer for audio without a text: a built-in one by its name, or a model of the user's."""
 
 from importlib.util import find_spec
 from pathlib import Path
@@ -7,13 +7,12 @@ from fapengine._late import missing
 from fapengine.recognition.protocol import Recognizer
 
 SMALL, SPHINX, BOTH = "small", "sphinx", "both"
-"""Names of our own small network, of PocketSphinx's phone loop, and of the two together."""
+"""Names of the built-in network, of PocketSphinx's phone loop, and of the two together."""
 NAMES = (SMALL, SPHINX, BOTH)
-_NEEDS_SPHINX = (SPHINX, BOTH)
 
 
 def chosen(recognizer: Path | None) -> Path:
-    """Name of the recognizer to use: the given one, else both where PocketSphinx is installed, else the small one.
+    """Name of the recognizer to use: the given one, else both if PocketSphinx is installed, else the small one.
 
     Examples
     --------
@@ -41,8 +40,8 @@ def check_installed(recognizer: Path | None) -> None:
 
 
 def is_installed(recognizer: Path | None) -> bool:
-    """Whether what a recognizer needs is installed; for a learned one, not known before it is loaded."""
-    return str(chosen(recognizer)) not in _NEEDS_SPHINX or find_spec("pocketsphinx") is not None
+    """Return whether a built-in recognizer's library is installed; a model's is checked when it is loaded."""
+    return str(chosen(recognizer)) not in (SPHINX, BOTH) or find_spec("pocketsphinx") is not None
 
 
 def new_recognizer(recognizer: Path | None) -> Recognizer:

@@ -1,16 +1,16 @@
-"""Recognized phones against expected ones: where in a text a piece of sound ends, and which guessed words to keep.
+"""Recognized phones against expected ones: where in a text a piece of audio ends, and which guessed words to keep.
 
 Theory of operation
 -------------------
-A phone loop, which knows no text, mistakes many phones, but seldom their kind (:data:`KINDS`). The phones that it finds
-in a piece are compared with those of the words that follow, by edit distance; the piece's words end where that is
-least. Once words are aligned, the fraction of their frames in which the loop finds the same kind shows whether they
-were said: .45 to .9 of a sentence if so, 0 to .4 if it is another one.
+A phone loop, which has no text, mistakes many phones, but seldom their kind (:data:`KINDS`). The phones that it finds
+in a piece are compared with those of the next words by edit distance; the piece's words end where that is least. Once
+words are aligned, the fraction of their frames in which the loop finds the same kind shows whether they were said: .45
+to .9 of a sentence if so, 0 to .4 of another sentence.
 
-Where no text is known, words are guessed. A phone loop mistakes p for k and m for n: it knows which phones follow each
-other, but no words. A word decoder with a trigram model finds "people", but also finds English words in any sound. So
-both run. The guessed words are aligned as if they were the text; where they agree with the loop, their phones count,
-elsewhere the loop's.
+Without a text, words are guessed. A phone loop mistakes p for k and m for n: it knows sequences of phones, but no
+words. A word decoder with a trigram model finds "people", but also finds English words in any audio. So both run. The
+guessed words are aligned as if they were the text; where they agree with the loop, their phones count, elsewhere the
+loop's.
 """
 
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ KINDS = tuple(
         "EH AE", "AA AH AY AW", "UW UH",
     )
 )  # fmt: skip
-"""Phones of the model that sound alike."""
+"""Groups of similar phones of the model."""
 _KIND = {name: number for number, names in enumerate(KINDS) for name in names}
 OTHER, LEFT_OUT = 1.0, 0.7
 """Costs of another kind of phone, and of a phone too many or too few; the same kind costs :data:`ALIKE`, the same phone
@@ -43,14 +43,14 @@ _NUMBER = {name: number for number, name in enumerate(MODEL_PHONES)}
 
 
 def words_said(heard: Sequence[str], words: Sequence[Sequence[str]]) -> int:
-    """Count the words of a text that a piece of sound holds.
+    """Count the words of a text that a piece of audio contains.
 
     Parameters
     ----------
     heard : sequence of str
         The model's phones that were found, without silences.
     words : sequence of sequences of str
-        The model's phones of the words that follow; more than the piece can hold.
+        The model's phones of the next words; more than the piece can contain.
 
     Returns
     -------
@@ -77,7 +77,7 @@ def words_said(heard: Sequence[str], words: Sequence[Sequence[str]]) -> int:
 
 
 def same_kind(one: str, other: str) -> bool:
-    """Whether two phones of the model sound alike; silence is like no other.
+    """Return whether two phones of the model are of one kind; silence is of none.
 
     Examples
     --------
@@ -89,8 +89,8 @@ def same_kind(one: str, other: str) -> bool:
 
 AGREEING = 0.3
 """Least fraction of frames with a phone of one kind in both, in a word and with its neighbours. Chosen among 0.3 to
-0.7, for sound that comes as it is spoken, on 20 sentences of Festival's voice ked and 15 filmed ones; ten of the clips
-of ``bench/ears.py`` were looked at, too, so that its figures flatter a little."""
+0.7, for live audio, on 20 sentences of Festival's voice ked and 15 filmed ones; ten of the clips of
+``bench/ears.py`` were used as well, so that its figures are slightly too good."""
 
 
 def agreeing(phones: Sequence[Frames], words: Sequence[Sequence[Frames]], frames: int) -> list[Frames]:
@@ -111,9 +111,7 @@ def agreeing(phones: Sequence[Frames], words: Sequence[Sequence[Frames]], frames
     >>> agreeing(heard, [[("P", 0, 8), ("IY", 8, 20)], [("S", 20, 30)]], 30)
     [('P', 0, 8), ('IY', 8, 20), ('M', 20, 30)]
     """
-    names = [""] * frames
-    for name, first, behind in phones:
-        names[first:behind] = [name] * (min(behind, frames) - first)
+    names = by_frame(phones, frames)
     lengths = [word[-1][2] - word[0][1] for word in words]
     agree = [sum(same_kind(name, other) for name, a, b in word for other in names[a:b]) for word in words]
     found: list[Frames] = []
@@ -121,10 +119,19 @@ def agreeing(phones: Sequence[Frames], words: Sequence[Sequence[Frames]], frames
     for index, word in enumerate(words):
         near = slice(max(index - 1, 0), index + 2)
         if agree[index] >= AGREEING * lengths[index] and sum(agree[near]) >= AGREEING * sum(lengths[near]):
-            found += [*_between(phones, now, word[0][1]), *word]
+            found += [*between(phones, now, word[0][1]), *word]
             now = word[-1][2]
-    return found + _between(phones, now, frames)
+    return found + between(phones, now, frames)
 
 
-def _between(phones: Sequence[Frames], first: int, behind: int) -> list[Frames]:
+def by_frame(phones: Sequence[Frames], frames: int) -> list[str]:
+    """Name of the phone in each frame; empty between phones."""
+    names = [""] * frames
+    for name, first, behind in phones:
+        names[first : min(behind, frames)] = [name] * (min(behind, frames) - first)
+    return names
+
+
+def between(phones: Sequence[Frames], first: int, behind: int) -> list[Frames]:
+    """Phones from one frame to before another; those at the ends are cut."""
     return [(name, max(a, first), min(b, behind)) for name, a, b in phones if min(b, behind) > max(a, first)]

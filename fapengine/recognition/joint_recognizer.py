@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from fapengine.recognition.loudness import FRAME_HZ
 from fapengine.recognition.protocol import Labelled
-from fapengine.recognition.small_net import Weights
+from fapengine.recognition.small_net import Weights, shipped
 from fapengine.recognition.small_recognizer import LOOK_AHEAD_S, SmallRecognizer
 from fapengine.recognition.sphinx_recognizer import BLOCK, SphinxRecognizer
 
@@ -27,27 +27,27 @@ class SphinxFrames:
     def __init__(self, labels: tuple[str, ...]) -> None:
         self._numbers = {label: number for number, label in enumerate(labels)}
         self._recognizer = SphinxRecognizer()
-        self._heard: list[Labelled] = []
+        self._found: list[Labelled] = []
 
     def reset(self) -> None:
         """Start again."""
         self._recognizer.reset()
-        self._heard = []
+        self._found = []
 
     def push(self, block: NDArray[np.int16]) -> None:
         """Process a block, (N,) int16; N is :data:`.sphinx_recognizer.BLOCK`."""
         self._recognizer.push(block)
-        self._heard = self._recognizer.hypothesis()
+        self._found = self._recognizer.hypothesis()
 
     def end(self, rest: NDArray[np.int16]) -> None:
         """Process the rest, (N,) int16, shorter than a block."""
         phones = self._recognizer.push(rest) + self._recognizer.end()
-        self._heard += [(one.label, round(one.start_s * FRAME_HZ), round(one.end_s * FRAME_HZ)) for one in phones]
+        self._found += [(one.label, round(one.start_s * FRAME_HZ), round(one.end_s * FRAME_HZ)) for one in phones]
 
     def labels(self, first: int, behind: int) -> NDArray[np.int64]:
         """Label numbers of frames ``first`` to ``behind``, (T,); -1 where unknown."""
         found = np.full(behind - first, -1)
-        for label, a, b in self._heard:
+        for label, a, b in self._found:
             if b > first and a < behind:
                 found[max(a - first, 0) : b - first] = self._numbers.get(label, -1)
         return found
@@ -59,7 +59,7 @@ class JointRecognizer(SmallRecognizer):
     Parameters
     ----------
     look_ahead_s : float
-        Delay of phones after their sound, 0.12 to 1 s; they come at most one block (80 ms) later.
+        Delay of phones after their audio, 0.12 to 1 s; they come at most one block (80 ms) later.
     weights : Weights, optional
         By default those of the package.
 
@@ -74,8 +74,8 @@ class JointRecognizer(SmallRecognizer):
     _block = BLOCK
 
     def __init__(self, look_ahead_s: float = LOOK_AHEAD_S, *, weights: Weights | None = None) -> None:
+        self._other = SphinxFrames((weights or shipped()).labels)
         super().__init__(look_ahead_s, weights=weights)
-        self._other = SphinxFrames(self._weights.labels)
 
     def reset(self) -> None:
         """Start again: the next sample is the first."""
@@ -88,8 +88,8 @@ class JointRecognizer(SmallRecognizer):
         else:
             self._other.end(samples[:rest])
         scores = super()._score(samples, rest=rest)
-        heard = self._other.labels(self._search.now, self._search.now + len(scores))
-        known = heard >= 0
+        found = self._other.labels(self._search.now, self._search.now + len(scores))
+        known = found >= 0
         logs: NDArray[np.float32] = scores - scores.max(axis=1, keepdims=True)
-        logs[known] += np.float32(OTHER_WEIGHT) * self._weights.other[heard[known]]
+        logs[known] += np.float32(OTHER_WEIGHT) * self._weights.other[found[known]]
         return logs

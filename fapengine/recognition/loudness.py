@@ -1,12 +1,11 @@
-"""Loudness and pitch of sound, in frames of 10 ms and for each phone.
+"""Loudness and pitch of audio, in frames of 10 ms and for each phone.
 
-Loudness is the level of the sound in dB below full scale. Pitch is the lag at which a frame is most like itself (the
+Loudness is the level in dB below full scale. Pitch is the lag at which a frame is most similar to itself (the
 autocorrelation, normalised by the frame's energy; as in Boersma, "Accurate short-term analysis of the fundamental
 frequency", IFA Proceedings 17, 1993, without his path through the candidates).
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import groupby
 
 import numpy as np
@@ -25,7 +24,7 @@ PITCH_HZ = (60.0, 450.0)
 """Pitches that are looked for."""
 PIECE_S = 20.0
 VOICED = 0.5
-"""Least likeness of a frame to itself, one period later, that counts as voiced."""
+"""Least similarity of a frame to itself, one period later, that counts as voiced."""
 _WINDOW = 640  # 40 ms: more than two periods of the lowest pitch
 
 
@@ -81,9 +80,9 @@ def pitch_hz(samples: NDArray[np.int16]) -> NDArray[np.float64]:
     padded[around : around + len(samples)] = samples[: len(padded) - around]
     frames = sliding_window_view(padded, _WINDOW)[::HOP]
     frames = frames - frames.mean(axis=1, keepdims=True)
-    likeness = _likeness(frames)
+    similarity = _similarity(frames)
     shortest, longest = int(RATE_HZ / PITCH_HZ[1]), int(RATE_HZ / PITCH_HZ[0])
-    searched = likeness[:, shortest : longest + 1]
+    searched = similarity[:, shortest : longest + 1]
     # A multiple of the period is as good as the period; the first peak nearly as high as the highest is taken.
     near = searched >= 0.9 * searched.max(axis=1, keepdims=True)
     peak = np.zeros_like(near)
@@ -99,7 +98,7 @@ def pitch_hz(samples: NDArray[np.int16]) -> NDArray[np.float64]:
     return pitch
 
 
-def _likeness(frames: NDArray[np.float64]) -> NDArray[np.float64]:
+def _similarity(frames: NDArray[np.float64]) -> NDArray[np.float64]:
     """(T, lags): correlation of each frame with itself, shifted; every lag by the energy of the parts compared."""
     spectrum = np.fft.rfft(frames, n=2 * _WINDOW, axis=1)
     product = np.fft.irfft(np.abs(spectrum) ** 2, axis=1)[:, :_WINDOW]
@@ -107,24 +106,27 @@ def _likeness(frames: NDArray[np.float64]) -> NDArray[np.float64]:
     total = energy[:, -1:]
     lags = np.arange(1, _WINDOW)
     head, tail = energy[:, _WINDOW - 1 - lags], total - energy[:, lags - 1]
-    likeness = np.zeros_like(product)
-    likeness[:, 1:] = product[:, 1:] / np.sqrt(np.maximum(head * tail, 1e-9 * np.maximum(total, 1.0) ** 2) + 1e-9)
-    return likeness
+    similarity = np.zeros_like(product)
+    similarity[:, 1:] = product[:, 1:] / np.sqrt(np.maximum(head * tail, 1e-9 * np.maximum(total, 1.0) ** 2) + 1e-9)
+    return similarity
 
 
-def soundings(phones: list[Phone], samples: NDArray[np.int16]) -> list[Sounding]:
-    """Loudness and pitch of each phone of a sound.
+def soundings(phones: Sequence[Phone], samples: NDArray[np.int16], begins_s: float = 0.0) -> list[Sounding]:
+    """Loudness and pitch of each phone.
 
     Parameters
     ----------
     samples : (N,) int16
         At :data:`.protocol.RATE_HZ`.
+    begins_s : float
+        Time of the first sample.
     """
     levels, pitches = loudness_db(samples), pitch_hz(samples)
     found: list[Sounding] = []
     for phone in phones:
-        first = min(int(phone.start_s * FRAME_HZ), max(len(levels) - 1, 0))
-        frames = slice(first, max(first + 1, int(phone.end_s * FRAME_HZ)))
+        first, behind = (max(int((time_s - begins_s) * FRAME_HZ), 0) for time_s in (phone.start_s, phone.end_s))
+        first = min(first, max(len(levels) - 1, 0))
+        frames = slice(first, max(first + 1, behind))
         voiced = pitches[frames][pitches[frames] > 0]
         found.append(
             Sounding(
@@ -136,7 +138,7 @@ def soundings(phones: list[Phone], samples: NDArray[np.int16]) -> list[Sounding]
 
 
 def soundings_at(phones: Sequence[Phone], samples: NDArray[np.int16], rate_hz: int) -> list[Sounding]:
-    """Loudness and pitch of each phone of a sound of any rate and length, :data:`PIECE_S` at a time.
+    """Loudness and pitch of each phone, from audio of any rate and length, :data:`PIECE_S` at a time.
 
     Parameters
     ----------
@@ -154,14 +156,12 @@ def soundings_at(phones: Sequence[Phone], samples: NDArray[np.int16], rate_hz: i
         if rate_hz != RATE_HZ and len(sound):
             resampled = resample_poly(sound.astype(np.float32), RATE_HZ, rate_hz)
             sound = np.clip(np.rint(resampled), -32768, 32767).astype(np.int16)
-        shift_s = first / rate_hz
-        there = [replace(one, start_s=one.start_s - shift_s, end_s=one.end_s - shift_s) for one in piece]
-        found += soundings(there, sound)
+        found += soundings(piece, sound, first / rate_hz)
     return found
 
 
 class RunningSoundings:
-    """Loudness and pitch of phones, found while their sound comes. Stateful."""
+    """Loudness and pitch of the phones of a stream. Stateful."""
 
     def __init__(self) -> None:
         self._sound = np.zeros(0, np.int16)
@@ -169,19 +169,15 @@ class RunningSoundings:
         """Samples before those of ``_sound``, with all phones reported."""
 
     def push(self, samples: NDArray[np.int16]) -> None:
-        """Take more sound, (N,) int16."""
+        """Add audio, (N,) int16."""
         self._sound = np.concatenate([self._sound, samples])
 
     def of(self, phones: list[Phone]) -> list[Sounding]:
-        """Loudness and pitch of the next phones; their sound is dropped."""
+        """Loudness and pitch of the next phones; their audio is dropped."""
         if not phones:
             return []
-        shift_s = self._forgotten / RATE_HZ
-        there = [
-            replace(phone, start_s=max(phone.start_s - shift_s, 0.0), end_s=max(phone.end_s - shift_s, 1e-3))
-            for phone in phones
-        ]
-        found = soundings(there, self._sound)
-        over = min(round(there[-1].end_s * RATE_HZ), len(self._sound))
+        begins_s = self._forgotten / RATE_HZ
+        found = soundings(phones, self._sound, begins_s)
+        over = min(round(max(phones[-1].end_s - begins_s, 1e-3) * RATE_HZ), len(self._sound))
         self._sound, self._forgotten = self._sound[over:], self._forgotten + over
         return found

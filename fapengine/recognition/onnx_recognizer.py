@@ -1,13 +1,13 @@
-"""A learned recognizer: a CTC phone model as ONNX, of the user's own choice; nothing is shipped or downloaded.
+"""A recognizer by a CTC phone model of the user's, in ONNX; none is shipped or downloaded.
 
 Theory of operation
 -------------------
-The model takes sound, float32 (1, N), and gives scores, float32 (1, T, V), of V labels in T frames: wav2vec 2.0 and
-similar models, exported as they are. :class:`ModelCard` says what its labels are: JSON beside the model
-(``phones.onnx``, ``phones.json``), or the entry ``fapengine`` of the model's own metadata.
+The model turns audio, float32 (1, N), into scores, float32 (1, T, V), of V labels in T frames: wav2vec 2.0 and similar
+models, exported unchanged. :class:`ModelCard` describes its labels: JSON next to the model (``phones.onnx``,
+``phones.json``), or the entry ``fapengine`` of the model's metadata.
 
-Each :data:`BLOCK_S` the model runs on the last ``context_s`` again, and phones older than ``look_ahead_s`` are final
-(:func:`.protocol.due`); so pieces of any length give the same phones. One second of sound costs
+Every :data:`BLOCK_S` the model runs on the last ``context_s`` again, and phones older than ``look_ahead_s`` are final
+(:func:`.protocol.due`); so pieces of any length give the same phones. One second of audio costs
 ``context_s / BLOCK_S`` seconds of the model's.
 
 A model trained with connectionist temporal classification (Graves et al. 2006, doi:10.1145/1143844.1143891) marks a
@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from fapengine._late import needed
 from fapengine.errors import DataError, UsageError
 from fapengine.recognition.loudness import FRAME_HZ
-from fapengine.recognition.protocol import RATE_HZ, Labelled, due
+from fapengine.recognition.protocol import RATE_HZ, BlockRecognizer, Labelled, due
 from fapengine.speech import ipa
 from fapengine.speech.alphabets.convert import ALPHABETS, is_silence, spelled_out
 from fapengine.speech.phone_track import SILENCE, Phone
@@ -87,27 +87,21 @@ def segments_of(labels: Sequence[str], frame_hz: float) -> list[Labelled]:
         begins = before[2] if before[0] == SILENCE else (before[2] + first) // 2
         ends = after[1] if after[0] == SILENCE else (behind + after[1]) // 2
         room = max(reach - (behind - first), 0)
-        _add(found, label, max(begins, first - room), min(ends, behind + room))
-    if at > (found[-1][2] if found else 0):
-        found.append((SILENCE, found[-1][2] if found else 0, at))
-    return found
-
-
-def _add(found: list[Labelled], label: str, first: int, behind: int) -> None:
-    """Append a phone, and the silence before it."""
+        last, begins = (found[-1][2] if found else 0), max(begins, first - room)
+        if begins > last:
+            found.append((SILENCE, last, begins))
+        found.append((label, max(begins, last), min(ends, behind + room)))
     last = found[-1][2] if found else 0
-    if first > last:
-        found.append((SILENCE, last, first))
-    found.append((label, max(first, last), behind))
+    return [*found, (SILENCE, last, at)] if at > last else found
 
 
 BLOCK_S = 0.16
-"""Time between two looks."""
+"""Time between two runs."""
 METADATA = "fapengine"
-"""Key of a model's metadata under which its card may stand."""
+"""Key of a model's metadata for its card."""
 MAX_LABELS = 4096
 BLANKS = ("<blank>", "<pad>", "[PAD]", "<eps>", "blank")
-"""Labels that mean no phone, where the card names none."""
+"""Labels of a blank, if the card names none."""
 _PROBE_S = 1.0
 
 
@@ -124,11 +118,11 @@ class ModelCard(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=T
     """Labels of silence and noise, in addition to those of every alphabet."""
     rate_hz: Annotated[int, Meta(ge=8_000, le=48_000)] = RATE_HZ
     look_ahead_s: Annotated[float, Meta(ge=0.05, le=1.0)] = 0.3
-    """Length of sound after a frame that the model needs to be sure of it."""
+    """Length of audio after a frame that makes its scores reliable."""
     context_s: Annotated[float, Meta(ge=1.0, le=30.0)] = 4.0
-    """Length of sound before a frame that the model gets, too."""
+    """Length of audio before a frame that the model gets as well."""
     normalized: bool = False
-    """True if the model wants sound of mean 0 and deviation 1, as wav2vec 2.0 does."""
+    """True if the model requires audio of mean 0 and deviation 1, as wav2vec 2.0 does."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -145,27 +139,28 @@ class PhoneModel:
 
     def scores(self, sound: NDArray[np.float32]) -> NDArray[np.float64]:
         """Scores of a sound, (N,) float32 at the card's rate: (T, V)."""
-        runtime = _runtime()
         if self.card.normalized:
             sound = (sound - sound.mean()) / np.sqrt(sound.var() + 1e-7)
         try:
             answer = self.session.run(None, {self.input_name: sound[None].astype(np.float32)})[0]
         except Exception as error:  # onnxruntime raises a dozen kinds that share no base
             raise DataError(f"{self.path}: the model failed ({_first_line(error)})") from error
-        scores = np.asarray(answer, dtype=np.float64) if np.issubdtype(np.asarray(answer).dtype, np.floating) else None
+        answer = np.asarray(answer)
         expected = f"(1, frames, {len(self.ipa)}) numbers, a score for each label"
-        if scores is None or scores.ndim != 3 or len(scores) != 1 or scores.shape[2] != len(self.ipa):
-            got = f"{np.asarray(answer).dtype} of shape {np.shape(answer)}"
+        shape_fits = answer.ndim == 3 and len(answer) == 1 and answer.shape[2] == len(self.ipa)
+        if not np.issubdtype(answer.dtype, np.floating) or not shape_fits:
+            got = f"{answer.dtype} of shape {answer.shape}"
             raise DataError(f"{self.path}: got an answer {got}, expected {expected}")
+        scores = answer.astype(np.float64)
         if not np.isfinite(scores.max(axis=2, initial=-np.inf)).all() or np.isnan(scores).any():
-            raise DataError(f"{self.path}: got scores that are no numbers, expected {expected} ({runtime.__name__})")
+            raise DataError(f"{self.path}: got scores that are no numbers, expected {expected}")
         first: NDArray[np.float64] = scores[0]
         return first
 
 
 def load_model(path: Path) -> PhoneModel:
     """Load a model and its card, and run it on a second of silence."""
-    runtime = _runtime()
+    runtime = needed("onnxruntime", "onnxruntime", "recognizer")
     if not path.is_file():
         raise UsageError(f"recognizer: got {path}, expected an ONNX model")
     options = runtime.SessionOptions()
@@ -186,48 +181,41 @@ def load_model(path: Path) -> PhoneModel:
     return model
 
 
-class OnnxRecognizer:
-    """Hears phones by a learned model; see :class:`.protocol.Recognizer`. Stateful."""
+class OnnxRecognizer(BlockRecognizer):
+    """An ONNX model as a :class:`.protocol.Recognizer`. Stateful."""
+
+    _block = round(BLOCK_S * RATE_HZ)
 
     def __init__(self, model: "str | Path | PhoneModel") -> None:
         self.model = model if isinstance(model, PhoneModel) else load_model(Path(model))
         self.look_ahead_s = self.model.card.look_ahead_s
-        self._block = round(BLOCK_S * RATE_HZ)
         self._kept = -(-round((self.model.card.context_s + self.look_ahead_s) * RATE_HZ) // self._block) * self._block
-        self._waiting = self._sound = np.zeros(0, np.int16)
         self.reset()
 
-    def push(self, samples: NDArray[np.int16]) -> list[Phone]:
-        """Hear more sound; see :meth:`.protocol.Recognizer.push`."""
-        self._waiting = np.concatenate([self._waiting, np.asarray(samples, dtype=np.int16)])
-        phones: list[Phone] = []
-        while len(self._waiting) >= self._block:
-            block, self._waiting = self._waiting[: self._block], self._waiting[self._block :]
-            self._add(block)
-            phones += self._tell(at_end=False)
-        return phones
+    def _process(self, block: NDArray[np.int16]) -> list[Phone]:
+        self._add(block)
+        return self._report(at_end=False)
 
     def end(self) -> list[Phone]:
-        """End the sound; return the rest of its phones."""
-        if len(self._waiting):
-            self._add(self._waiting)
-            self._waiting = self._waiting[:0]
-        return self._tell(at_end=True) if len(self._sound) else []
+        """End the audio; return the rest of its phones."""
+        self._add(self._waiting)
+        self._waiting = self._waiting[:0]
+        return self._report(at_end=True) if len(self._sound) else []
 
     def reset(self) -> None:
-        """Forget everything: the next sample is the first."""
-        self._waiting = self._sound = np.zeros(0, np.int16)
+        """Start again: the next sample is the first."""
+        super().reset()
+        self._sound = np.zeros(0, np.int16)
         self._forgotten = 0
         """Samples before those of ``_sound``."""
         self._told_s = 0.0
 
     def _add(self, block: NDArray[np.int16]) -> None:
-        self._sound = np.concatenate([self._sound, block])
-        if len(self._sound) > self._kept:
-            over = len(self._sound) - self._kept
-            self._sound, self._forgotten = self._sound[over:], self._forgotten + over
+        sound = np.concatenate([self._sound, block])
+        over = max(len(sound) - self._kept, 0)
+        self._sound, self._forgotten = sound[over:], self._forgotten + over
 
-    def _tell(self, *, at_end: bool) -> list[Phone]:
+    def _report(self, *, at_end: bool) -> list[Phone]:
         sound = self._sound.astype(np.float32) / np.float32(2**15)
         shares = softmax(self.model.scores(_resampled(sound, self.model.card.rate_hz)))
         length_s = len(self._sound) / RATE_HZ
@@ -242,16 +230,16 @@ class OnnxRecognizer:
         told = round((self._told_s - start_s) * FRAME_HZ)
         horizon = round((length_s - self.look_ahead_s) * FRAME_HZ)
         phones: list[Phone] = []
-        for label, first, behind in due(segments, told, horizon, silence=SILENCE, at_end=at_end):
+        for label, first, behind in due(segments, told, horizon, at_end=at_end):
             ends_s = start_s + (length_s if at_end and behind == segments[-1][2] else behind / FRAME_HZ)
             if ends_s > self._told_s:
                 frames = slice(int(first / rescale), int(behind / rescale) + 1)
-                sure = 1.0 if label == SILENCE else self._sureness(shares[frames], label)
-                phones.append(Phone(label, self._told_s, ends_s, confidence=sure))
+                confidence = 1.0 if label == SILENCE else self._confidence(shares[frames], label)
+                phones.append(Phone(label, self._told_s, ends_s, confidence=confidence))
                 self._told_s = ends_s
         return phones
 
-    def _sureness(self, shares: NDArray[np.float64], label: str) -> float:
+    def _confidence(self, shares: NDArray[np.float64], label: str) -> float:
         """Highest probability of a phone among its frames, (T, V)."""
         columns = [index for index, name in enumerate(self.model.ipa) if name == label]
         return round(min(float(shares[:, columns].sum(axis=1).max(initial=0.0)), 1.0), 3)
@@ -266,10 +254,6 @@ def _resampled(sound: NDArray[np.float32], rate_hz: int) -> NDArray[np.float32]:
     return other
 
 
-def _runtime() -> Any:
-    return needed("onnxruntime", "onnxruntime", "recognizer")
-
-
 def _card(path: Path, metadata: dict[str, str]) -> ModelCard:
     beside = path.with_suffix(".json")
     where = beside.name if beside.exists() else f"metadata {METADATA!r} of {path.name}"
@@ -279,7 +263,7 @@ def _card(path: Path, metadata: dict[str, str]) -> ModelCard:
         raise DataError(f"{path}: its card cannot be read ({error})", where=where) from error
     if text is None:
         raise DataError(
-            f"{path}: nothing tells its labels; expected {beside.name} beside it with labels and alphabet, or the same"
+            f"{path}: its labels are unknown; expected {beside.name} next to it with labels and alphabet, or the same"
             f" JSON as {METADATA!r} in its metadata"
         )
     try:

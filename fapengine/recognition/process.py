@@ -1,14 +1,14 @@
-"""A recognizer in a child process (:mod:`fapengine._child`): frames do not wait for it.
+"""A recognizer in a child process (:mod:`fapengine._child`), so that frames do not wait for it.
 
 Theory of operation
 -------------------
-PocketSphinx holds Python's lock while it works, 20 ms for 80 ms of sound and more on a busy machine; a face shows a
+PocketSphinx holds Python's lock while it works, 20 ms for 80 ms of audio and more on a busy machine; a face shows a
 frame every 17 ms. So it runs in another process, and neither end of :class:`RecognizerProcess` waits for the other.
-Sound that was not sent to the process yet (all but :data:`HANDED_S`) stays here, so it can be dropped at once.
+Audio that was not sent to the process yet (all but :data:`AHEAD_S`) stays here, so it can be dropped at once.
 
-A message to the child has the stream's number and the rate in Hz, and int16 samples, little-endian; without a rate the
-stream is over. A message back is a :class:`.protocol.RecognizedPhones`; the first one gives the recognizer's
-look-ahead. A stream is one sound; a new number drops the stream before.
+A message to the child has the stream's number and the rate in Hz, and int16 samples, little-endian; a rate of 0 ends
+the stream. A message back is a :class:`.protocol.RecognizedPhones`; the first one gives the recognizer's look-ahead. A
+new stream number drops the stream before.
 """
 
 from collections import deque
@@ -26,31 +26,32 @@ from fapengine.recognition.protocol import RATE_HZ, RecognizedPhones, Recognizer
 from fapengine.speech.phone_track import Phone
 from fapengine.speech.prosody import RunningProsody
 
-HANDED_S = 0.5
-"""Length of sound that is sent ahead of the process."""
+AHEAD_S = 0.5
+"""Length of audio that is sent ahead of the process."""
 PIECE_S = 0.08
-"""Length of sound that is sent at a time: the recognizer's block."""
+"""Length of audio that is sent at a time: the recognizer's block."""
 
 
 @dataclass(slots=True, eq=False)
 class RecognizerProcess:
     """The parent's end of a recognizer process; opened by :meth:`open`. Stateful.
 
-    Nothing here waits: :meth:`poll` is to be called about once a frame.
+    Nothing here waits; call :meth:`poll` about once a frame.
     """
 
     child: Child
     is_ready: bool = False
-    """True when the recognizer has started; earlier sound is kept."""
+    """True when the recognizer has started; earlier audio is kept."""
     look_ahead_s: float = 0.0
-    """Delay of phones after their sound; known when it is ready."""
+    """Delay of phones after their audio; known when it is ready."""
     waiting_s: float = 0.0
-    """Length of sound that was not processed yet."""
-    _stream: int = 0
+    """Length of audio that was not processed yet."""
+    stream: int = 0
+    """Number of the current stream; 0 before the first."""
     _pieces: deque[tuple[int, bytes]] = field(default_factory=deque)
     """Pieces of the stream that were not sent yet: rate in Hz, samples; rate 0: the end."""
-    _handed_s: float = 0.0
-    _heard_s: float = 0.0
+    _sent_s: float = 0.0
+    _processed_s: float = 0.0
 
     @classmethod
     def open(cls, model: Path | None = None) -> "RecognizerProcess":
@@ -59,25 +60,20 @@ class RecognizerProcess:
         Parameters
         ----------
         model : Path, optional
-            Name of a recognizer, or file of a learned one (:mod:`.choice`).
+            Name of a built-in recognizer, or file of a model (:mod:`.choice`).
         """
         check_installed(model)
-        return cls(Child("ear", command(__name__, *([str(model)] if model else [])), waits=False))
-
-    @property
-    def stream(self) -> int:
-        """Number of the current stream; 0 before the first."""
-        return self._stream
+        return cls(Child("recognizer", command(__name__, *([str(model)] if model else [])), waits=False))
 
     def begin(self) -> int:
-        """Drop sound that was not processed yet, and begin a stream; returns its number."""
-        self._stream += 1
+        """Drop audio that was not processed yet, and begin a stream; returns its number."""
+        self.stream += 1
         self._pieces.clear()
-        self.waiting_s = self._handed_s = self._heard_s = 0.0
-        return self._stream
+        self.waiting_s = self._sent_s = self._processed_s = 0.0
+        return self.stream
 
     def push(self, samples: NDArray[np.int16], rate_hz: int) -> None:
-        """Add sound to the stream: (N,) int16, mono; ``rate_hz`` is the same in all of a stream."""
+        """Add audio to the stream: (N,) int16, mono; ``rate_hz`` is constant within a stream."""
         step = max(round(PIECE_S * rate_hz), 1)
         for start in range(0, len(samples), step):
             self._pieces.append((rate_hz, samples[start : start + step].astype("<i2").tobytes()))
@@ -88,33 +84,33 @@ class RecognizerProcess:
         self._pieces.append((0, b""))
 
     def poll(self) -> list[RecognizedPhones]:
-        """Send what the process can take, and return what it has found in this stream."""
-        heard = self._read()
+        """Send audio as far as the process keeps up, and return the new results of this stream."""
+        found = self._read()
         self._write()
-        return heard
+        return found
 
     def close(self) -> None:
-        """End the process. To close again does nothing."""
+        """End the process; closing again does nothing."""
         self.child.close()
 
     def _write(self) -> None:
         while self.is_ready and self.child.flush():
-            if not self._pieces or self._handed_s - self._heard_s > HANDED_S:
+            if not self._pieces or self._sent_s - self._processed_s > AHEAD_S:
                 return
             rate_hz, samples = self._pieces.popleft()
-            self._handed_s += len(samples) / 2 / rate_hz if rate_hz else 0.0
-            self.child.put({"stream": self._stream, "rate_hz": rate_hz}, samples)
+            self._sent_s += len(samples) / 2 / rate_hz if rate_hz else 0.0
+            self.child.put({"stream": self.stream, "rate_hz": rate_hz}, samples)
 
     def _read(self) -> list[RecognizedPhones]:
         found = []
         for entry, _ in self.child.poll():
             if "look_ahead_s" in entry:
                 self.is_ready, self.look_ahead_s = True, entry["look_ahead_s"]
-            elif entry["stream"] == self._stream:
-                heard = RecognizedPhones(**{**entry, "phones": tuple(Phone(**phone) for phone in entry["phones"])})
-                self.waiting_s = max(self.waiting_s - (heard.position_s - self._heard_s), 0.0)
-                self._heard_s = heard.position_s
-                found.append(heard)
+            elif entry["stream"] == self.stream:
+                result = RecognizedPhones(**{**entry, "phones": tuple(Phone(**phone) for phone in entry["phones"])})
+                self.waiting_s = max(self.waiting_s - (result.position_s - self._processed_s), 0.0)
+                self._processed_s = result.position_s
+                found.append(result)
         return found
 
 
@@ -122,7 +118,7 @@ class RecognizerProcess:
 
 
 class _Stream:
-    """One sound on its way to the recognizer, at the recognizer's rate. Stateful."""
+    """One stream, resampled to the recognizer's rate. Stateful."""
 
     def __init__(self, recognizer: Recognizer, number: int, rate_hz: int) -> None:
         self.number, self._recognizer, self._rate_hz = number, recognizer, rate_hz
@@ -136,22 +132,17 @@ class _Stream:
             self._resampler = AudioResampler(format="s16", layout="mono", rate=RATE_HZ)
         recognizer.reset()
 
-    def push(self, samples: NDArray[np.int16]) -> RecognizedPhones:
-        self._came += len(samples)
-        phones = [phone for piece in self._resampled(samples) for phone in self._push(piece)]
-        return RecognizedPhones(self.number, self._came / self._rate_hz, tuple(self._as_said(phones)))
-
-    def end(self) -> RecognizedPhones:
-        phones = [phone for piece in self._resampled(None) for phone in self._push(piece)] + self._recognizer.end()
-        return RecognizedPhones(self.number, self._came / self._rate_hz, tuple(self._as_said(phones)), is_over=True)
-
-    def _push(self, piece: NDArray[np.int16]) -> list[Phone]:
-        self._soundings.push(piece)
-        return self._recognizer.push(piece)
-
-    def _as_said(self, phones: list[Phone]) -> list[Phone]:
-        """Add loudness and stress to phones."""
-        return self._prosody.push(phones, self._soundings.of(phones))
+    def push(self, samples: NDArray[np.int16] | None) -> RecognizedPhones:
+        """Process samples, (N,) int16, or the end of the stream; adds loudness and stress to phones."""
+        self._came += 0 if samples is None else len(samples)
+        phones: list[Phone] = []
+        for piece in self._resampled(samples):
+            self._soundings.push(piece)
+            phones += self._recognizer.push(piece)
+        if samples is None:
+            phones += self._recognizer.end()
+        phones = self._prosody.push(phones, self._soundings.of(phones))
+        return RecognizedPhones(self.number, self._came / self._rate_hz, tuple(phones), is_over=samples is None)
 
     def _resampled(self, samples: NDArray[np.int16] | None) -> list[NDArray[np.int16]]:
         if self._resampler is None:
@@ -168,7 +159,7 @@ class _Stream:
 class DirectRecognizer:
     """A recognizer of this process as a :class:`.protocol.StreamRecognizer`; :meth:`push` waits for it. Stateful.
 
-    For tests and for sound that is not live; a live face needs :class:`RecognizerProcess`.
+    For tests and for recordings; a live face needs :class:`RecognizerProcess`.
     """
 
     def __init__(self, recognizer: Recognizer) -> None:
@@ -186,26 +177,28 @@ class DirectRecognizer:
         return self._number
 
     def push(self, samples: NDArray[np.int16], rate_hz: int) -> None:
-        """Hear more: (N,) int16."""
+        """Process audio, (N,) int16."""
         self._stream = self._stream or _Stream(self._recognizer, self._number, rate_hz)
         self._told.append(self._stream.push(samples))
 
     def end(self) -> None:
-        """Hear the end."""
-        self._told.append(self._stream.end() if self._stream else RecognizedPhones(self._number, 0.0, is_over=True))
+        """End the stream."""
+        self._told.append(
+            self._stream.push(None) if self._stream else RecognizedPhones(self._number, 0.0, is_over=True)
+        )
         self._stream = None
 
     def poll(self) -> list[RecognizedPhones]:
-        """Return what was found."""
-        heard, self._told = self._told, []
-        return heard
+        """Return the new results."""
+        found, self._told = self._told, []
+        return found
 
     def close(self) -> None:
         """Do nothing."""
 
 
 def serve(parent: Parent, recognizer: Recognizer) -> None:
-    """Hear what comes in, until it ends."""
+    """Process the parent's messages until they end."""
     parent.tell({"look_ahead_s": recognizer.look_ahead_s})
     stream: _Stream | None = None
     for head, data in parent.messages():
@@ -213,14 +206,14 @@ def serve(parent: Parent, recognizer: Recognizer) -> None:
         if head["rate_hz"]:
             if stream is None or stream.number != number:
                 stream = _Stream(recognizer, number, head["rate_hz"])
-            heard = stream.push(np.frombuffer(data, "<i2").astype(np.int16))
+            found = stream.push(np.frombuffer(data, "<i2").astype(np.int16))
+        elif stream is not None and stream.number == number:
+            found, stream = stream.push(None), None
         else:
-            has_begun = stream is not None and stream.number == number
-            heard = stream.end() if stream is not None and has_begun else RecognizedPhones(number, 0.0, is_over=True)
-            stream = None if has_begun else stream
-        parent.tell(asdict(heard))
+            found = RecognizedPhones(number, 0.0, is_over=True)
+        parent.tell(asdict(found))
 
 
 def main(parent: Parent, model: str | None = None) -> None:
-    """Be the process."""
+    """Run the process."""
     serve(parent, new_recognizer(Path(model) if model else None))

@@ -1,4 +1,4 @@
-"""What a recognizer is: sound in, phones out, as it comes; and which phones of a changing hypothesis are final."""
+"""Interfaces of recognizers: audio in, phones out, as a stream; and the final phones of a changing hypothesis."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,20 +7,22 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine.speech.phone_track import Phone
+from fapengine.speech.phone_track import SILENCE, Phone
 
 RATE_HZ = 16_000
 """Sample rate of every recognizer's input; :func:`fapengine.files.sound.stream_sound` converts any file to it."""
+UNSURE = 0.5
+"""Confidence of phones that are found without a text: they are not judged one by one."""
 
 
 class Recognizer(Protocol):
-    """Finds phones in sound. Stateful: it keeps the sound of one utterance."""
+    """Finds phones in audio. Stateful: it keeps the audio of one utterance."""
 
     look_ahead_s: float
-    """Delay after the sound before which a phone is not reported, because it may still change."""
+    """Least delay of a phone after its audio; until then it may still change."""
 
     def push(self, samples: NDArray[np.int16]) -> list[Phone]:
-        """Process more sound; return the phones that are final now.
+        """Process more audio; return the phones that are final now.
 
         Parameters
         ----------
@@ -30,13 +32,13 @@ class Recognizer(Protocol):
         Returns
         -------
         list of Phone
-            Those after the ones returned before, without holes, silence included. Their times count from the first
-            sample since the last :meth:`reset`. ``confidence`` says how sure it is.
+            The next ones, without gaps, silence included. Their times count from the first sample since the last
+            :meth:`reset`.
         """
         ...
 
     def end(self) -> list[Phone]:
-        """End the sound; return the rest of its phones."""
+        """End the audio; return the rest of its phones."""
         ...
 
     def reset(self) -> None:
@@ -44,13 +46,42 @@ class Recognizer(Protocol):
         ...
 
 
+class BlockRecognizer:
+    """Base of the built-in recognizers, which process blocks of audio: pieces of any length give the same phones."""
+
+    _block: int
+    """Samples of a block."""
+    _waiting: NDArray[np.int16]
+    """Samples of an incomplete block."""
+    _came: int
+    """Samples so far."""
+
+    def push(self, samples: NDArray[np.int16]) -> list[Phone]:
+        """Process more audio; see :meth:`Recognizer.push`."""
+        self._came += len(samples)
+        self._waiting = np.concatenate([self._waiting, np.asarray(samples, dtype=np.int16)])
+        phones: list[Phone] = []
+        while len(self._waiting) >= self._block:
+            block, self._waiting = self._waiting[: self._block], self._waiting[self._block :]
+            phones += self._process(block)
+        return phones
+
+    def reset(self) -> None:
+        """Start again: the next sample is the first."""
+        self._waiting = np.zeros(0, np.int16)
+        self._came = 0
+
+    def _process(self, block: NDArray[np.int16]) -> list[Phone]:
+        raise NotImplementedError
+
+
 @dataclass(frozen=True, slots=True)
 class RecognizedPhones:
-    """What a recognizer has found in a stream."""
+    """Results of a recognizer for a stream."""
 
     stream: int
     position_s: float
-    """Length of the stream's sound that was processed."""
+    """Length of the stream's audio that was processed."""
     phones: tuple[Phone, ...] = ()
     """Phones after those returned before; times count from the stream's first sample."""
     is_over: bool = False
@@ -58,21 +89,21 @@ class RecognizedPhones:
 
 
 class StreamRecognizer(Protocol):
-    """A recognizer for sound of any rate, with results to poll; no method waits. Stateful."""
+    """A recognizer for audio of any rate, with results to poll; no method waits. Stateful."""
 
     is_ready: bool
-    """True when it has started; earlier sound is kept."""
+    """True when it has started; earlier audio is kept."""
     look_ahead_s: float
-    """Delay of phones after their sound; known when it is ready."""
+    """Delay of phones after their audio; known when it is ready."""
     waiting_s: float
-    """Length of sound that was not processed yet."""
+    """Length of audio that was not processed yet."""
 
     def begin(self) -> int:
-        """Drop sound that was not processed yet, and begin a stream; returns its number."""
+        """Drop audio that was not processed yet, and begin a stream; returns its number."""
         ...
 
     def push(self, samples: NDArray[np.int16], rate_hz: int) -> None:
-        """Add sound to the stream: (N,) int16, mono; ``rate_hz`` is the same in all of a stream."""
+        """Add audio to the stream: (N,) int16, mono; ``rate_hz`` is constant within a stream."""
         ...
 
     def end(self) -> None:
@@ -80,7 +111,7 @@ class StreamRecognizer(Protocol):
         ...
 
     def poll(self) -> list[RecognizedPhones]:
-        """Return what was found in this stream since the last call; ``ResourceError`` if the recognizer has ended."""
+        """Return the new results of this stream; raises ``ResourceError`` if the recognizer has ended."""
         ...
 
     def close(self) -> None:
@@ -89,40 +120,36 @@ class StreamRecognizer(Protocol):
 
 
 MIN_FRAMES = 3
-"""Shortest phone in frames of 10 ms, the shortest that the model can find; a shorter one goes to the next."""
+"""Shortest phone of the models, in frames of 10 ms; a shorter one is joined to the next."""
 
 Labelled = tuple[str, int, int]
 """A label, its first frame and the one after its last."""
 
 
-def due(
-    segments: Sequence[Labelled], told: int, horizon: int, *, silence: str, at_end: bool = False
-) -> list[Labelled]:  # fmt: skip
+def due(segments: Sequence[Labelled], told: int, horizon: int, *, at_end: bool = False) -> list[Labelled]:
     """Choose the segments of a new hypothesis that are final now.
 
     Parameters
     ----------
     segments : sequence of (label, first, behind)
-        The whole hypothesis, in order and without holes; ``behind`` is the frame after the last.
+        The whole hypothesis, in order and without gaps; ``behind`` is the frame after the last.
     told : int
-        First frame that has not been reported. Earlier frames stay as reported, whatever the hypothesis says now.
+        First frame that has not been reported. Earlier frames stay as reported, also if the hypothesis has changed.
     horizon : int
-        Frame up to which the hypothesis is old enough.
-    silence : str
-        Label of silence, which is reported as far as it reaches; other phones wait until they are over.
+        Frame up to which the hypothesis is old enough. Silence is reported up to there; phones when they are over.
     at_end : bool
         Nothing follows, so everything is final.
 
     Returns
     -------
     list of (label, first, behind)
-        Without holes, from ``told`` on.
+        Without gaps, from ``told`` on.
 
     Examples
     --------
-    >>> due([("m", 0, 8), ("a", 8, 20), ("_", 20, 50)], 8, 40, silence="_")
+    >>> due([("m", 0, 8), ("a", 8, 20), ("_", 20, 50)], 8, 40)
     [('a', 8, 20), ('_', 20, 40)]
-    >>> due([("b", 0, 9), ("a", 9, 30)], 8, 15, silence="_")
+    >>> due([("b", 0, 9), ("a", 9, 30)], 8, 15)
     []
     """
     chosen: list[Labelled] = []
@@ -131,7 +158,7 @@ def due(
         if behind <= now:
             continue
         if behind > horizon and not at_end:
-            if label == silence and horizon - now >= MIN_FRAMES:
+            if label == SILENCE and horizon - now >= MIN_FRAMES:
                 chosen.append((label, now, horizon))
             break
         if behind - now < MIN_FRAMES and not at_end:

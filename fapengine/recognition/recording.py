@@ -1,4 +1,4 @@
-"""A recording of any length, recognized in pieces: its phones, how they sound, and where its text does not fit."""
+"""A recording of any length, recognized in pieces: its phones, their loudness and pitch, and mismatches of its text."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -8,13 +8,13 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine.recognition.follow import QUICK_HZ, agreeing, same_kind, words_said
+from fapengine.recognition.follow import QUICK_HZ, agreeing, between, by_frame, same_kind, words_said
 from fapengine.recognition.loudness import FRAME_HZ, HOP, RunningSoundings, loudness_db, pitch_hz, soundings
-from fapengine.recognition.protocol import RATE_HZ, Recognizer
+from fapengine.recognition.protocol import RATE_HZ, UNSURE, Recognizer
 from fapengine.recognition.speechlike import spoken_frames
 from fapengine.recognition.sphinx import Frames, decode, frames_of, new_phone_loop, new_word_decoder, pronounced
 from fapengine.recognition.sphinx_aligner import Aligned, SphinxAligner
-from fapengine.recognition.sphinx_recognizer import UNSURE, labelled
+from fapengine.recognition.sphinx_recognizer import labelled
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.speech.prosody import Sounding, with_prosody
 
@@ -23,11 +23,11 @@ MIN_PIECE_S, MAX_PIECE_S = 6.0, 20.0
 _PAUSE = 25
 """Frames over which quiet is measured, 0.25 s."""
 _NEARLY_DB = 3.0
-"""Difference up to which a later place is as quiet as the quietest."""
+"""Difference up to which a later place counts as quiet as the quietest."""
 
 
 def in_pieces(sound: Iterable[NDArray[np.int16]]) -> Iterator[tuple[NDArray[np.int16], bool]]:
-    """Cut a sound that comes in any pieces at its quietest places.
+    """Cut audio of any length at its quietest places.
 
     Parameters
     ----------
@@ -66,18 +66,18 @@ def quietest(samples: NDArray[np.int16]) -> int:
 
 
 BESIDE = 2
-"""Words on each side that count for a word's agreement, too."""
+"""Words on each side that also count for a word's agreement."""
 AGREEING, AGREEING_ALL = 0.35, 0.42
-"""Least fraction of frames in which the phone loop finds the same kind of phone, where the text is what is said:
+"""Least fraction of frames in which the phone loop finds the same kind of phone if the text is right:
 around a word, and in a whole piece. Measured on 20 filmed and 20 spoken sentences: .44 and more in 95 % of the places,
 .45 and more in every whole sentence; with the text of another .40 and less in 90 % of the places."""
 FOREIGN = 0.36
-"""Part of that share that a language needs which the model does not know. Measured on 35 sentences of espeak-ng in five
+"""Factor of that fraction for languages that the model does not know. Measured on 35 sentences of espeak-ng in five
 languages: .20 and more of a whole sentence in all but one (.08); with the text of another less than .15 in 17 of 35."""
 JUDGED_FRAMES = 60
 """Least number of frames that are judged."""
 UNTOLD_S = 1.2
-"""Length of speech in a silence of the text that is said to be missing from the text."""
+"""Least length of speech in a silence of the text that is reported as missing from the text."""
 
 Progress = Callable[[float], None]
 """Called with the seconds that were processed."""
@@ -85,12 +85,12 @@ Progress = Callable[[float], None]
 
 @dataclass(frozen=True, slots=True)
 class Mismatch:
-    """A part of the recording where text and sound do not agree."""
+    """A part of the recording where text and audio do not agree."""
 
     start_s: float
     end_s: float
     words: tuple[str, ...]
-    """Words of the text that were not found there; empty for speech that the text lacks."""
+    """Words of the text that were not found there; empty for speech that is not in the text."""
 
     def __str__(self) -> str:
         if not self.words:
@@ -112,9 +112,9 @@ class Recording:
     """Fraction of the text's words that were not found, 0..1."""
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class _Judged:
-    """A word with the frames in which aligner and phone loop agree."""
+    """A word, its frames, and the number of them in which aligner and phone loop agree."""
 
     word: int
     start: int
@@ -139,10 +139,10 @@ def listen(
     only_speech : bool
         Music and noise are silence (:mod:`.speechlike`).
     words : bool
-        Guess English words as well, and use their phones where they agree with the sound (:mod:`.follow`); takes four
+        Guess English words as well, and use their phones where they agree with the audio (:mod:`.follow`); takes four
         times as long.
     on_heard : callable
-        Called with the seconds that each piece has.
+        Called with the length of each processed piece in s.
     """
     loop = new_phone_loop()
     guesser = _Guesser() if words else None
@@ -168,9 +168,9 @@ def listen_by(
     Parameters
     ----------
     sound : iterable of (N,) int16
-        As of :func:`listen`; 1 s is handed over at a time.
+        As for :func:`listen`; processed 1 s at a time.
     on_heard : callable
-        Called with the seconds that were handed over.
+        Called with the length of each processed piece in s.
     """
     recognizer.reset()
     running, gathered = RunningSoundings(), _Gathered()
@@ -178,11 +178,11 @@ def listen_by(
         for start in range(0, len(piece), RATE_HZ):
             samples = piece[start : start + RATE_HZ]
             running.push(samples)
-            told = recognizer.push(samples)
-            gathered.extend(told, running.of(told))
+            phones = recognizer.push(samples)
+            gathered.extend(phones, running.of(phones))
             on_heard(len(samples) / RATE_HZ)
-    told = recognizer.end()
-    gathered.extend(told, running.of(told))
+    phones = recognizer.end()
+    gathered.extend(phones, running.of(phones))
     return gathered.done(())
 
 
@@ -196,11 +196,11 @@ def follow(
     Parameters
     ----------
     sound : iterable of (N,) int16
-        As of :func:`listen`.
+        As for :func:`listen`.
     aligner : SphinxAligner
-        Knows the text.
+        Contains the text.
     on_heard : callable
-        Called with the seconds that each piece has.
+        Called with the length of each processed piece in s.
     """
     loop = new_phone_loop()
     gathered, mismatches = _Gathered(), list[Mismatch]()
@@ -213,7 +213,7 @@ def follow(
         aligned = aligner.align(piece, cursor, behind)
         if behind > cursor and not aligned:
             aligned = aligner.placed(piece, cursor, behind)
-        names = _by_frame(found, len(spoken))
+        names = by_frame(found, len(spoken))
         missing = _missing(_judge(aligned, names), 1.0 if aligner.dictionary else FOREIGN)
         unheard += sum(len(range(a, b)) for a, b, _, _ in missing) + (behind - cursor if not aligned else 0)
         mismatches += [
@@ -232,7 +232,7 @@ def follow(
 
 
 class _Guesser:
-    """Guesses words, and finds their phones as if they were the text. Stateful: it has loaded its models."""
+    """Guesses words, and aligns their phones. Stateful: it has loaded its models."""
 
     def __init__(self) -> None:
         self._words = new_word_decoder()
@@ -319,21 +319,13 @@ def _behind(
     return cursor + words_said(heard, words)
 
 
-def _by_frame(found: Sequence[Frames], frames: int) -> list[str]:
-    names = [SILENCE] * frames
-    for name, start, stop in found:
-        names[start : min(stop, frames)] = [name] * (min(stop, frames) - start)
-    return names
-
-
 def _judge(aligned: Sequence[Aligned], names: Sequence[str]) -> list[_Judged]:
     judged: list[_Judged] = []
-    for phone in aligned:
-        if not judged or judged[-1].word != phone.word:
-            judged.append(_Judged(phone.word, phone.first, phone.behind, 0, 0))
-        judged[-1].stop = phone.behind
-        judged[-1].total += phone.behind - phone.first
-        judged[-1].agree += _agreeing(phone, names)
+    for word, group in groupby(aligned, key=lambda phone: phone.word):
+        phones = list(group)
+        agree = sum(_agreeing(phone, names) for phone in phones)
+        total = sum(phone.behind - phone.first for phone in phones)
+        judged.append(_Judged(word, phones[0].first, phones[-1].behind, agree, total))
     return judged
 
 
@@ -370,17 +362,18 @@ def _merged(
     names: Sequence[str],
 ) -> list[Phone]:
     """Phones of the text, and where it was not found those of the phone loop; silence between."""
-    frames = len(names)
     rows: list[Phone] = []
     for one in aligned:
         if one.behind > one.first and not any(a <= one.word < b for a, b, _, _ in missing):
             sure = _agreeing(one, names) / (one.behind - one.first)
-            rows.append(_phone(one.label, one.first, one.behind, one.stress, words[one.word], sure))
+            rows.append(
+                Phone(one.label, one.first / FRAME_HZ, one.behind / FRAME_HZ, one.stress, words[one.word], sure)
+            )
     for _, _, first, behind in missing:
         rows += [
-            _phone(label, max(a, first), min(b, behind), confidence=UNSURE)
-            for label, a, b in heard
-            if min(b, behind) > max(a, first) and label != SILENCE
+            Phone(label, a / FRAME_HZ, b / FRAME_HZ, confidence=UNSURE)
+            for label, a, b in between(heard, first, behind)
+            if label != SILENCE
         ]
     rows.sort(key=lambda phone: phone.start_s)
     whole: list[Phone] = []
@@ -391,13 +384,9 @@ def _merged(
         if phone.end_s > max(now_s, phone.start_s):
             whole.append(replace(phone, start_s=max(now_s, phone.start_s)))
             now_s = phone.end_s
-    if frames / FRAME_HZ > now_s:
-        whole.append(Phone(SILENCE, now_s, frames / FRAME_HZ))
+    if len(names) / FRAME_HZ > now_s:
+        whole.append(Phone(SILENCE, now_s, len(names) / FRAME_HZ))
     return whole
-
-
-def _phone(label: str, first: int, behind: int, stress: int = 0, word: str = "", confidence: float = 1.0) -> Phone:
-    return Phone(label, first / FRAME_HZ, behind / FRAME_HZ, stress, word, confidence)
 
 
 def _untold(rows: Sequence[Phone], spoken: NDArray[np.bool_], now_s: float) -> list[Mismatch]:

@@ -1,11 +1,11 @@
-"""The network of the small recognizer: its input (mel bands), layers and weights, and how it runs on a stream.
+"""The network of the small recognizer: its input (mel bands), layers and weights, run on a stream.
 
 Theory of operation
 -------------------
-A frame is 25 ms of sound around the middle of its 10 ms. Energies of 40 triangular bands, evenly spaced in mel (Davis
-and Mermelstein 1980, doi:10.1109/TASSP.1980.1163420), are taken as natural logarithms. Voices and microphones differ by
-a spectrum that hardly changes, so the mean of the loud frames so far is subtracted. It begins as the mean of average
-speech (learned, too), as loud as the loudest frame so far, and forgets what is older than about 1 s of loud sound. So
+A frame is 25 ms of audio around the middle of its 10 ms: natural logarithms of the energies of 40 triangular bands,
+evenly spaced in mel (Davis and Mermelstein 1980, doi:10.1109/TASSP.1980.1163420). Voices and microphones differ by a
+spectrum that hardly changes, so the mean of the loud frames so far is subtracted. It begins as the mean of average
+speech (also learned), as loud as the loudest frame so far, and forgets frames older than about 1 s of loud audio. So
 loudness does not count, and the first word is recognized as well as the tenth.
 
 Frames come in pairs, so the network steps 50 times a second. A first layer sees three pairs; eight layers follow, each
@@ -15,7 +15,7 @@ of each is normalised to unit power (Zhang and Sennrich 2019, "Root mean square 
 gives a score for each label and each of the two frames. Together they look :data:`AHEAD` steps ahead and a second and
 more back. ``bench/ear_train.py`` learned the weights.
 
-It always runs two steps at a time, so that rounding does not depend on how the sound is cut.
+It always runs two steps at a time, so that rounding does not depend on how the audio is cut.
 """
 
 import io
@@ -92,39 +92,15 @@ def log_mel(frames: NDArray[np.int16]) -> NDArray[np.float32]:
     return logs
 
 
-def windows(samples: NDArray[np.int16]) -> NDArray[np.int16]:
-    """Frames of a whole sound, (N,) int16: (N // 160, 400), with silence before and after it."""
-    count = len(samples) // HOP
-    padded = np.zeros(count * HOP + 2 * BEFORE, np.int16)
-    padded[BEFORE : BEFORE + count * HOP] = samples[: count * HOP]
-    found: NDArray[np.int16] = np.lib.stride_tricks.sliding_window_view(padded, WINDOW)[::HOP]
-    return found
-
-
 @dataclass(slots=True, eq=False)
 class RunningMean:
-    """Takes the running mean away, of one sound or of several at once. Stateful.
-
-    Parameters
-    ----------
-    first_mean : (40,)
-        Bands of average speech, against the loudest frame.
-    shape : tuple of int
-        Shape of what comes at each frame without its last axis; () for one sound.
-    """
+    """Subtracts the running mean, from one stream or from several at once. Stateful."""
 
     first_mean: NDArray[np.float32]
-    """Bands of average speech."""
-    shape: tuple[int, ...] = ()
-    """Shape of a frame without its bands."""
-    _peak: NDArray[np.float32] = field(init=False)
-    _sum: NDArray[np.float32] = field(init=False)
-    _count: NDArray[np.float32] = field(init=False)
-
-    def __post_init__(self) -> None:
-        self._peak = np.full((*self.shape, 1), QUIETEST, np.float32)
-        self._sum = np.zeros((*self.shape, BANDS), np.float32)
-        self._count = np.zeros((*self.shape, 1), np.float32)
+    """Bands of average speech, relative to the loudest frame, (40,)."""
+    _peak: NDArray[np.float32] = field(default_factory=lambda: np.full(1, QUIETEST, np.float32))
+    _sum: NDArray[np.float32] = field(default_factory=lambda: np.zeros(BANDS, np.float32))
+    _count: NDArray[np.float32] = field(default_factory=lambda: np.zeros(1, np.float32))
 
     def push(self, frame: NDArray[np.float32]) -> NDArray[np.float32]:
         """Turn a frame, (..., 40) float32, into (..., 41) float32."""
@@ -257,7 +233,7 @@ class _Layer:
 
 
 class SmallNet:
-    """The network as sound comes. Stateful."""
+    """The network on a stream. Stateful."""
 
     def __init__(self, weights: Weights) -> None:
         self._weights = weights

@@ -1,4 +1,4 @@
-"""The small recognizer: needs no text and nothing but NumPy; a small network, trained here, and a search over phones.
+"""The small recognizer: a small network, trained by ``bench``, and a search over phones; requires only NumPy, no text.
 
 Theory of operation
 -------------------
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from fapengine.errors import UsageError
 from fapengine.recognition.loudness import FRAME_HZ, HOP, SILENT_DB, loudness_db, pitch_hz
-from fapengine.recognition.protocol import RATE_HZ, Labelled, due
+from fapengine.recognition.protocol import MIN_FRAMES, RATE_HZ, UNSURE, BlockRecognizer, Labelled, due
 from fapengine.recognition.small_net import (
     AHEAD,
     BEFORE,
@@ -37,19 +37,16 @@ BLOCK = BLOCK_FRAMES * HOP
 """Samples that are processed at a time, 40 ms."""
 LATE = 2 * AHEAD + BLOCK_FRAMES
 """Longest delay of the scores after the sound, in frames."""
-MIN_FRAMES = 3
-"""Shortest phone, in frames."""
 ORDER_WEIGHT = 0.6
 """Weight of the order of phones."""
 CHANGE = 1.0
 """Cost of another phone, natural logarithm."""
 SHARE_WEIGHT = 0.5
 """Weight of the frequency of a phone."""
-UNSURE = 0.5
 REMEMBERED = 300
 """Frames of pitch that are kept, 3 s."""
 NEAR_VOWEL = 100
-"""Frames after a vowel in which a phone may stand alone; elsewhere it is a knock."""
+"""Frames after a vowel in which a phone may be isolated; elsewhere it is a knock."""
 VOWEL_LETTERS = frozenset("aeiouæɑɔəɛɝɪʊʌ")
 _CONTEXT = 6
 
@@ -77,7 +74,7 @@ class Search:
         self._first = self.now = 0
 
     def push(self, scores: Floats) -> None:
-        """Take scores of more frames, (T, C)."""
+        """Add scores of more frames, (T, C)."""
         top = scores.max(axis=1, keepdims=True)
         likely = scores - top - np.log(np.exp(scores - top).sum(axis=1, keepdims=True)) + self._bonus
         for row in likely:
@@ -128,7 +125,7 @@ class Search:
 
 
 class Scores:
-    """Scores of the network's labels for each frame, as sound comes. Stateful."""
+    """Scores of the network's labels for each frame of a stream. Stateful."""
 
     def __init__(self, weights: Weights) -> None:
         self._waiting = np.zeros(BEFORE, np.int16)
@@ -138,18 +135,18 @@ class Scores:
         self._skip = 2 * AHEAD
         """Frames of scores that lie before the first frame."""
         self._classes = len(weights.labels)
-        self.heard = 0
+        self.seen = 0
         """Frames that the network has seen; it has scored those at least :data:`LATE` before."""
 
     def push(self, samples: NDArray[np.int16]) -> Floats:
-        """Take (N,) int16; return the scores of the next frames, (T, C), natural logarithms up to a constant."""
+        """Add (N,) int16; return the scores of the next frames, (T, C), natural logarithms up to a constant."""
         self._waiting = np.concatenate([self._waiting, np.asarray(samples, dtype=np.int16)])
         found = [np.zeros((0, self._classes), np.float32)]
         while len(self._waiting) >= BLOCK + WINDOW - HOP:
             near = np.lib.stride_tricks.sliding_window_view(self._waiting, WINDOW)[: BLOCK_FRAMES * HOP : HOP]
             seen = np.stack([self._mean.push(frame) for frame in log_mel(near)])
             self._waiting = self._waiting[BLOCK:]
-            self.heard += BLOCK_FRAMES
+            self.seen += BLOCK_FRAMES
             found.append(self._net.push(seen)[self._skip :])
             self._skip = max(self._skip - BLOCK_FRAMES, 0)
         return np.concatenate(found)
@@ -161,7 +158,7 @@ def is_vowel(label: str) -> bool:
 
 
 class Voicing:
-    """Pitch and loudness of the last seconds, and what of a hypothesis they allow. Stateful."""
+    """Pitch and loudness of the last seconds, which reject segments of a hypothesis. Stateful."""
 
     def __init__(self) -> None:
         self._sound = np.zeros(0, np.int16)
@@ -174,7 +171,7 @@ class Voicing:
         """Frame after the last vowel."""
 
     def push(self, samples: NDArray[np.int16], *, keep: int = 2) -> None:
-        """Take (N,) int16, whole frames except at the end; the pitch of the last ``keep`` frames is not known yet."""
+        """Add (N,) int16, whole frames except at the end; the last ``keep`` frames get no pitch yet."""
         self._sound = np.concatenate([self._sound, samples])
         self._levels = np.concatenate([self._levels, loudness_db(samples)])
         known = self._first + len(self._pitch) - self._begins
@@ -186,7 +183,7 @@ class Voicing:
         self._pitch, self._levels, self._first = self._pitch[gone:], self._levels[gone:], self._first + gone
 
     def spoken(self, segments: list[Labelled]) -> list[Labelled]:
-        """Replace segments by silence that are voiceless, music, very quiet, or alone; no holes, as before."""
+        """Replace segments that are voiceless, music, very quiet, or isolated by silence; without gaps."""
         voice = voiced_frames(self._pitch) & ~musical_frames(self._pitch)
         found: list[Labelled] = []
         for index, (label, a, b) in enumerate(segments):
@@ -213,13 +210,13 @@ class Voicing:
         return found
 
 
-class SmallRecognizer:
-    """A :class:`.protocol.Recognizer` for sound alone. Stateful.
+class SmallRecognizer(BlockRecognizer):
+    """The small network as a :class:`.protocol.Recognizer`. Stateful.
 
     Parameters
     ----------
     look_ahead_s : float
-        Delay of phones after their sound, 0.12 to 1 s; they come at most one block (40 ms) later.
+        Delay of phones after their audio, 0.12 to 1 s; they come at most one block (40 ms) later.
     weights : Weights, optional
         By default those of the package.
 
@@ -238,25 +235,15 @@ class SmallRecognizer:
             raise UsageError(f"look_ahead_s: must be 0.12 to 1, got {look_ahead_s}")
         self.look_ahead_s = look_ahead_s
         self._weights = weights or shipped()
-        self._waiting = np.zeros(0, np.int16)
-        self._came = self._told = 0
-        self._scores, self._voicing = Scores(self._weights), Voicing()
-        self._search = Search(self._weights)
+        self.reset()
 
-    def push(self, samples: NDArray[np.int16]) -> list[Phone]:
-        """Process more sound; see :meth:`.protocol.Recognizer.push`."""
-        self._came += len(samples)
-        self._waiting = np.concatenate([self._waiting, np.asarray(samples, dtype=np.int16)])
-        phones: list[Phone] = []
-        while len(self._waiting) >= self._block:
-            block, self._waiting = self._waiting[: self._block], self._waiting[self._block :]
-            self._voicing.push(block)
-            self._search.push(self._score(block))
-            phones += self._tell(self._scores.heard - round(self.look_ahead_s * FRAME_HZ))
-        return phones
+    def _process(self, block: NDArray[np.int16]) -> list[Phone]:
+        self._voicing.push(block)
+        self._search.push(self._score(block))
+        return self._report(self._scores.seen - round(self.look_ahead_s * FRAME_HZ))
 
     def end(self) -> list[Phone]:
-        """End the sound; return the rest of its phones."""
+        """End the audio; return the rest of its phones."""
         count = -(-self._came // HOP)
         if not count:
             return []
@@ -264,25 +251,25 @@ class SmallRecognizer:
         silence = np.zeros((count - self._search.now + 2 * LATE) * HOP, np.int16)
         scores = self._score(np.concatenate([self._waiting, silence]), rest=len(self._waiting))
         self._search.push(scores[: count - self._search.now])
-        phones = self._tell(count, at_end=True)
+        phones = self._report(count, at_end=True)
         self.reset()
         return phones
 
     def reset(self) -> None:
         """Start again: the next sample is the first."""
-        self._waiting = np.zeros(0, np.int16)
-        self._came = self._told = 0
+        super().reset()
+        self._told = 0
         self._scores, self._voicing = Scores(self._weights), Voicing()
         self._search = Search(self._weights)
 
     def _score(self, samples: NDArray[np.int16], *, rest: int | None = None) -> Floats:
-        """Scores of more sound; with ``rest``, that many samples are the last ones, and silence follows."""
+        """Scores of more audio; with ``rest``, that many samples are the last ones, and silence follows."""
         return self._scores.push(samples)
 
-    def _tell(self, horizon: int, *, at_end: bool = False) -> list[Phone]:
+    def _report(self, horizon: int, *, at_end: bool = False) -> list[Phone]:
         names = self._weights.labels
         segments: list[Labelled] = [(names[n], a, b) for n, a, b in self._search.segments(self._told)]
-        chosen = due(self._voicing.spoken(segments), self._told, horizon, silence=SILENCE, at_end=at_end)
+        chosen = due(self._voicing.spoken(segments), self._told, horizon, at_end=at_end)
         phones = []
         for label, a, b in chosen:
             stop_s = min(b / FRAME_HZ, self._came / RATE_HZ) if at_end else b / FRAME_HZ

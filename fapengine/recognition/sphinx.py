@@ -1,4 +1,4 @@
-"""PocketSphinx: its model, its phones and decoders, and words of a text as its model can recognize them.
+"""PocketSphinx: its model, phones and decoders, and words of a text as its model can recognize them.
 
 The model (US English, 16 kHz; 39 phones of the CMU dictionary) is inside the wheel, so nothing is downloaded.
 PocketSphinx 5: Huggins-Daines and others, BSD; "Pocketsphinx: a free, real-time continuous speech recognition system
@@ -32,6 +32,7 @@ MODEL_PHONES = (
 )  # fmt: skip
 """Phones that the model knows, in ARPAbet."""
 VOWELS = frozenset(name for name in MODEL_PHONES if name[0] in "AEIOU")
+_DICTIONARY = "cmudict-en-us.dict"
 _LOOP = {"lw": 2.0, "beam": 1e-20, "pbeam": 1e-20}
 """Weight of the phone language model and beams of the phone loop (``bench/ears.py``: 1 to 4 differ by .02 of r)."""
 
@@ -42,13 +43,13 @@ _WORDS = {"fwdflat": False, "bestpath": False, "pl_window": 5, "maxhmmpf": 5000,
 
 def new_decoder(**options: Any) -> Any:
     """Make a decoder with the shipped acoustic model."""
-    sphinx = needed("pocketsphinx", "PocketSphinx", "recognizer")
-    return sphinx.Decoder(sphinx.Config(hmm=str(_folder() / "en-us"), loglevel="FATAL", **options))
+    sphinx = _library()
+    return sphinx.Decoder(sphinx.Config(hmm=_model("en-us"), loglevel="FATAL", **options))
 
 
 def new_phone_loop() -> Any:
     """Make a decoder of any phone after any other, weighed by a model of phone sequences."""
-    return new_decoder(allphone=str(_folder() / "en-us-phone.lm.bin"), **_LOOP) if _installed() else new_decoder()
+    return new_decoder(allphone=_model("en-us-phone.lm.bin"), **_LOOP)
 
 
 def new_aligner(*, beam: float, silence: float, noise: float) -> Any:
@@ -56,24 +57,18 @@ def new_aligner(*, beam: float, silence: float, noise: float) -> Any:
 
     ``silence`` and ``noise`` are the probabilities of a pause and of a noise between two words.
     """
-    if not _installed():
-        return new_decoder()
     words = {"beam": beam, "pbeam": beam, "wbeam": beam**0.75, "silprob": silence, "fillprob": noise}
-    return new_decoder(dict=str(_folder() / "cmudict-en-us.dict"), lm=None, bestpath=False, **words)
+    return new_decoder(dict=_model(_DICTIONARY), lm=None, bestpath=False, **words)
 
 
 def new_word_decoder() -> Any:
     """Make a decoder of English words, by the shipped model of word triples. Raises as :func:`new_decoder`."""
-    if not _installed():
-        return new_decoder()
-    return new_decoder(dict=str(_folder() / "cmudict-en-us.dict"), lm=str(_folder() / "en-us.lm.bin"), **_WORDS)
+    return new_decoder(dict=_model(_DICTIONARY), lm=_model("en-us.lm.bin"), **_WORDS)
 
 
 def dictionary() -> Iterator[tuple[str, list[str]]]:
     """Words of the shipped dictionary, in lower case, with the model's phones."""
-    if not _installed():
-        new_decoder()
-    for line in (_folder() / "cmudict-en-us.dict").read_text().splitlines():
+    for line in Path(_model(_DICTIONARY)).read_text().splitlines():
         word, *phones = line.split()
         yield word, phones
 
@@ -102,29 +97,26 @@ def frames_of(segments: Iterable[Any]) -> list[Frames]:
 
 
 def decode(decoder: Any, samples: NDArray[np.int16]) -> None:
-    """Hear a whole utterance, (N,) int16, at once: its mean spectrum is then known from its start."""
+    """Decode a whole utterance, (N,) int16, at once: its mean spectrum is then known from its start."""
     decoder.start_utt()
     decoder.process_raw(samples.tobytes(), full_utt=True)
     decoder.end_utt()
 
 
-def _installed() -> bool:
-    from importlib.util import find_spec
-
-    return find_spec("pocketsphinx") is not None
+def _library() -> Any:
+    return needed("pocketsphinx", "PocketSphinx", "recognizer")
 
 
-def _folder() -> Path:
-    from pocketsphinx import get_model_path
-
-    return Path(get_model_path()) / "en-us"
+def _model(name: str) -> str:
+    """Path of a file of the shipped model."""
+    return str(Path(_library().get_model_path()) / "en-us" / name)
 
 
 Pronounce = Callable[[str], Sequence[Phone]]
-"""Speaker of single words: phones in IPA, none where there is nothing to speak."""
+"""Function that speaks a word: its phones in IPA, none if there is nothing to speak."""
 
 MODEL_NAMES: Mapping[str, str] = {ipa_of(name): name for name in MODEL_PHONES}
-"""IPA to the model's phone, where it has just that."""
+"""IPA of the model's phones."""
 # fmt: off
 SOUNDS_LIKE: Mapping[str, str] = {
     # Vowels by their first two formants (Handbook of the IPA, 1999; Peterson and Barney 1952 for the model's own).
@@ -141,7 +133,7 @@ _LETTERS = tuple(label for label in MODEL_NAMES if len(label) == 1)
 
 @dataclass(frozen=True, slots=True)
 class Pronunciation:
-    """Phones of a word, as reported and as the model knows them."""
+    """Phones of a word: as reported, and in the model's phones."""
 
     phones: tuple[tuple[str, int], ...]
     """IPA and stress of each phone."""
@@ -150,12 +142,12 @@ class Pronunciation:
 
     @property
     def spelling(self) -> str:
-        """The model's phones with blanks between, as its dictionary has them."""
+        """The model's phones, separated by spaces as in its dictionary."""
         return " ".join(name for names in self.model for name in names)
 
 
 def words_of(text: str) -> list[str]:
-    """Words of a text: what stands between blanks and dashes, without the signs around it.
+    """Words of a text, which spaces and dashes separate, without the punctuation around them.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""The aligner, a recognizer that knows the text: PocketSphinx finds when each of its phones is said."""
+"""The aligner, which knows the text: PocketSphinx finds the times of its phones."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -26,7 +26,7 @@ SILENCES = (0.005, 1e-6, 1e-10)
 """Probabilities of a pause between two words: of the first try, and in another language of others if its pauses are not
 quiet. Sounds that the model does not know are taken for pauses otherwise."""
 NOISES = {True: 1e-8, False: 1e-100}
-"""Probabilities of a noise, with the dictionary and without: noises fit everything, sounds of other languages too."""
+"""Probabilities of a noise, with the dictionary and without: noises fit any audio, also that of other languages."""
 PAUSE_DB, SOUND_DB = 20.0, 35.0
 """Ranges below the loud frames (their 95th percentile): no pause is within the first, no sound below the second."""
 MAX_STOP = 12
@@ -34,9 +34,9 @@ MAX_STOP = 12
 MAX_AGAINST = 6
 """Frames that may be against loudness before other tries are made: 60 ms."""
 LOUD_DB = 25.0
-"""Range below the loudest frames in which a frame counts as spoken, where words are placed by loudness alone."""
+"""Range below the loudest frames in which a frame counts as speech, where words are placed by loudness."""
 _OWN = "fapengine_"
-"""Beginning of names that no dictionary has."""
+"""Prefix of names outside any dictionary."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +57,7 @@ class Aligned:
 
 
 class SphinxAligner:
-    """Finds the phones of a text in its sound. Stateful: it has learned the text's words.
+    """Finds the phones of a text in its audio. Stateful: it has learned the text's words.
 
     Parameters
     ----------
@@ -80,16 +80,11 @@ class SphinxAligner:
         self._own: dict[str, tuple[str, Pronunciation]] = {}
         self.pronounced: tuple[str, ...] = ()
         """Words that the dictionary lacks, which ``pronounce`` spoke; of English alone."""
-        strange: list[str] = []
         for word in dict.fromkeys(self.words):
-            if dictionary and self._lookup(word):
-                continue
-            spoken = of_voice(pronounce(word)) if pronounce else Pronunciation((), ())
-            if not spoken.spelling:
-                strange.append(word)
-                continue
-            self._own[word] = f"{_OWN}{len(self._own)}", spoken
-        if strange:
+            if not (dictionary and self._lookup(word)):
+                spoken = of_voice(pronounce(word)) if pronounce else Pronunciation((), ())
+                self._own[word] = f"{_OWN}{len(self._own)}", spoken
+        if strange := [word for word, (_, spoken) in self._own.items() if not spoken.spelling]:
             raise UsageError(f"text: got {', '.join(map(repr, strange[:10]))}, expected words that can be pronounced")
         if dictionary:
             self.pronounced = tuple(self._own)
@@ -101,9 +96,7 @@ class SphinxAligner:
 
     def model_phones(self, index: int) -> list[str]:
         """Phones of the model for one word."""
-        word = self.words[index]
-        spelling = self._own[word][1].spelling if word in self._own else self._lookup(word)
-        return spelling.split()
+        return self._pronunciation(index).spelling.split()
 
     def align(self, samples: NDArray[np.int16], first: int, behind: int) -> list[Aligned]:
         """Find the phones of some words in a piece of sound.
@@ -148,13 +141,13 @@ class SphinxAligner:
         return None
 
     def placed(self, samples: NDArray[np.int16], first: int, behind: int) -> list[Aligned]:
-        """Spread words evenly over the loud parts of a piece, (N,) int16; for what cannot be aligned."""
+        """Spread words evenly over the loud parts of a piece, (N,) int16, if they cannot be aligned."""
         levels = loudness_db(samples)
         loud = np.flatnonzero(levels >= levels.max(initial=-100.0) - LOUD_DB)
         units = [
             (index, label, stress, names)
-            for index in range(first, behind)
-            for (label, stress), names in zip(*self._told(index), strict=True)
+            for index, spoken in ((index, self._pronunciation(index)) for index in range(first, behind))
+            for (label, stress), names in zip(spoken.phones, spoken.model, strict=True)
         ]
         if not len(loud) or len(loud) < len(units):
             return []
@@ -165,10 +158,9 @@ class SphinxAligner:
             if stop > start
         ]
 
-    def _told(self, index: int) -> tuple[tuple[tuple[str, int], ...], tuple[tuple[str, ...], ...]]:
+    def _pronunciation(self, index: int) -> Pronunciation:
         word = self.words[index]
-        spoken = self._own[word][1] if word in self._own else of_dictionary(self._lookup(word).split())
-        return spoken.phones, spoken.model
+        return self._own[word][1] if word in self._own else of_dictionary(self._lookup(word).split())
 
     def _try(self, decoder: Any, samples: NDArray[np.int16], keys: Sequence[str], first: int) -> list[Aligned] | None:
         try:
@@ -202,7 +194,7 @@ class SphinxAligner:
         told: list[Aligned] = []
         at = 0
         for (label, stress), names in zip(spoken.phones, spoken.model, strict=True):
-            if names:  # a glottal stop has none, and is a part of what comes behind it
+            if names:  # a glottal stop has none, and is a part of the next phone
                 behind = min(phones[at + len(names) - 1][2], frames)
                 told.append(Aligned(index, label, stress, phones[at][1], behind, " ".join(names)))
                 at += len(names)

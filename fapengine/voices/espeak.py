@@ -1,15 +1,19 @@
 """espeak-ng as a voice: the library of the wheel ``espeakng-loader``, loaded at run time.
 
 The library reports a phone's onset only, in samples, and not quite where it is heard; :mod:`.sounding` corrects that.
-Names come in an IPA of its own (:mod:`.espeak_labels`). Words are reported by their place in the text.
-Its state is global to the process, so one lock guards it.
+Words are reported by their place in the text. Names of phones are meant to be IPA with stress marks, cut at 8 bytes.
+Where a voice's data name no IPA, the library converts its own mnemonic character by character: ``s.`` for ʂ, ``ə-`` for
+a weak e. An empty name is a pause or less. The library's state is global to the process, so one lock guards it.
 GPL-3.0: the user installs it (``design/decisions.md, 0003``).
 """
 
 import ctypes
+import re
 import threading
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
+from itertools import accumulate
 from math import inf
 from pathlib import Path
 
@@ -20,21 +24,37 @@ from fapengine._late import needed
 from fapengine._signals import signals_kept
 from fapengine.errors import NothingToSpeakError, ResourceError, UsageError
 from fapengine.speaking import DEFAULT_RATE_WPM, DEFAULT_VOICE, RATES_WPM
+from fapengine.speech import ipa
 from fapengine.speech.marks import read_marks
 from fapengine.speech.phone_track import PhoneTrack
 from fapengine.speech.text.normal_form import SpeakableText, speakable
 from fapengine.speech.text.scripts import is_spelled, reads, scripts_in, unread_remarks
 from fapengine.speech.text.ssml import check_ssml, find_tag
-from fapengine.speech.text.words import without_tags, words_of
+from fapengine.speech.text.words import Stretch, attribute, without_tags, words_of
 from fapengine.voices.catalogue import Catalogue, VoiceEntry
-from fapengine.voices.espeak_labels import read_label, with_whole_words
 from fapengine.voices.protocol import Speech
-from fapengine.voices.sounding import Mark, SoundLevel, sounding
+from fapengine.voices.sounding import Mark, SoundLevel, is_addition, sounding
 
 # Numbers of speak_lib.h.
 _SYNCHRONOUS, _PHONEME_EVENTS, _IPA_NAMES, _DO_NOT_EXIT = 2, 0x1, 0x2, 0x8000
 _EVENT_LIST_END, _EVENT_WORD, _EVENT_PHONEME = 0, 1, 7
 _CHARS_UTF8, _SSML, _PARAMETER_RATE = 0x1, 0x10, 1
+Event = tuple[int, int, int, int, bytes]
+"""Sample, kind, position in the text from 1, length, name of the phone."""
+NAME_BYTES = 8
+"""Length of a name in an event (speak_lib.h); a longer one is cut."""
+_LANGUAGE = re.compile(r"\(.*\)")
+"""A change of language, such as (en): no phone."""
+_ASPIRATED = re.compile(r"(?<=[ptkqcʈɕʂs])h$")
+_NASAL = "\u0303"
+
+# Places by voice; espeak-ng 1.52, number texts of all its voices (tests/unit/voices/test_all_voices.py).
+_OWN = {
+    "s.": "ʂ", "ts.": "ʈʂ", "ts.h": "ʈʂʰ", "i.": "ɨ", "o-": "ɤ",  # cmn, hak
+    "r.": "ɽ", "n^": "ɲ", "t[": "t̪", "d[": "d̪", "l-": "ɫ",  # gu ml or sd; fr; ky
+    "r#": "r̥", "l#": "l̥", "tl#": "tl̥",  # is
+    "ε": "ɛ", "Φ": "ɸ", "A": "ɑ", "t`": "ʈ", "d`": "ɖ",  # da; smj; ga; Scandinavian
+}  # fmt: skip
 
 _lock = threading.Lock()
 
@@ -222,10 +242,10 @@ class EspeakVoice:
         ]
         return (*remarks, *unread_remarks(unread, code))
 
-    def _synthesise(self, text: str) -> tuple[list[tuple[int, int, int, int, bytes]], NDArray[np.int16], int]:
-        events: list[tuple[int, int, int, int, bytes]] = []
+    def _synthesise(self, text: str) -> tuple[list[Event], NDArray[np.int16], int]:
+        events: list[Event] = []
         pieces: list[bytes] = []
-        heard = 0
+        count_so_far = 0
 
         def collect(wave, count, event) -> int:  # type: ignore[no-untyped-def]
             index = 0
@@ -234,11 +254,11 @@ class EspeakVoice:
                 name = bytes(entry.name) if entry.type == _EVENT_PHONEME else b""
                 events.append((entry.sample, entry.type, entry.text_position, entry.length, name))
                 index += 1
-            nonlocal heard
+            nonlocal count_so_far
             if wave and count > 0:
                 pieces.append(ctypes.string_at(wave, 2 * count))
-                heard += count
-            return int(bool(signals) or heard > self.most_s * rate_hz)  # 1: no more
+                count_so_far += count
+            return int(bool(signals) or count_so_far > self.most_s * rate_hz)  # 1: stop
 
         identifier = self.entry.identifier.encode()
         encoded = text.encode()
@@ -251,7 +271,7 @@ class EspeakVoice:
             _succeed(library.espeak_SetParameter(_PARAMETER_RATE, self.rate_wpm, 0), f"{self.rate_wpm} words a minute")
             _succeed(library.espeak_Synth(encoded, len(encoded) + 1, 0, 1, 0, flags, None, None), "a text")
             _succeed(library.espeak_Synchronize(), "a text")
-        if heard > self.most_s * rate_hz:
+        if count_so_far > self.most_s * rate_hz:
             raise UsageError(
                 f"text: got {_shortened(text)}, whose sound is too long, expected at most {self.most_s:.0f} s more"
             )
@@ -268,9 +288,7 @@ def _succeed(code: int, what: str) -> None:
         raise ResourceError(f"voice: espeak-ng refuses {what} (code {code}); its data may be damaged")
 
 
-def _phones(
-    events: list[tuple[int, int, int, int, bytes]], text: str, samples: NDArray[np.int16], rate_hz: int
-) -> PhoneTrack:
+def _phones(events: Sequence[Event], text: str, samples: NDArray[np.int16], rate_hz: int) -> PhoneTrack:
     """Turn events into phones that lie where they sound (:mod:`.sounding`)."""
     marks: list[Mark] = []
     word = ""
@@ -280,3 +298,71 @@ def _phones(
         elif kind == _EVENT_PHONEME and (label := read_label(name)) is not None:
             marks.append(Mark(sample / rate_hz, *label, word))
     return PhoneTrack.of(sounding(marks, SoundLevel(samples, rate_hz)), tolerance_s=0.0)
+
+
+def read_label(name: bytes) -> tuple[str, int] | None:
+    """Label in IPA and stress of a phone event; empty for a nameless event, None for a change of language.
+
+    A name that cannot be converted is returned unchanged, to be reported as unknown.
+
+    Parameters
+    ----------
+    name : bytes
+        UTF-8, filled up with zeros.
+
+    Examples
+    --------
+    >>> read_label("ˈaɪ".encode()), read_label(b"s."), read_label(b""), read_label(b"(en)")
+    (('aɪ', 1), ('ʂ', 0), ('', 0), None)
+    """
+    spelling = name.split(b"\0")[0].decode("utf-8", errors="ignore").strip("_:| ")
+    if _LANGUAGE.fullmatch(spelling):
+        return None
+    label, stress = ipa.split_stress(spelling)
+    label = _ASPIRATED.sub("ʰ", _OWN.get(label, label))
+    if len(name.rstrip(b"\0")) == NAME_BYTES and _NASAL in label and label[-1] != _NASAL:
+        label += _NASAL  # Portuguese ɐ̃ʊ̃ under stress has 10 bytes
+    if label and not ipa.letters(label) and not is_addition(label):
+        from fapengine.speech.alphabets.phone_sets import ESPEAK  # mnemonics are rare
+
+        label = ESPEAK.to_ipa(label) or label.rstrip("-#.") or label
+    return label, stress
+
+
+def with_whole_words(events: Sequence[Event], text: str) -> list[Event]:
+    """Replace the word events by events of whole words, with more of them where the voice joined some.
+
+    Parameters
+    ----------
+    events : sequence of Event
+        As from the library.
+    text : str
+        What was spoken, with spaces in place of tags.
+    """
+    marks: list[tuple[int, int]] = []
+    for event in events:
+        if event[1] == _EVENT_WORD:
+            marks.append((event[2] - 1, 0))
+        elif marks and _is_phone(event):
+            marks[-1] = (marks[-1][0], marks[-1][1] + 1)
+    attributed = iter(attribute(text, marks))
+    whole: list[Event] = []
+    words: dict[int, Stretch] = {}
+    """Words of the current mark that are still to come, by the number of its phones before each."""
+    spoken = 0
+    for event in events:
+        is_word = event[1] == _EVENT_WORD
+        if is_word:
+            stretches = next(attributed)
+            befores = accumulate((phones for _, phones in stretches), initial=0)
+            words, spoken = {before: word for before, (word, _) in zip(befores, stretches, strict=False)}, 0
+        if (is_word or _is_phone(event)) and (word := words.pop(spoken, None)):
+            whole.append((event[0], _EVENT_WORD, word.start + 1, word.stop - word.start, b""))
+        if not is_word:
+            whole.append(event)
+            spoken += _is_phone(event)
+    return whole
+
+
+def _is_phone(event: Event) -> bool:
+    return event[1] == _EVENT_PHONEME and event[4][:1] not in (b"", b"\0", b"(")

@@ -1,4 +1,4 @@
-"""Edge: a voice of Kokoro, an ONNX model of the user's own and its file of voices, by the package ``kokoro-onnx``.
+"""A voice of Kokoro, an ONNX model of the user's and its file of voices, by the package ``kokoro-onnx``.
 
 kokoro-onnx is MIT; the phonemizer and espeak-ng that it uses are GPL-3.0: the user installs it. The model must be one
 with durations (an output ``duration``: counts of 600 samples at 24 kHz, one for each character). 0.6.1 was tried.
@@ -18,7 +18,7 @@ from fapengine.errors import DataError, UsageError
 from fapengine.speaking import DEFAULT_RATE_WPM
 from fapengine.speech.formats.synthesizers import kokoro_entries
 from fapengine.speech.marks import read_marks
-from fapengine.voices.model_speech import PAUSE, check_length, choices_of, speech_of, spoken
+from fapengine.voices import model_speech
 from fapengine.voices.protocol import Speech
 
 if TYPE_CHECKING:
@@ -31,9 +31,7 @@ LANGUAGES = {"a": "en-us", "b": "en-gb", "e": "es", "f": "fr-fr", "h": "hi", "i"
 """espeak-ng's languages by the first character of a voice's name."""
 DEFAULT_LANGUAGE = "en-us"
 SPEEDS = 0.5, 2.0
-"""Least and most speed that the model takes."""
-_KEPT = 2
-"""Models that stay loaded."""
+"""Lowest and highest speed of the model."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +49,7 @@ class KokoroVoice:
     """Words a minute: 160 is the model's own rate; 80 to 320."""
     ssml: bool = False
     most_s: float = inf
-    """Length of sound in s of one text; more is refused."""
+    """Longest audio of one text, s; more is refused."""
 
     @classmethod
     def named(
@@ -61,9 +59,9 @@ class KokoroVoice:
 
         ``language`` follows by default from the first character of the voice.
         """
-        path, choices = choices_of(name, ["voices", "voice", "language"])
+        path, choices = model_speech.choices_of(name, ["voices", "voice", "language"])
         if not choices.get("voices") or not choices.get("voice"):
-            raise UsageError(f"voice: got {name!r:.200}, expected ?voices=/path/voices.bin&voice=NAME behind the model")
+            raise UsageError(f"voice: got {name!r:.200}, expected ?voices=/path/voices.bin&voice=NAME after the model")
         language = choices.get("language") or LANGUAGES.get(choices["voice"][0], DEFAULT_LANGUAGE)
         voice = cls(path, Path(choices["voices"]), choices["voice"], language, rate_wpm, ssml, most_s)
         if not SPEEDS[0] <= voice.speed <= SPEEDS[1]:
@@ -78,7 +76,7 @@ class KokoroVoice:
 
     @property
     def speed(self) -> float:
-        """Speed as the model takes it; 1 is its own."""
+        """Speed of the model; 1 is its own."""
         return self.rate_wpm / DEFAULT_RATE_WPM
 
     def speak(self, text: str) -> Speech:
@@ -89,22 +87,20 @@ class KokoroVoice:
         try:
             sound, rate_hz, timings = model.create_timed(marked.text, self.voice, self.speed, self.language)
         except Exception as error:  # onnxruntime and phonemizer raise a dozen kinds that share no base
-            raise DataError(f"{self.model}: the model failed ({_first_line(error)})") from error
-        check_length(len(sound), rate_hz, self.most_s, text)
+            raise DataError(f"{self.model}: the model failed ({model_speech.first_line(error)})") from error
+        model_speech.check_length(len(sound), rate_hz, self.most_s, text)
         times = ((each.phoneme, each.start, each.end) for each in timings)
-        piece = spoken(sound, lengths_of(times, rate_hz), where=str(self.model))
-        return speech_of([piece], rate_hz, marked, joined=kokoro_entries, alphabet="misaki", what=self.model.name)
+        piece = model_speech.spoken(sound, lengths_of(times, rate_hz), where=str(self.model))
+        return model_speech.speech_of([piece], rate_hz, marked, kokoro_entries, "misaki", self.model.name)
 
     def _load(self) -> Any:
-        _ = kokoro_onnx.Kokoro  # missed before any file is
-        for file in (self.model, self.voices):
-            if not file.is_file():
-                raise UsageError(f"voice: file not found: {file}; a Kokoro voice needs a model and a voices file")
-        return _loaded(self.model, self.voices, self.model.stat().st_mtime_ns, self.voices.stat().st_mtime_ns)
+        _ = kokoro_onnx.Kokoro  # a missing library is reported before a missing file
+        files = self.model, self.voices
+        return _loaded(*files, *model_speech.changed_ns(files, "a Kokoro voice needs a model and a voices file"))
 
 
 def lengths_of(times: Iterable[tuple[str, float, float]], rate_hz: int) -> list[tuple[str, float]]:
-    """Turn characters with start and end in s into lengths in samples; holes between them are pauses.
+    """Turn characters with start and end in s into lengths in samples; gaps between them are pauses.
 
     Examples
     --------
@@ -120,27 +116,21 @@ def lengths_of(times: Iterable[tuple[str, float, float]], rate_hz: int) -> list[
                 f"timings: {letter!r} lasts from {start_s:g} to {end_s:g} s, expected {now / rate_hz:g} or later"
             )
         if start > now:
-            lengths.append((PAUSE, start - now))
+            lengths.append((model_speech.PAUSE, start - now))
         lengths.append((letter, end - start))
         now = end
     return lengths
 
 
-@lru_cache(_KEPT)
+@lru_cache(model_speech.KEPT)
 def _loaded(path: Path, voices: Path, *_changed_ns: int) -> Any:
     try:
         model = kokoro_onnx.Kokoro(str(path), str(voices))
         known = [len(model.get_voice_style(name)) for name in model.get_voices()]
     except Exception as error:  # of onnxruntime and NumPy, which share no base
-        raise DataError(f"{path}: cannot be read as a model of Kokoro ({_first_line(error)})") from error
+        raise DataError(f"{path}: cannot be read as a model of Kokoro ({model_speech.first_line(error)})") from error
     if not known:
         raise DataError(f"{voices}: contains no voice")
     if not model.has_timings:
-        raise DataError(
-            f"{path}: got a model without an output 'duration', expected one that tells how long its phones are"
-        )
+        raise DataError(f"{path}: got a model without an output 'duration', expected one with lengths of phones")
     return model
-
-
-def _first_line(error: Exception) -> str:
-    return f"{type(error).__name__}: {error}".splitlines()[0][:200]

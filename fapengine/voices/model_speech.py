@@ -1,4 +1,4 @@
-"""Shared by the voices of models: their names, and an utterance from labels with lengths in samples."""
+"""Shared by the voices of models: their names and files, and an utterance from labels with lengths in samples."""
 
 from __future__ import annotations
 
@@ -20,18 +20,33 @@ from fapengine.voices.sounding import Mark, SoundLevel, sounding
 
 PAUSE = "_"
 """Label of a pause; blanks and punctuation are pauses too."""
+KEPT = 2
+"""Models that stay loaded."""
 Joined = Callable[[Iterable[tuple[str, float, str]]], list[Entry]]
-"""Function that puts labels with lengths in s one after the other, and joins those that only mark."""
+"""Function that makes entries of consecutive labels with lengths in s, and joins modifiers to their phones."""
 
 
 @dataclass(frozen=True, slots=True)
 class Spoken:
-    """A piece of sound, and what sounds in it."""
+    """A piece of audio, and its labels."""
 
     samples: NDArray[np.int16]
     """(N,) int16, mono."""
     lengths: tuple[tuple[str, int], ...]
     """Each label with its samples, N in all."""
+
+
+def changed_ns(files: Sequence[Path], hint: str) -> tuple[int, ...]:
+    """Check that files exist, and return when each was changed, as a key of a cache."""
+    for file in files:
+        if not file.is_file():
+            raise UsageError(f"voice: file not found: {file}; {hint}")
+    return tuple(file.stat().st_mtime_ns for file in files)
+
+
+def first_line(error: Exception) -> str:
+    """Kind and first line of a library's error."""
+    return f"{type(error).__name__}: {error}".splitlines()[0][:200]
 
 
 def choices_of(name: str, keys: Sequence[str]) -> tuple[Path, dict[str, str]]:
@@ -40,15 +55,15 @@ def choices_of(name: str, keys: Sequence[str]) -> tuple[Path, dict[str, str]]:
     path, _, query = rest.partition("?")
     choices = dict(parse_qsl(query, keep_blank_values=True))
     if not path or (set(choices) - set(keys)) or (query and not choices):
-        told = "&".join(f"{key}=…" for key in keys)
-        raise UsageError(f"voice: got {name!r:.200}, expected {kind}:/path/model.onnx?{told}")
+        expected = "&".join(f"{key}=…" for key in keys)
+        raise UsageError(f"voice: got {name!r:.200}, expected {kind}:/path/model.onnx?{expected}")
     return Path(path), choices
 
 
 def spoken(sound: ArrayLike, lengths: Iterable[tuple[str, float]], *, where: str) -> Spoken:
-    """Check a model's sound, (N,) in -1..1, and fit the lengths, in samples, to it.
+    """Check a model's audio, (N,) in -1..1, and fit the lengths, in samples, to it.
 
-    Labels after the sound's end are cut; time that the lengths leave over is a pause.
+    Labels after the end of the audio are cut; time left over is a pause.
     """
     wave, pairs = np.asarray(sound, dtype=np.float64).reshape(-1), list(lengths)
     counts = np.array([count for _, count in pairs], dtype=np.float64)
@@ -64,11 +79,11 @@ def spoken(sound: ArrayLike, lengths: Iterable[tuple[str, float]], *, where: str
 
 
 def speech_of(
-    pieces: Sequence[Spoken], rate_hz: int, marked: MarkedText, *, joined: Joined, alphabet: str, what: str
+    pieces: Sequence[Spoken], rate_hz: int, marked: MarkedText, joined: Joined, alphabet: str, what: str
 ) -> Speech:
     """Join the pieces of an utterance."""
     lengths = [each for piece in pieces for each in piece.lengths]
-    if not any(_sounds(label) for label, _ in lengths):
+    if not any(label[:1].isalpha() for label, _ in lengths):
         raise UsageError(f"text: {marked.text!r:.60} contains nothing to speak ({what} finds nothing in it)")
     entries = joined(
         (PAUSE if label == " " else label, count / rate_hz, f"phone {n}") for n, (label, count) in enumerate(lengths, 1)
@@ -76,40 +91,31 @@ def speech_of(
     words = _words(lengths, rate_hz, marked.text)
     track = track_of(with_words(entries, words), what, alphabet=alphabet)
     samples = np.concatenate([piece.samples for piece in pieces])
-    phones = _heard(track, SoundLevel(samples, rate_hz))
+    marks = [  # pauses are where it is quiet, because blanks are not pauses
+        Mark(each.start_s, "" if each.is_silence else each.label, each.stress, each.word) for each in track.phones
+    ]
+    heard = sounding(marks, SoundLevel(samples, rate_hz))
+    phones = PhoneTrack.of(heard, tolerance_s=0.0, level=track.level, reading=track.reading)
     speech = Speech(samples=samples, sample_rate_hz=rate_hz, phones=phones)
     if marked.marks and not words:
-        told = "text: the voice does not tell when its words begin; its marks come at the begin"
-        speech = replace(speech, remarks=(told,))
+        speech = replace(speech, remarks=("text: the voice gives no times of words; all marks come at the start",))
     return speech.marked(marked)
 
 
 def check_length(samples: int, rate_hz: int, most_s: float, text: str) -> None:
-    """Refuse a sound that is longer than ``most_s``."""
+    """Refuse audio that is longer than ``most_s``."""
     if samples > most_s * rate_hz:
         raise UsageError(f"text: got {text!r:.60}, whose sound is too long, expected at most {most_s:.0f} s more")
 
 
-def _sounds(label: str) -> bool:
-    return label[:1].isalpha()
-
-
-def _heard(track: PhoneTrack, sound: SoundLevel) -> PhoneTrack:
-    """Phones that begin where they sound; pauses are where it is quiet, because blanks are not pauses."""
-    marks = [
-        Mark(each.start_s, "" if each.is_silence else each.label, each.stress, each.word or "") for each in track.phones
-    ]
-    return PhoneTrack.of(sounding(marks, sound), tolerance_s=0.0, level=track.level, reading=track.reading)
-
-
 def _words(lengths: Sequence[tuple[str, int]], rate_hz: int, text: str) -> list[Entry]:
-    """Find the words' times between the blanks; none where they are not as many as the text has."""
+    """Find the words' times between the blanks; none if their number is not that of the text's words."""
     entries: list[Entry] = []
     now = 0
     for is_word, group in groupby(lengths, key=lambda each: each[0] not in ("^", "$", " ", PAUSE)):
         members = list(group)
         begin, now = now, now + sum(count for _, count in members)
-        if is_word and any(_sounds(label) for label, _ in members):
+        if is_word and any(label[:1].isalpha() for label, _ in members):
             entries.append(Entry(begin / rate_hz, now / rate_hz, "", f"word {len(entries) + 1}"))
     words = [word.strip("\"'“”‘’.,;:!?…()[]") for word in text.split() if any(letter.isalnum() for letter in word)]
     if len(words) != len(entries):

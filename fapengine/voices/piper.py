@@ -1,4 +1,4 @@
-"""Edge: a voice of Piper, an ONNX model of the user's own with its ``.onnx.json``, by the package ``piper-tts``.
+"""A voice of Piper, an ONNX model of the user's with its ``.onnx.json``, by the package ``piper-tts``.
 
 GPL-3.0: the user installs it (``design/decisions.md, 0003``). The model gives the length of each of its symbols in
 samples; the symbols are code points of espeak-ng's IPA, each with the padding after it. Piper 1.3 and later
@@ -22,7 +22,7 @@ from fapengine.errors import DataError, FapEngineError, ResourceError, UsageErro
 from fapengine.speaking import DEFAULT_RATE_WPM
 from fapengine.speech.formats.synthesizers import piper_entries
 from fapengine.speech.marks import read_marks
-from fapengine.voices.model_speech import Spoken, check_length, choices_of, speech_of, spoken
+from fapengine.voices import model_speech
 from fapengine.voices.protocol import Speech
 
 if TYPE_CHECKING:
@@ -34,8 +34,6 @@ else:
 
 BEGIN, FILL, END = "^", "_", "$"
 """Symbols that Piper puts before an utterance, after each other symbol, and after the utterance."""
-_KEPT = 2
-"""Models that stay loaded."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,21 +41,21 @@ class PiperVoice:
     """A voice of Piper, as :class:`~fapengine.voices.protocol.Voice`."""
 
     model: Path
-    """ONNX; its description lies beside it, with ``.json`` after the name."""
+    """ONNX; its description is next to it, with ``.json`` after the name."""
     speaker: str = ""
-    """Name or number, of a model with several; by default its first."""
+    """Name or number, for a model with several; by default its first."""
     rate_wpm: int = DEFAULT_RATE_WPM
     """Words a minute: 160 is the model's own rate, 320 twice as fast."""
     ssml: bool = False
     most_s: float = inf
-    """Length of sound in s of one text; more is refused."""
+    """Longest audio of one text, s; more is refused."""
 
     @classmethod
     def named(
         cls, name: str, rate_wpm: int = DEFAULT_RATE_WPM, ssml: bool = False, *, most_s: float = inf
     ) -> PiperVoice:
         """Make a voice of ``piper:/path/voice.onnx``, and load its model."""
-        path, choices = choices_of(name, ["speaker"])
+        path, choices = model_speech.choices_of(name, ["speaker"])
         voice = cls(path, choices.get("speaker", ""), rate_wpm, ssml, most_s)
         voice._speaker_number(_load(path).config)
         return voice
@@ -68,19 +66,20 @@ class PiperVoice:
         config = model.config
         marked = read_marks(text, ssml=self.ssml)
         length_scale = config.length_scale * DEFAULT_RATE_WPM / self.rate_wpm
-        manner = piper.SynthesisConfig(speaker_id=self._speaker_number(config), length_scale=length_scale)
-        pieces: list[Spoken] = []
+        options = piper.SynthesisConfig(speaker_id=self._speaker_number(config), length_scale=length_scale)
+        pieces: list[model_speech.Spoken] = []
         try:
-            for chunk in model.synthesize(marked.text, manner, include_alignments=True):
+            for chunk in model.synthesize(marked.text, options, include_alignments=True):
                 pieces.append(_spoken(chunk, config.phoneme_id_map, str(self.model)))
-                check_length(sum(len(each.samples) for each in pieces), config.sample_rate, self.most_s, text)
+                length = sum(len(each.samples) for each in pieces)
+                model_speech.check_length(length, config.sample_rate, self.most_s, text)
         except FapEngineError:
             raise
         except ImportError as error:
             raise ResourceError(f"voice: {self.model} needs {error.name}, which is not installed") from error
         except Exception as error:  # onnxruntime raises a dozen kinds that share no base
-            raise DataError(f"{self.model}: the model failed ({_first_line(error)})") from error
-        return speech_of(pieces, config.sample_rate, marked, joined=piper_entries, alphabet="ipa", what=self.model.name)
+            raise DataError(f"{self.model}: the model failed ({model_speech.first_line(error)})") from error
+        return model_speech.speech_of(pieces, config.sample_rate, marked, piper_entries, "ipa", self.model.name)
 
     def _speaker_number(self, config: Any) -> int | None:
         if not self.speaker:
@@ -102,9 +101,9 @@ def lengths_of(
     Parameters
     ----------
     symbols : sequence of str
-        Code points of a sentence; those that the model lacks were left out by Piper.
+        Code points of a sentence; Piper leaves out those that the model does not have.
     counts : (N,) int
-        Samples of each number that the model was given.
+        Samples of each number of the model's input.
     numbers : mapping
         Numbers of each symbol.
 
@@ -126,34 +125,27 @@ def lengths_of(
     ]
 
 
-def _spoken(chunk: Any, numbers: Mapping[str, Sequence[int]], where: str) -> Spoken:
+def _spoken(chunk: Any, numbers: Mapping[str, Sequence[int]], where: str) -> model_speech.Spoken:
     """Read an ``AudioChunk``."""
     if chunk.phoneme_alignments is not None:
         lengths = [(each.phoneme, each.num_samples) for each in chunk.phoneme_alignments]
     elif chunk.phoneme_id_samples is not None:
         lengths = lengths_of(chunk.phonemes, chunk.phoneme_id_samples, numbers)
     else:
-        raise DataError(f"{where}: the model does not tell how long its phones are; piper.patch_voice_with_alignment"
-                        " adds it to most")  # fmt: skip
-    return spoken(chunk.audio_float_array, lengths, where=where)
+        raise DataError(f"{where}: the model gives no lengths of phones; piper.patch_voice_with_alignment adds them to"
+                        " most")  # fmt: skip
+    return model_speech.spoken(chunk.audio_float_array, lengths, where=where)
 
 
 def _load(path: Path) -> Any:
-    _ = piper.PiperVoice, onnx.load  # missed before any file is
-    description = Path(f"{path}.json")
-    for file in (path, description):
-        if not file.is_file():
-            raise UsageError(f"voice: file not found: {file}; a Piper voice needs its description beside it")
-    return _loaded(path, path.stat().st_mtime_ns, description.stat().st_mtime_ns)
+    _ = piper.PiperVoice, onnx.load  # a missing library is reported before a missing file
+    files = path, Path(f"{path}.json")
+    return _loaded(path, *model_speech.changed_ns(files, "a Piper voice needs its description next to it"))
 
 
-@lru_cache(_KEPT)
+@lru_cache(model_speech.KEPT)
 def _loaded(path: Path, *_changed_ns: int) -> Any:
     try:
         return piper.PiperVoice.load(path, include_alignments=True)
     except Exception as error:  # of onnx, onnxruntime and the description, which share no base
-        raise DataError(f"{path}: cannot be read as a voice of Piper ({_first_line(error)})") from error
-
-
-def _first_line(error: Exception) -> str:
-    return f"{type(error).__name__}: {error}".splitlines()[0][:200]
+        raise DataError(f"{path}: cannot be read as a voice of Piper ({model_speech.first_line(error)})") from error

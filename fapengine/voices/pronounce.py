@@ -2,16 +2,16 @@
 
 Theory of operation
 -------------------
-1. The words between two silences are spoken together, so that each is said as in running speech: ``a`` is no letter's
-   name, ``of`` is weak. Each word is also spoken alone; the cheapest way to edit those phones into those of the phrase
-   tells which phones belong to which word. A voice that cannot speak the phrase speaks its words one by one.
-2. The lengths of a voice are its own, not the speaker's. Each is drawn to what is usual for its kind of sound, by
-   :data:`USUAL_SHARE` (on a logarithmic scale).
-3. They are stretched or pressed until they fill the word, vowels more than consonants: each is multiplied by
+1. The words between two silences are spoken together, so that each is said as in running speech: ``a`` is not the
+   letter's name, ``of`` is weak. Each word is also spoken alone; the cheapest edit of those phones into those of the
+   phrase assigns its phones to words. A voice that cannot speak the phrase speaks its words one by one.
+2. The lengths of a voice are its own, not the speaker's. Each is moved towards the usual length of its kind of phone,
+   by :data:`USUAL_SHARE` (on a logarithmic scale).
+3. They are scaled until they fill the word, vowels more than consonants: each is multiplied by
    ``exp(k e)``, ``e`` being 1 for a vowel and :data:`CONSONANTS_YIELD` for a consonant.
 
-Words without a letter or digit are silent; hm and mmm are hummed, where a voice would spell them. The track keeps its
-``level``, so that it does not pass for measured.
+Words without a letter or digit are silent; hm and mmm are hummed, because a voice would spell them. The track keeps its
+``level``, so that it does not count as measured.
 """
 
 import re
@@ -48,40 +48,22 @@ _HUM = re.compile(r"(h?)m+", re.IGNORECASE)
 
 
 def pronounce(track: PhoneTrack, voice: Voice) -> PhoneTrack:
-    """Replace the words of a spelled track by their phones.
+    """Replace the words of a track by their phones.
 
     Parameters
     ----------
     track : PhoneTrack
-        Spelled, or it comes back unchanged.
+        Words; a track of phones is returned unchanged.
     voice : Voice
         Speaks each different word once, and each stretch of words between two silences.
 
     Returns
     -------
     PhoneTrack
-        IPA; each phone knows its word. A word that the voice finds nothing to speak in stays as its own label, a sign
-        becomes silence.
+        IPA, with the word of each phone. A word without anything to speak stays as its own label, a sign becomes
+        silence.
     """
-    if not track.spelled:
-        return track
     return Pronouncer(voice).track(track)
-
-
-def pronounce_words(words: Sequence[tuple[str, float, float]], voice: Voice) -> list[Phone]:
-    """Turn words with times, as a TTS gives them with its sound, into phones.
-
-    Parameters
-    ----------
-    words : sequence of (str, float, float)
-        Word, start and end in s; in order, up to :data:`WORDS_OVERLAP_S` of overlap.
-
-    Returns
-    -------
-    list of Phone
-        From the first word on, without holes.
-    """
-    return Pronouncer(voice).words(words)
 
 
 def _is_spoken(word: Phone) -> bool:
@@ -97,10 +79,9 @@ def _portions(words: Sequence[Phone]) -> Iterator[Sequence[Phone]]:
 
 
 class Pronouncer:
-    """A voice that remembers the words that it has spoken alone, for speech that comes little by little. Stateful.
+    """A voice with a cache of the words that it has spoken alone, for streams of words. Stateful.
 
-    What it says of words does not depend on those that came before. Several threads may use it if they may use the
-    voice.
+    Results do not depend on earlier words. Several threads may use it if they may use the voice.
 
     Examples
     --------
@@ -129,7 +110,18 @@ class Pronouncer:
         return PhoneTrack.of(phones, tolerance_s=MIN_PHONE_S, level=track.level)
 
     def words(self, words: Sequence[tuple[str, float, float]]) -> list[Phone]:
-        """Turn words that have times into phones: see :func:`pronounce_words`."""
+        """Turn words with times, as a TTS gives them with its audio, into phones.
+
+        Parameters
+        ----------
+        words : sequence of (str, float, float)
+            Word, start and end in s; in order, up to :data:`WORDS_OVERLAP_S` of overlap.
+
+        Returns
+        -------
+        list of Phone
+            From the first word on, without gaps.
+        """
         spelled = [
             Phone(label.strip() or SILENCE, start_s, end_s) for label, start_s, end_s in words if start_s != end_s
         ]
@@ -152,7 +144,8 @@ class Pronouncer:
         known = self._alone.get(word)
         if known is None:
             hum = _HUM.fullmatch(word)
-            known = _hum(breathed=bool(hum[1])) if hum else self._speak(word)
+            h = [Phone("h", 0.0, USUAL_S["fricative"])] if hum and hum[1] else []
+            known = [*h, Phone("m", 0.0, 3 * USUAL_S["nasal"])] if hum else self._speak(word)
             if len(self._alone) >= MAX_KNOWN_WORDS:
                 self._alone.clear()
             self._alone[word] = known
@@ -163,10 +156,6 @@ class Pronouncer:
             return [phone for phone in self._voice.speak(text).phones.phones if not phone.is_silence]
         except UsageError:  # nothing to speak: a foreign script
             return []
-
-
-def _hum(*, breathed: bool) -> list[Phone]:
-    return [*([Phone("h", 0.0, USUAL_S["fricative"])] if breathed else []), Phone("m", 0.0, 3 * USUAL_S["nasal"])]
 
 
 def shared_out(phrase: Sequence[Phone], alone: Sequence[Sequence[Phone]]) -> list[list[Phone]]:

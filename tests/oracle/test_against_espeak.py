@@ -47,7 +47,7 @@ TEXTS = {
 OURS: dict[str, list[tuple[str, str]]] = {
     "hi": [("cʰcʰ", "cʰ")],  # a long consonant before a vowel has one event, not two
     "cmn": [
-        ("ts.h", "ʈʂʰ"), ("s.", "ʂ"), ("i.", "ɨ"),  # mnemonics instead of IPA: fapengine.voices.espeak_labels
+        ("ts.h", "ʈʂʰ"), ("s.", "ʂ"), ("i.", "ɨ"),  # mnemonics instead of IPA: fapengine.voices.espeak
         ("ph", "pʰ"), ("th", "tʰ"), ("kh", "kʰ"), ("ɕh", "ɕʰ"),  # a letter h for aspiration
         ("ɜ", ""),  # the third tone's mark
     ],

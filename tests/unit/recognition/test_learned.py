@@ -132,7 +132,7 @@ def _card(**changes: object) -> dict[str, object]:
 @pytest.mark.parametrize(
     ("card", "told"),
     [
-        (None, "nothing tells its labels; expected bad.json beside it"),
+        (None, "its labels are unknown; expected bad.json next to it"),
         ({}, "its card is wrong: Object missing required field `labels`"),
         (_card(lables=3), "unknown field `lables`"),
         (_card(rate_hz=5), "its card is wrong: Expected `int` >= 8000"),

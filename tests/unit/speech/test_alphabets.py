@@ -8,7 +8,7 @@ from fapengine.speech.alphabets.convert import ARPABET
 from fapengine.speech.alphabets.guess import explains, guess, is_one_phone
 from fapengine.speech.alphabets.phone_sets import MISAKI, MRPA, OPENJTALK
 from fapengine.speech.formats.entries import Entry, track_of
-from fapengine.speech.phone_track import SILENCE, PhoneTrack, find_unknown
+from fapengine.speech.phone_track import SILENCE, PhoneTrack, Reading, find_unknown
 
 
 def read(labels: str, alphabet: str | None = None) -> PhoneTrack:
@@ -231,3 +231,8 @@ def test_what_is_one_phone() -> None:
 
 def test_an_alphabet_without_any_label() -> None:
     assert guess(["sil", "", "_"]).alphabet == "ipa"
+
+
+def test_a_reading_that_was_named_is_no_guess() -> None:
+    assert str(Reading("ipa")) == "labels read as ipa"
+    assert str(Reading("ipa", guessed=True)) == "labels read as ipa (guessed)"

@@ -1,11 +1,14 @@
 """Marks of language models, emoji and SSML: what is left to say, what a face does, and when."""
 
+import hashlib
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from fapengine.expressions import Expression
 from fapengine.speech.marks import (
+    _EMOJI,
     Act,
     Feel,
     Gesture,
@@ -119,3 +122,20 @@ def test_any_text_can_be_read(text: str, ssml: bool) -> None:
     assert [mark.at for mark in marked.marks] == sorted(mark.at for mark in marked.marks)
     if not marked.marks and not ssml and marked.ssml is None:
         assert marked.text == text or "<" in text
+
+
+STEMS = (
+    "sarcas disgust contempt apolog sheepish regret empath sympath concern sorry sad cry sob disappoint melanchol sigh"
+    " worr nervous anxious scared afraid terrif fear panic angry anger furious annoy frustrat irritat stern"
+    " determin shout surpris gasp shock amaz astonish curious inquisit confus laugh chuckl giggl excit delight happ joy cheer"
+    " playful mischiev smil smirk grin warm welcom friendl amiabl bright hopeful proud enthusias amus reassur gentl calm"
+    " neutral serious chill casual easygoing whisper x-soft soft quiet x-loud loud silent"
+)
+
+
+def test_strengths_change_only_on_purpose() -> None:
+    """Chosen values: a digest, because no law connects them."""
+    shown = [repr(mark.act) for stem in STEMS.split() for mark in read_marks(f"[{stem}] x").marks]
+    shown += [repr(mark.act) for face in sorted(_EMOJI) for mark in read_marks(f"{face} x").marks]
+    assert len(shown) >= 130
+    assert hashlib.sha256("\n".join(shown).encode()).hexdigest()[:16] == "dfb140b1b960f35b"

@@ -131,3 +131,8 @@ def test_frames_become_cues() -> None:
 def test_what_cannot_be_is_refused(make: object, message: str) -> None:
     with pytest.raises(UsageError, match=message):
         make()  # type: ignore[operator]
+
+
+def test_a_contact_takes_from_the_shape_before_where_the_next_has_nothing_to_spare() -> None:
+    cues = cues_of_phones(track(("ɑ", 0.2), ("p", 0.02), ("i", 0.05), ("u", 0.2)))
+    assert brief(cues) == [("D", 0), ("A", 17), ("B", 22), ("F", 27)]

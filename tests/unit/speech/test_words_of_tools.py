@@ -302,3 +302,11 @@ def test_a_grid_of_words_and_phrases_is_one_of_words() -> None:
     phrases = SHORT_TEXTGRID[SHORT_TEXTGRID.index('"IntervalTier"') :].replace('"phones"', '"phrase"')
     assert [phone.label for phone in read(words + phrases).phones] == ["m", "ˈaɪ"]
     assert read(words + phrases).spelled
+
+
+def test_words_without_times_need_room_for_all_of_them() -> None:
+    """Two need 0.1 s; in 0.06 s they join the word before."""
+    told: list[Entry | tuple[str, str]] = [Entry(0.0, 0.5, "a", ""), ("b", ""), ("c", ""), Entry(0.56, 1.0, "d", "")]
+    assert [word.label for word in timed_words(told, "x", "")] == ["a b c", "d"]
+    told[3] = Entry(0.62, 1.0, "d", "")
+    assert [word.label for word in timed_words(told, "x", "")] == ["a", "b", "c", "d"]

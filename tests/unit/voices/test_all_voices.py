@@ -8,7 +8,7 @@ import pytest
 from fapengine.speech.phone_track import Phone
 from fapengine.voices import espeak
 from fapengine.voices.check import Breach, find_breaches
-from fapengine.voices.espeak_labels import read_label
+from fapengine.voices.espeak import read_label
 from fapengine.voices.sounding import is_addition
 
 NUMBERS = "0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20 30 40 50 60 70 80 90 100 1000 1000000"

@@ -3,7 +3,7 @@
 import pytest
 
 from fapengine.speech import ipa
-from fapengine.voices.espeak_labels import read_label
+from fapengine.voices.espeak import read_label
 
 CASES = {
     "ˈaɪ": ("aɪ", 1), "ˌə": ("ə", 2), "": ("", 0), "_:": ("", 0), "h": ("h", 0), "aː": ("aː", 0), "ɔ̃": ("ɔ̃", 0),

@@ -129,7 +129,7 @@ def test_wrong_names_and_files_are_told(names: dict[str, str], tmp_path: Path) -
     with pytest.raises(DataError, match="cannot be read as a voice of Piper"):
         VoiceChoice(f"piper:{wrong}").load()
     silent = VoiceChoice(f"piper:{save_piper(tmp_path / 'silent.onnx', told=False)}").load()
-    with pytest.raises(DataError, match="does not tell how long its phones are"):
+    with pytest.raises(DataError, match="gives no lengths of phones"):
         silent.speak("so")
 
 
@@ -175,9 +175,9 @@ def test_lengths_are_fitted_to_the_sound() -> None:
 def test_words_that_do_not_fit_are_none_and_marks_are_remarked() -> None:
     noise = np.random.default_rng(1).uniform(-9000, 9000, 3000).astype(np.int16)
     one = Spoken(noise, (("m", 1000), ("a", 2000)))
-    speech = speech_of([one], 16_000, read_marks("of [laughs] the"), joined=piper_entries, alphabet="ipa", what="x")
+    speech = speech_of([one], 16_000, read_marks("of [laughs] the"), piper_entries, "ipa", "x")
     assert words_in(speech) == []
-    assert "marks come at the begin" in speech.remarks[0]
+    assert "all marks come at the start" in speech.remarks[0]
     assert all(ipa.letters(phone.label) for phone in speech.phones.phones if not phone.is_silence)
 
 

@@ -8,7 +8,7 @@ import pytest
 from fapengine.errors import UsageError
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.voices.espeak import EspeakVoice
-from fapengine.voices.pronounce import MAX_WORDS, Pronouncer, pronounce, pronounce_words
+from fapengine.voices.pronounce import MAX_WORDS, Pronouncer, pronounce
 from fapengine.voices.protocol import Speech
 
 
@@ -182,7 +182,7 @@ def test_what_was_spoken_before_changes_nothing_and_is_not_asked_again() -> None
     words = [("read", 0.0, 0.3), ("a", 0.3, 0.4), ("book", 0.4, 0.8)]
     used = Pronouncer(voice)
     used.words([("a", 0.0, 0.2), ("read", 0.2, 0.5), ("of", 0.5, 0.6), ("book", 0.6, 1.0)])
-    again, fresh = used.words(words), pronounce_words(words, voice)
+    again, fresh = used.words(words), Pronouncer(voice).words(words)
     assert [(phone.label, phone.word) for phone in again] == [(phone.label, phone.word) for phone in fresh]
     ends_s = [[phone.end_s for phone in phones] for phones in (again, fresh)]
     np.testing.assert_allclose(ends_s[0], ends_s[1], atol=1e-3)  # espeak-ng's own lengths vary by some µs
