@@ -125,11 +125,11 @@ def test_any_text_can_be_read(text: str, ssml: bool) -> None:
 
 
 STEMS = (
-    "sarcas disgust contempt apolog sheepish regret empath sympath concern sorry sad cry sob disappoint melanchol sigh"
-    " worr nervous anxious scared afraid terrif fear panic angry anger furious annoy frustrat irritat stern"
-    " determin shout surpris gasp shock amaz astonish curious inquisit confus laugh chuckl giggl excit delight happ joy cheer"
-    " playful mischiev smil smirk grin warm welcom friendl amiabl bright hopeful proud enthusias amus reassur gentl calm"
-    " neutral serious chill casual easygoing whisper x-soft soft quiet x-loud loud silent"
+    "sarcas disgust contempt apolog sheepish regret empath sympath concern sorry sad cry sob disappoint melanchol "
+    "sigh worr nervous anxious scared afraid terrif fear panic angry anger furious annoy frustrat irritat stern "
+    "determin shout surpris gasp shock amaz astonish curious inquisit confus laugh chuckl giggl excit delight "
+    "happ joy cheer playful mischiev smil smirk grin warm welcom friendl amiabl bright hopeful proud enthusias "
+    "amus reassur gentl calm neutral serious chill casual easygoing whisper x-soft soft quiet x-loud loud silent"
 )
 
 
