@@ -1,4 +1,4 @@
-"""A face for LiveKit Agents, in the agent's process or as a worker (``pip install fapengine[livekit,voice,recognizer]``).
+"""A face for LiveKit Agents, in the agent or as a worker (``pip install fapengine[livekit,voice,recognizer]``).
 
 Examples
 --------

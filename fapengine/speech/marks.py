@@ -1,8 +1,8 @@
-"""Marks in a text: what a face shall do beside speaking, at which word; without them the text is for any voice.
+"""Marks: inline cues of a text for expressions, gestures and loudness; without them the text is for any voice.
 
 Theory of operation
 -------------------
-Language models are taught to write how a sentence is to be said. Four spellings are read, each in its place:
+Language models are instructed to write how a sentence should be said. Four notations are read:
 
 - the marker of LiveKit Agents: ``<expr type="expression" label="say playfully"/>``, also ``sound``, ``break`` and
   ``prosody`` (around words);
@@ -10,9 +10,9 @@ Language models are taught to write how a sentence is to be said. Four spellings
 - emoji with a face;
 - ``<mark name="joy:0.6"/>``, and in SSML also ``break``, ``emphasis`` and ``prosody``.
 
-:func:`read_marks` takes them off and remembers before which character of what is left each stood. Once the words are
-spoken, :func:`timed_marks` tells when that is. A delivery ("happy") lasts until the next one; a laugh, an emoji and a
-gesture have their own time.
+:func:`read_marks` removes them and keeps the character of the remaining text before which each stood. Once the words
+are spoken, :func:`timed_marks` finds the times. A delivery ("happy") lasts until the next one; a laugh, an emoji and a
+gesture have their own duration.
 """
 
 import re
@@ -28,7 +28,7 @@ from fapengine.speech.text.normal_form import same_word
 GESTURES = ("nod", "shake", "blink", "left", "right", "up", "down")
 """A nod, a shake of the head, a blink, glances to the subject's left and right, up and down."""
 BRIEF_S = 1.6
-"""Time for which a laugh or an emoji is shown."""
+"""Duration of a laugh or an emoji."""
 MAX_LEVEL = 2.0
 
 # fmt: off
@@ -61,7 +61,7 @@ _FEELINGS: tuple[tuple[str, Expression, float], ...] = (  # stems of English wor
 _SMALLER = re.compile(r"\b(slight|a little|a bit|mild|somewhat)")
 _GREATER = re.compile(r"\b(really|very|extreme|so)\b")
 _SOUNDS = ("laugh", "chuckl", "giggl", "sigh", "gasp", "sob", "cry", "smil", "smirk", "grin")
-"""Stems of what is done once, and does not last."""
+"""Stems of brief expressions."""
 _LOUDNESS_DB = (("whisper", -9.0), ("x-soft", -9.0), ("soft", -5.0), ("quiet", -5.0), ("x-loud", 7.0), ("loud", 5.0),
                 ("shout", 7.0), ("silent", -12.0))
 _EMOJI: dict[str, tuple[Expression, float]] = {
@@ -84,7 +84,7 @@ _PLAIN_TAGS, _SSML_TAGS = ("expr", "mark"), ("expr", "mark", "emphasis", "prosod
 
 @dataclass(frozen=True, slots=True)
 class Feel:
-    """Show an expression; ``NEUTRAL`` takes all away."""
+    """Show an expression; ``NEUTRAL`` removes all."""
 
     expression: Expression
     level: float
@@ -101,7 +101,7 @@ class Gesture:
 
 @dataclass(frozen=True, slots=True)
 class Loudness:
-    """Speak as a mouth does that is so much louder, dB."""
+    """Open the mouth as for speech that is louder by some dB."""
 
     db: float
 
@@ -111,44 +111,44 @@ Act = Feel | Gesture | Loudness
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """Something that a face does at a place of a text."""
+    """An act at a place of a text."""
 
     at: int
-    """Character of the plain text before which it stands."""
+    """Index of the character of the plain text after it."""
     act: Act
 
 
 @dataclass(frozen=True, slots=True)
 class TimedMark:
-    """Something that a face does at a time."""
+    """An act at a time."""
 
     at_s: float
     act: Act
     until_s: float
-    """Time at which an expression goes; that of others is their own."""
+    """End of an expression; gestures have a duration of their own."""
 
 
 @dataclass(frozen=True, slots=True)
 class MarkedText:
-    """A text without its marks, and these."""
+    """A text without its marks, and the marks."""
 
     text: str
     """Text for any voice."""
     marks: tuple[Mark, ...] = ()
     """Marks in order."""
     ssml: str | None = None
-    """The text for a voice that speaks SSML, where a mark is for the voice: a pause, emphasis."""
+    """The text for a voice that speaks SSML, if a mark is for the voice: a pause, emphasis."""
     unknown: tuple[str, ...] = ()
-    """Labels that say nothing that a face could show."""
+    """Labels without a visible meaning."""
 
 
 def read_marks(text: str, *, ssml: bool = False) -> MarkedText:
-    """Take the marks off a text.
+    """Remove the marks from a text.
 
     Parameters
     ----------
     ssml : bool
-        Whether it is SSML; else tags but ``expr`` and ``mark`` are text.
+        True for SSML; otherwise tags except ``expr`` and ``mark`` are text.
 
     Returns
     -------
@@ -175,7 +175,7 @@ class _Reader:
         self._unknown: list[str] = []
         self._is_for_voice = ssml
         self._open: list[tuple[str, str, Loudness | None]] = []
-        """Stretches that are open: name, closing tag for the voice, loudness that ends with it."""
+        """Open stretches: name, closing tag for the voice, loudness that ends with it."""
 
     def read(self, text: str) -> MarkedText:
         last, is_changed = 0, self._is_ssml
@@ -190,7 +190,7 @@ class _Reader:
         self._text(text[last:])
         plain = self._plain.strip() if is_changed else text
         if not plain and not self._is_ssml:
-            return MarkedText(text)  # nothing is left to say: it is no mark, but what is to be said
+            return MarkedText(text)  # nothing would be left to say, so it is text
         voice = self._ssml.strip() if self._is_for_voice else None
         marks = tuple(Mark(min(mark.at, len(plain)), mark.act) for mark in self._marks)
         return MarkedText(plain, marks, voice, tuple(dict.fromkeys(self._unknown)))
@@ -204,7 +204,7 @@ class _Reader:
         self._ssml += spoken.lstrip(" ") if self._ssml.endswith(" ") else spoken
 
     def _mark(self, match: re.Match[str]) -> bool:
-        """Obey a mark; False if it is text."""
+        """Apply a mark; False if it is text."""
         if match["emoji"]:
             self._add(Feel(*_EMOJI[match["emoji"]], is_brief=True))
             return True
@@ -257,7 +257,7 @@ class _Reader:
 
     def _close(self, name: str, tag: str) -> bool:
         if not self._open or self._open[-1][0] != name:
-            return name == "expr"  # one too many says nothing
+            return name == "expr"  # one too many is ignored
         _, closing, loudness = self._open.pop()
         self._ssml += closing
         if loudness:
@@ -265,7 +265,7 @@ class _Reader:
         return True
 
     def _named(self, name: str) -> None:
-        """Obey ``joy:0.6``, ``nod``, ``look:left``."""
+        """Apply ``joy:0.6``, ``nod``, ``look:left``."""
         what, _, level = name.lower().partition(":")
         what, level = (level, "") if what in ("look", "glance") else (what, level)
         expression = next((each for each in Expression if each.label == what), None)
@@ -277,7 +277,7 @@ class _Reader:
             self._unknown.append(name)
 
     def _describe(self, label: str, *, is_strict: bool) -> bool:
-        """Obey a description in words; a strict one is short, so that no bracket of a text is taken for one."""
+        """Apply a description in words; a strict one must be short, so that brackets of a text are not read as one."""
         words = label.lower().strip()
         if is_strict and len(words.split()) > 3:
             return False
@@ -300,7 +300,7 @@ class _Reader:
 
 
 def _voice_tag(label: str) -> str:
-    """Give the SSML tag for a style of speaking; empty if a voice does nothing of the kind."""
+    """SSML tag for a style of speaking; empty if voices do not have it."""
     words = label.lower()
     if "emphas" in words:
         return '<emphasis level="strong">'
@@ -312,7 +312,7 @@ def _voice_tag(label: str) -> str:
 
 
 def words_of(phones: Iterable[Phone]) -> list[tuple[str, float, float]]:
-    """Words that phones belong to, with their times.
+    """Words of phones, with their times.
 
     Examples
     --------
@@ -331,19 +331,19 @@ def words_of(phones: Iterable[Phone]) -> list[tuple[str, float, float]]:
 
 
 def timed_marks(marked: MarkedText, words: Sequence[tuple[str, float, float]], end_s: float) -> list[TimedMark]:
-    """Tell when marks are due.
+    """Find the times of marks.
 
     Parameters
     ----------
     words : sequence of (str, float, float)
-        Words as they were spoken, in order, with start and end in s; one that the text lacks is passed over.
+        Words as they were spoken, in order, with start and end in s; words that are not in the text are skipped.
     end_s : float
-        When the speech is over.
+        End of the speech.
 
     Returns
     -------
     list of TimedMark
-        In order; each with the word that follows it, those behind the last word at its end.
+        In order; each at the start of the next word, those after the last word at its end.
 
     Examples
     --------
@@ -351,6 +351,8 @@ def timed_marks(marked: MarkedText, words: Sequence[tuple[str, float, float]], e
     >>> [(mark.at_s, mark.until_s) for mark in timed_marks(marked, [("Well", 0.1, 0.4), ("that", 0.5, 0.8)], 1.0)]
     [(0.5, 2.1)]
     """
+    if not marked.marks:
+        return []
     places, cursor = [], 0
     text = marked.text.casefold()
     for word, start_s, stop_s in words:
@@ -373,7 +375,7 @@ def timed_marks(marked: MarkedText, words: Sequence[tuple[str, float, float]], e
 
 
 def with_loudness(phones: Sequence[Phone], marks: Iterable[TimedMark]) -> tuple[Phone, ...]:
-    """Make phones as loud as marks say, each from its time on.
+    """Add the loudness of marks to phones, each from its time on.
 
     Examples
     --------

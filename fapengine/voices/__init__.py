@@ -1,1 +1,1 @@
-"""Edge: text to sound and phone timings."""
+"""Voices: text to audio and timed phones."""

@@ -1,7 +1,7 @@
-"""The voice for a language code: any code that a voice lists, in any spelling.
+"""The voices of espeak-ng by language code, in any spelling.
 
 espeak-ng gives each voice one or more codes, each with a priority (1 is the best); several voices may list the same
-code. What is asked for is looked up whole, then without its last subtag, and so on: ``de-AT`` is spoken by ``de``.
+code. A code is looked up whole, then without its last subtag, and so on: ``de-AT`` is spoken by ``de``.
 """
 
 import re
@@ -22,7 +22,7 @@ class VoiceEntry:
     """One voice of espeak-ng."""
 
     code: str
-    """Language code (BCP 47, lower case) that means this voice and no other."""
+    """Language code (BCP 47, lower case) of this voice only."""
     name: str
     """Language and region in English."""
     identifier: str
@@ -37,7 +37,7 @@ class Catalogue:
 
     entries: tuple[VoiceEntry, ...]
     variants: tuple[str, ...] = ()
-    """Names of speakers that every voice can take: ``f3`` is a woman, ``Andy`` a man."""
+    """Names of speakers for any voice: ``f3`` is a woman, ``Andy`` a man."""
 
     @classmethod
     def of(
@@ -49,9 +49,9 @@ class Catalogue:
         ----------
         voices : iterable of (str, str, sequence of (int, str))
             Name, identifier, and codes with priorities. A voice's first code is its own, unless another voice has the
-            same: then each is called after the last part of its identifier.
+            same: then each is named after the last part of its identifier.
         variants : iterable of str
-            Names of speakers that every voice can take.
+            Names of speakers for any voice.
         """
         listed = [
             (name.strip(), identifier, tuple((priority, code.lower()) for priority, code in codes))
@@ -68,7 +68,7 @@ class Catalogue:
         return cls(tuple(sorted(entries, key=lambda entry: entry.code)), tuple(sorted(variants)))
 
     def find(self, asked: str) -> VoiceEntry:
-        """Find the voice that a code means.
+        """Find the voice for a code.
 
         Parameters
         ----------
@@ -82,7 +82,7 @@ class Catalogue:
             known = {variant.lower(): variant for variant in self.variants}
             if speaker.strip().lower() not in known:
                 near = get_close_matches(speaker, self.variants, n=5, cutoff=0.3) or self.variants[:10]
-                raise UsageError(f"voice: got {asked!r}, expected a speaker behind the + such as {', '.join(near)}")
+                raise UsageError(f"voice: got {asked!r}, expected a speaker after the + such as {', '.join(near)}")
             return replace(entry, identifier=f"{entry.identifier}+{known[speaker.strip().lower()]}")
         wanted = asked.strip().lower()
         for entry in self.entries:

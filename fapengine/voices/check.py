@@ -1,4 +1,4 @@
-"""A check for every voice, also for your own: its phones must lie where they sound.
+"""A check of voices, also of your own: phones must be where they are heard in the audio.
 
 >>> import numpy as np
 >>> from fapengine.speech.phone_track import Phone
@@ -25,11 +25,11 @@ Law = Literal["order", "cover", "unknown", "dropped", "short", "loud pause", "op
 order
     A phone begins where the one before ends.
 cover
-    The phones begin and end with the sound, give or take :data:`EDGE_S`.
+    The phones begin and end with the audio, within :data:`EDGE_S`.
 unknown
     Every label is IPA.
 dropped
-    Every phone that was spoken has its place.
+    Every phone that was spoken is there.
 short
     No phone is shorter than 5 ms.
 loud pause
@@ -49,12 +49,12 @@ LATE_S = 0.025
 
 @dataclass(frozen=True, slots=True)
 class Breach:
-    """One place where the phones do not fit the sound."""
+    """One place where the phones do not fit the audio."""
 
     law: Law
     at_s: float
     label: str
-    """Label of the phone, or of the one that lacks."""
+    """Label of the phone, or of the missing one."""
     details: str
     """Actual and expected value."""
 
@@ -65,24 +65,24 @@ class Breach:
 def find_breaches(
     samples: ArrayLike, rate_hz: int, phones: Sequence[Phone], *, spoken: Sequence[str] | None = None
 ) -> tuple[Breach, ...]:
-    """Find where the phones of an utterance do not lie where they sound.
+    """Find the places where the phones of an utterance do not fit its audio.
 
     Parameters
     ----------
     samples : (N,) number
-        The sound, mono, any scale.
+        The audio, mono, any scale.
     rate_hz : int
-        Samples a second.
+        Samples per second.
     phones : sequence of Phone
         As the voice gave them, silence included: those of a :class:`~fapengine.speech.phone_track.PhoneTrack`, or a
         list that could not become one.
     spoken : sequence of str, optional
-        Labels that the voice spoke, pauses left out; without them nothing is known to be dropped.
+        Labels that the voice spoke, without pauses; needed to find dropped phones.
 
     Returns
     -------
     tuple of Breach
-        In the order of :data:`Law`, then of time; empty for a voice that keeps them all.
+        In the order of :data:`Law`, then of time; empty for a voice without faults.
     """
     sound = SoundLevel(samples, rate_hz)
     return (

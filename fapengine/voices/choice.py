@@ -14,19 +14,19 @@ SERVICE_NAMES = ("elevenlabs", "cartesia", "inworld", "fish")
 
 @dataclass(frozen=True, slots=True)
 class VoiceChoice(Checked):
-    """A voice that is not loaded yet: espeak-ng's, a service's, or a model's."""
+    """Name and options of a voice of espeak-ng, a service or a model; it is not loaded yet."""
 
     name: str = DEFAULT_VOICE
     """Language code (BCP 47), such as en-gb, de or fr; any code that a voice has, in any spelling. Or a service's
-    voice, such as cartesia:VOICE, with the key in CARTESIA_API_KEY. Or a model of your own: piper:/path/voice.onnx, or
+    voice, such as cartesia:VOICE, with the key in CARTESIA_API_KEY. Or your own model: piper:/path/voice.onnx, or
     kokoro:/path/model.onnx?voices=/path/voices.bin&voice=af_heart."""
     rate_wpm: speaking.Rate = DEFAULT_RATE_WPM
-    """Words a minute, 80..449."""
+    """Words per minute, 80..449."""
     ssml: bool = False
-    """Flag of texts that are SSML."""
+    """True for texts in SSML."""
 
     def load(self, most_s: float = inf) -> Voice:
-        """Load the voice; texts of more than ``most_s`` seconds of sound are refused."""
+        """Load the voice; it refuses texts of more than ``most_s`` seconds of audio."""
         kind, colon, _ = self.name.partition(":")
         if kind == "piper" and colon:
             from fapengine.voices.piper import PiperVoice

@@ -1,9 +1,8 @@
-"""Voices in child processes (:mod:`fapengine._child`): for servers, which can end them, and for repeatable sound.
+"""Voices in child processes (:mod:`fapengine._child`): for servers, which can end them, and for repeatable audio.
 
-espeak-ng keeps state that nothing resets: the second text of a process comes out slightly different from the first
-(54,842 and 54,852 samples for one sentence), whatever is initialised or seeded in between. So :class:`FreshVoices` has
-each text spoken by a process that has not spoken yet. Where there is ``fork``, that is a copy of one that has only
-loaded the library.
+espeak-ng keeps state that nothing resets: the second text of a process differs slightly from the first (54,842 and
+54,852 samples for one sentence), whatever is initialised or seeded in between. So :class:`FreshVoices` speaks each text
+in a new process. Where there is ``fork``, that is a copy of one that has only loaded the library.
 """
 
 import asyncio
@@ -18,11 +17,11 @@ from fapengine.voices.espeak import catalogue
 from fapengine.voices.protocol import Speech
 
 PIECE_LIMIT_S = 60.0
-"""Time that a piece may take, the start of the process included; 300 characters 字 take 0.4 s."""
+"""Time limit of a piece, including the start of the process; 300 characters 字 take 0.4 s."""
 
 
 def main(parent: Parent, kind: str) -> None:
-    """Speak each text that comes; "fresh": by a process that has not spoken yet, which is this one or a copy."""
+    """Speak the parent's texts; kind "fresh" speaks each in a process that has not spoken yet: this one or a copy."""
     is_fresh = kind == "fresh"
     with contextlib.suppress(FapEngineError):
         catalogue()  # loads the library, so that copies of this process need not
@@ -46,7 +45,7 @@ def _started(kind: str) -> Child:
 
 
 def _spoken(child: Child, text: str, choice: VoiceChoice, most_s: float) -> Speech:
-    """Ask for a text; raises what the voice raises, and EOFError if the process has ended."""
+    """Speak a text in the child; raises the voice's errors, and EOFError if the process has ended."""
     speech = pickle.loads(child.ask({}, pickle.dumps((text, choice, most_s)))[1])
     assert isinstance(speech, Speech)
     return speech
@@ -87,7 +86,7 @@ class FreshVoices:
 class VoiceProcess:
     """A voice in a process, which is started with the first text, and again when it has ended.
 
-    Stateful. A text whose asker is gone is spoken to its end, so that the next one need not wait for a new process.
+    Stateful. A text that is cancelled is spoken to its end, so that the next one need not wait for a new process.
     """
 
     def __init__(self) -> None:

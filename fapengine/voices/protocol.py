@@ -1,4 +1,4 @@
-"""The interface of voices: text in, sound and the times of its phones out."""
+"""The interface of voices: text in, audio and timed phones out."""
 
 from dataclasses import dataclass, replace
 from typing import Protocol
@@ -23,13 +23,13 @@ class Speech:
     """(N,) int16, mono."""
     sample_rate_hz: int
     phones: PhoneTrack
-    """IPA; covers the whole sound, silence included."""
+    """IPA; covers the whole audio, silence included."""
     remarks: tuple[str, ...] = ()
-    """Sentences about text that was not spoken as written, such as a script that the voice does not read."""
+    """Warnings about text that was not spoken as written, such as a script that the voice does not read."""
     text: str = ""
-    """The text without its marks, where the voice knows it."""
+    """The text without its marks, if the voice knows it."""
     marks: tuple[TimedMark, ...] = ()
-    """Marks of the text (:mod:`fapengine.speech.marks`), in the time of the sound."""
+    """Inline cues of the text (:mod:`fapengine.speech.marks`), in the time of the audio."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "samples", frozen(self.samples, "samples", ("N",), np.int16))
@@ -38,11 +38,11 @@ class Speech:
 
     @property
     def duration_s(self) -> float:
-        """Length of the sound in seconds."""
+        """Length of the audio in seconds."""
         return len(self.samples) / self.sample_rate_hz
 
     def padded(self, *, lead_s: float, tail_s: float) -> "Speech":
-        """Put silence before and after, so that a face can start and end at rest.
+        """Add silence before and after, so that a face starts and ends at neutral.
 
         Raises
         ------
@@ -63,7 +63,7 @@ class Speech:
         return replace(self, samples=samples, phones=PhoneTrack.of(moved), marks=marks)
 
     def marked(self, text: MarkedText) -> "Speech":
-        """Add the marks of the text; their loudness goes to the phones."""
+        """Add the inline cues of the text; their loudness is added to the phones."""
         marks = tuple(timed_marks(text, words_of(self.phones.phones), self.duration_s))
         phones = replace(self.phones, phones=with_loudness(self.phones.phones, marks))
         unknown = [f"text: the mark {label!r} says nothing that a face could show" for label in text.unknown]
@@ -71,7 +71,7 @@ class Speech:
 
 
 class Voice(Protocol):
-    """Anything that speaks and knows when each phone sounds."""
+    """Anything that speaks a text and gives the times of its phones."""
 
     def speak(self, text: str) -> Speech:
         """Speak ``text``."""

@@ -1,15 +1,15 @@
-"""Text as a voice should get it, and where each of its characters stood before.
+"""Normal form of a text for voices, with the original place of each character.
 
 Theory of operation
 -------------------
-1. What cannot be spoken is dropped: control characters, whole colour codes of terminals, and format characters (soft
-   hyphens, marks of direction, zero-width spaces). Zero-width joiners stay where a script or an emoji needs them.
-   Other separators of lines become line feeds. Half a surrogate pair becomes U+FFFD.
+1. Characters that cannot be spoken are dropped: control characters, whole colour codes of terminals, and format
+   characters (soft hyphens, marks of direction, zero-width spaces). Zero-width joiners stay where a script or an emoji
+   needs them. Other separators of lines become line feeds. Half a surrogate pair becomes U+FFFD.
 2. Each base character with its marks is composed (NFC). Compatibility forms that a voice spells (full-width and
    mathematical letters, circled digits, Arabic presentation forms) become plain ones (NFKC); no others do, for a voice
    reads ``½`` and ``²`` better than ``1⁄2`` and ``2``.
 
-Doing it twice changes nothing, and every character of the result knows the stretch of the original that it stands for.
+The normal form of a normal form is itself, and every character of the result has its stretch of the original.
 """
 
 import re
@@ -25,7 +25,7 @@ _TERMINAL_CODE = re.compile(r"(?:\x1b\[|\x9b)[0-?]*[ -/]*[@-~]|\x1b\][^\x07\x1b]
 """ECMA-48: control sequences, such as colours; titles of windows."""
 _LINE_ENDS = "\x0b\x0c\x85\u2028\u2029"
 _VISIBLE_FORMAT = re.compile("[\u0600-\u0605\u06dd\u070f\u0890\u0891\u08e2\U000110bd\U000110cd]")
-"""Signs before a number in Arabic, Syriac and Kaithi: format characters that are seen."""
+"""Signs before a number in Arabic, Syriac and Kaithi: visible format characters."""
 _JOINING = re.compile("[\u0600-\u109f\u1780-\u18af\ua800-\uabff\ufb50-\ufdff\ufe70-\ufefc\U00010a00-\U00011fff]")
 """Scripts in which a joiner changes letters: Arabic to Myanmar, Khmer, Mongolian, Indic ones of later blocks."""
 _UNSPACED = re.compile("[\u0e00-\u0eff\u1000-\u109f\u1780-\u17ff]")
@@ -60,7 +60,7 @@ class SpeakableText:
 
 
 def speakable(text: str) -> SpeakableText:
-    """Bring a text into the form that voices speak best.
+    """Bring a text into the normal form for voices.
 
     Parameters
     ----------
@@ -95,9 +95,9 @@ def speakable(text: str) -> SpeakableText:
 
 
 def decoded(data: bytes) -> str:
-    """Read bytes as text, whatever they are: UTF-8, or UTF-16 with its byte order mark.
+    """Decode any bytes: UTF-8, or UTF-16 with its byte order mark.
 
-    A byte that is no UTF-8 becomes a half surrogate, which :func:`speakable` counts.
+    Bytes outside UTF-8 become half surrogates, which :func:`speakable` counts.
     """
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         return data.decode("utf-16", "replace")
@@ -105,7 +105,7 @@ def decoded(data: bytes) -> str:
 
 
 def same_word(word: str) -> str:
-    """Return the form in which two spellings of a word are equal: normal, small letters, straight apostrophes."""
+    """Return the form in which spellings of a word are equal: normal form, lower case, straight apostrophes."""
     return unicodedata.normalize("NFC", speakable(word).text.casefold().replace("\u2019", "'").strip())
 
 
@@ -128,7 +128,7 @@ def _kept(text: str) -> list[tuple[str, int, int]]:
 
 
 def _form(char: str, before: str) -> str:
-    """One character as it stays behind another; empty if it is dropped."""
+    """Form of one character after another; empty if it is dropped."""
     category = unicodedata.category(char)
     if char in _LINE_ENDS:
         return "\n"
@@ -145,5 +145,5 @@ def _form(char: str, before: str) -> str:
 
 
 def _joins(char: str) -> bool:
-    """Whether a character may be composed with the one before."""
+    """Return whether a character may be composed with the one before."""
     return unicodedata.category(char)[0] == "M" or _FOLLOWS.match(char) is not None

@@ -1,4 +1,4 @@
-"""Which scripts the voices of espeak-ng read: in any other, they name the letters one by one or are silent."""
+"""Scripts that the voices of espeak-ng read; in others they spell the letters or are silent."""
 
 import unicodedata
 from collections.abc import Iterable
@@ -12,7 +12,7 @@ _VOICES = {
     "Armenian": "hy hyw", "Ethiopic": "am ti", "Hangul": "ko", "Han": "cmn yue", "Kana": "ja",
     "Cherokee": "chr", "Shavian": "en",
 }  # fmt: skip
-"""Scripts, and the languages whose voices read a word of them by themselves: by their transcriptions in 1.52."""
+"""Scripts, and the languages with voices that read words of them, by their transcriptions in 1.52."""
 _UNREAD = "Lao Khmer Tibetan Syriac Thaana Tifinagh Mongolian Bopomofo Braille Nko Gothic Coptic"
 """Scripts that no voice reads."""
 _NO_LATIN = {"ja"}
@@ -22,7 +22,7 @@ _CALLED = {"Cjk": "Han", "Hiragana": "Kana", "Katakana": "Kana"}
 
 @cache
 def script_of(char: str) -> str | None:
-    """Return the script of a letter, by the first word of its name in Unicode; None for what belongs to no script.
+    """Return the script of a letter, by the first word of its name in Unicode; None for other characters.
 
     Examples
     --------
@@ -42,7 +42,7 @@ def scripts_in(word: str) -> list[str]:
 
 
 def reads(code: str, script: str) -> bool:
-    """Whether the voice of a language code reads words of a script, with its own rules or as English.
+    """Return whether the voice of a language code reads words of a script, with its own rules or as English.
 
     Examples
     --------
@@ -59,10 +59,10 @@ def readers(script: str) -> list[str]:
 
 
 def is_spelled(word: str, transcription: str) -> bool:
-    """Whether a voice that does not know a word's script names its letters, or is silent, by its transcription in IPA.
+    """Return whether a voice spells a word of an unknown script, or is silent, by its transcription in IPA.
 
-    espeak-ng writes the language that it hands a whole word to in front of it, ``(hi)nəmˈʌsteː``; letters are named
-    one by one, with a space between them.
+    espeak-ng writes the language that speaks a whole word before it, ``(hi)nəmˈʌsteː``; letters are named one by one,
+    separated by spaces.
     """
     begin, _, rest = transcription.strip().removeprefix("(").partition(")")
     handed_over = transcription.startswith("(") and all(reads(begin, script) for script in scripts_in(word))
@@ -71,7 +71,7 @@ def is_spelled(word: str, transcription: str) -> bool:
 
 
 def unread_remarks(found: Iterable[tuple[str, int]], code: str) -> tuple[str, ...]:
-    """Say which words a voice does not read, a sentence a script.
+    """Describe the words that a voice does not read, in one sentence per script.
 
     Parameters
     ----------

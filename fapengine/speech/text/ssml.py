@@ -1,4 +1,4 @@
-"""SSML (W3C Speech Synthesis Markup Language 1.1), as far as espeak-ng speaks it."""
+"""SSML (W3C Speech Synthesis Markup Language 1.1): the subset that espeak-ng speaks."""
 
 import re
 from xml.etree import ElementTree
@@ -8,12 +8,12 @@ from fapengine.errors import UnsupportedError, UsageError
 ELEMENTS = frozenset(
     ("speak", "p", "s", "voice", "prosody", "emphasis", "break", "say-as", "sub", "phoneme", "mark", "metadata", "desc")
 )
-"""Elements that may stand in a text. Not ``audio``: it would open files by the text's wish."""
+"""Allowed elements. Not ``audio``: it would open files named by the text."""
 _LOOKS = re.compile(r"</?(speak|voice|prosody|emphasis|break|say-as|sub|phoneme|audio)(\s[^<>]*)?/?>")
 
 
 def find_tag(text: str) -> str | None:
-    """Return the first tag of SSML in a text, None if there is none.
+    """Return the first tag of SSML in a text, or None.
 
     Examples
     --------
@@ -42,7 +42,7 @@ def check_ssml(text: str) -> str:
         line, column = error.position
         place = f"line {line}, column {column - len(head) if line == 1 else column}"
         message = ElementTree.ParseError.__str__(error).partition(":")[0]
-        raise UsageError(f"text: got SSML with a fault at {place} ({message}), expected well-formed XML") from error
+        raise UsageError(f"text: got SSML with an error at {place} ({message}), expected well-formed XML") from error
     for element in list(root.iter())[1:]:
         name = element.tag.rpartition("}")[2]
         if name not in ELEMENTS:
