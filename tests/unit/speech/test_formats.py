@@ -305,4 +305,5 @@ def test_real_files_of_many_tools(shared: Path) -> None:
 def test_lists_of_other_things_beside_the_rows_do_not_hide_a_table() -> None:
     rows = [{"start": 0.0, "end": 0.5, "phone": "m"}, {"start": 0.5, "end": 1.0, "phone": "aɪ"}]
     found = guess_format(json.dumps({"sizes": [1, 2], "rows": rows}).encode())
-    assert found is not None and found.name == "table"
+    assert found is not None
+    assert found.name == "table"
