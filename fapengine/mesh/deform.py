@@ -16,6 +16,8 @@ from fapengine.mpeg4.fapu import AU_RAD
 BONE_COUNT = 5
 """Transforms of a frame: none, jaw, left eye, right eye (as :class:`fapengine.mesh.face_mesh.Bone`), then the head."""
 HEAD = 4
+PITCH, YAW, ROLL = (1, 2), (2, 0), (0, 1)
+"""Axes from and to which a positive rotation turns: face down, to the subject's left, head tilted to the right."""
 POSE_FAPU, POSE_AU = 350, 25_000
 """Values to which :func:`single_fap` sets a FAP: lengths in FAPU, angles in AU."""
 SEEN_MM = 0.05
@@ -39,9 +41,9 @@ def channel_weights(basis: DeformationBasis, faps: ArrayLike) -> Array:
     start = np.array([channel.start for channel in basis.channels])
     stop = np.array([channel.stop for channel in basis.channels])
     two_sided = np.isneginf(start)
-    sign = np.sign(np.where(two_sided, 1.0, stop - np.where(two_sided, 0.0, start)))
-    length = np.abs(stop - np.where(two_sided, 0.0, start))
-    distance = (values[..., columns] - np.where(two_sided, 0.0, start)) * sign
+    start = np.where(two_sided, 0.0, start)
+    sign, length = np.sign(np.where(two_sided, 1.0, stop - start)), np.abs(stop - start)
+    distance = (values[..., columns] - start) * sign
     weights: Array = np.where(two_sided, distance, np.clip(distance, 0.0, length))
     return weights if basis.mix is None else np.asarray(weights @ basis.mix.T)
 
@@ -60,14 +62,17 @@ def bone_transforms(mesh: FaceMesh, faps: ArrayLike) -> Array:
 
     transforms = np.zeros((*values.shape[:-1], BONE_COUNT, 4, 4))
     transforms[..., :, :, :] = np.eye(4)
-    _turn_about(transforms[..., 1, :, :], mesh.jaw_pivot_mm, _rotation_x(_jaw_angle(mesh, column(3))))
+    _turn_about(transforms[..., 1, :, :], mesh.jaw_pivot_mm, _rotation(_jaw_angle(mesh, column(3)), *PITCH))
     transforms[..., 1, 2, 3] += column(14) * mesh.fapu.unit(fap.FapUnit.MNS)
     transforms[..., 1, 0, 3] -= column(15) * mesh.fapu.unit(fap.FapUnit.MW)
     for bone, yaw, pitch, thrust in ((2, 23, 25, 27), (3, 24, 26, 28)):
-        turn = _rotation_y(column(yaw) * AU_RAD) @ _rotation_x(column(pitch) * AU_RAD)
+        turn = _rotation(column(yaw) * AU_RAD, *YAW) @ _rotation(column(pitch) * AU_RAD, *PITCH)
         _turn_about(transforms[..., bone, :, :], mesh.eye_pivots_mm[bone - 2], turn)
         transforms[..., bone, 2, 3] += column(thrust) * mesh.fapu.unit(fap.FapUnit.ES)
-    turn = _rotation_y(column(49) * AU_RAD) @ _rotation_x(column(48) * AU_RAD) @ _rotation_z(column(50) * AU_RAD)
+    yaw_turn, pitch_turn, roll_turn = (
+        _rotation(column(number) * AU_RAD, *axes) for number, axes in ((49, YAW), (48, PITCH), (50, ROLL))
+    )
+    turn = yaw_turn @ pitch_turn @ roll_turn
     _turn_about(transforms[..., HEAD, :, :], mesh.head_pivot_mm, turn)
     return transforms
 
@@ -92,21 +97,6 @@ def _rotation(angle: Array, first: int, second: int) -> Array:
     rotation[..., first, first] = rotation[..., second, second] = cosine
     rotation[..., first, second], rotation[..., second, first] = -sine, sine
     return rotation
-
-
-def _rotation_x(angle: Array) -> Array:
-    """Positive turns the face down (y towards z)."""
-    return _rotation(angle, 1, 2)
-
-
-def _rotation_y(angle: Array) -> Array:
-    """Positive turns the face to the subject's left (z towards x)."""
-    return _rotation(angle, 2, 0)
-
-
-def _rotation_z(angle: Array) -> Array:
-    """Positive turns x towards y: the head tilts to the subject's right."""
-    return _rotation(angle, 0, 1)
 
 
 def deform(mesh: FaceMesh, faps: ArrayLike) -> Array:

@@ -212,7 +212,9 @@ class FaceMesh:
             if self.texture.size == 0 or self.texture.shape[2] not in (3, 4):
                 raise UsageError(f"texture: got shape {self.texture.shape}, expected (H, W, 3) or (H, W, 4)")
         if self.folds is not None:
-            self._check_folds(self.folds, count)
+            sizes, expected = (len(self.folds.rest), len(self.folds.entries)), (count, len(self.basis.entry_mm))
+            if sizes != expected:
+                raise UsageError(f"folds: got {sizes} vertices and entries, expected {expected}")
         object.__setattr__(self, "feature_points", MappingProxyType(dict(self.feature_points)))
         unknown = set(self.feature_points) - set(FEATURE_POINT_NAMES)
         if unknown:
@@ -227,11 +229,6 @@ class FaceMesh:
         ):
             if indices.size and not 0 <= indices.min() <= indices.max() < limit:
                 raise UsageError(f"{name}: expected 0..{limit - 1}")
-
-    def _check_folds(self, folds: Folds, count: int) -> None:
-        sizes, expected = (len(folds.rest), len(folds.entries)), (count, len(self.basis.entry_mm))
-        if sizes != expected:
-            raise UsageError(f"folds: got {sizes} vertices and entries, expected {expected}")
 
     def point_mm(self, name: str) -> NDArray[np.float32]:
         """(3,) float32, mm: position of a feature point in the neutral face.

@@ -102,13 +102,13 @@ def _separate_lips(
 
 def _points_on_skin(data: bytes, where: str, vertices: int) -> dict[str, int]:
     with locating(where):
-        fdp = parse_fdp(data)
-    worst = max(fdp.skin_points.values())
+        skin, points = parse_fdp(data)
+    worst = max(points.values())
     if worst >= vertices:
         raise DataError(
-            f"vertex {worst} of {fdp.skin!r}: got a mesh of {vertices} vertices, expected that submesh", where=where
+            f"vertex {worst} of {skin!r}: got a mesh of {vertices} vertices, expected that submesh", where=where
         )
-    return fdp.skin_points
+    return points
 
 
 def load_mapping(path: Path) -> dict[str, str | dict[int, float]]:

@@ -150,7 +150,7 @@ def _lips(head: HeadParts, linear: Linear) -> None:
     inwards = 1 - smoothstep(-level / 0.75)
     across = smoothstep(level)
     inner = np.where(level < 0, inwards, 1 - across)
-    ends = 1 - _skin_share(level)
+    ends = 1 - smoothstep(level - 1)
     outer = across * ends
     both = np.where(level < 0, inwards, ends)
 
@@ -172,11 +172,6 @@ def _lips(head: HeadParts, linear: Linear) -> None:
     add(16, both * forward * on_lower)
 
 
-def _skin_share(level: Array) -> Array:
-    """Weight of the fields of real skin around the lips: 0 at the edge of the lips, 1 where the rings end."""
-    return smoothstep(level - 1)
-
-
 def _skin_fields(
     points: Array, places: Array, skin: Indices, head: HeadParts, feature_points: dict[str, int]
 ) -> dict[int, Array]:
@@ -184,7 +179,7 @@ def _skin_fields(
     at = points[skin]
     fields = skin_fields(places[skin])
     share = np.ones(len(points))
-    share[head.mouth.indices] = _skin_share(head.mouth.level)[:, None]
+    share[head.mouth.indices] = smoothstep(head.mouth.level - 1)[:, None]  # from the edge of the lips outwards
     share[head.mouth.indices[0]] = 1.0
     corners, line = abs(points[feature_points["8.3"]][0]), points[feature_points["2.2"]][1]
     between = 1 - smoothstep((np.abs(at[:, 0]) / corners - 0.7) / 0.5)
@@ -202,19 +197,15 @@ def _skin_fields(
             moves *= 1 - (between * (1 - above))[:, None]
         elif number in LOWER_LIP_FAPS:
             moves *= 1 - (between * above)[:, None]
-        for owner in OWNERS:
-            _keep_to_its_own(moves, number, owner, *around[owner])
+        # At an owner's point, along its direction, its own field becomes 1 and all others 0.
+        for owner, (nearest, bump) in around.items():
+            direction = np.array(fap.HEAD_AXES[fap.spec(owner).positive])
+            gain = moves[nearest] @ direction
+            if owner == number:
+                moves /= gain
+            elif number != JAW_FAP:
+                moves -= gain * bump[:, None] * direction
     return fields
-
-
-def _keep_to_its_own(moves: Array, number: int, owner: int, nearest: int, bump: Array) -> None:
-    """Scale a FAP's field to 1 along the owner's direction at the owner's point if it is the owner, else to 0."""
-    direction = np.array(fap.HEAD_AXES[fap.spec(owner).positive])
-    gain = moves[nearest] @ direction
-    if owner == number:
-        moves /= gain
-    elif number != JAW_FAP:
-        moves -= gain * bump[:, None] * direction
 
 
 def _brows(points: Array, skin: Indices, feature_points: dict[str, int], linear: Linear) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 
 from fapengine._arrays import Array, Indices, Mask
 from fapengine.geometry.smooth import smoothstep
+from fapengine.geometry.surface import unit_vectors
 from fapengine.mesh import colours
 from fapengine.mesh.colours import Palette
 from fapengine.mesh.default_head.atlas import skin_uv
@@ -87,10 +88,7 @@ def _around_eye(rim: Array, border: Array, t: Array, level: float) -> Array:
     middle = np.abs(t) < 0.5
     rise, sink = (out[middle & (np.sign(out[:, 1]) == sign), 1].mean() for sign in (1.0, -1.0))
     height = np.where(out[:, 1] > 0, rise, sink)
-    almond = np.stack(
-        [out[:, 0] * (0.55 + 0.45 * arch), height * arch + 0.12 * out[:, 1] * (1 - arch)],
-        axis=-1,
-    )
+    almond = np.stack([out[:, 0] * (0.55 + 0.45 * arch), height * arch + 0.12 * out[:, 1] * (1 - arch)], axis=-1)
     towards_block = smoothstep((share - 0.4) / 0.6)
     return rim + share * (almond + towards_block * (out - almond))
 
@@ -180,7 +178,7 @@ def _build_lashes(
         for number, along_rim in enumerate(np.linspace(-0.86, 0.97, max(8, round(count * min(detail, 1.5))))):
             root = int(mine[np.abs(t[mine] - along_rim).argmin()])
             base = np.array([np.interp(along_rim, t[mine], rim[mine, axis]) for axis in range(3)])
-            outwards = (base - centre) / np.linalg.norm(base - centre)
+            outwards = unit_vectors(base - centre)
             aside = np.array([side, 0.0, 0.0])
             length = length_mm * (0.72 + 0.28 * along_rim) * (0.88 + 0.12 * np.sin(7.3 * number))
             length *= 1 - 0.5 * smoothstep((-along_rim - 0.5) / 0.4)
@@ -196,13 +194,16 @@ def _build_lashes(
     return lashes, np.array(roots)
 
 
+def _dome(polar: Array, quarter: int) -> Array:
+    """(R, 4 Q, 3): points of the unit sphere at angles (R,) from the z axis, Q in each quarter around it."""
+    around = np.linspace(0, 2 * np.pi, 4 * quarter, endpoint=False)
+    sine, cosine = np.sin(polar)[:, None], np.cos(polar)[:, None]
+    return np.stack([sine * np.cos(around), sine * np.sin(around), cosine + 0 * around], axis=-1)
+
+
 def _build_caruncle(builder: MeshBuilder, palette: Palette, side: float, detail: float) -> None:
     """Add the pink tissue in the inner corner, over the tear duct."""
-    polar = np.linspace(0.35, 1.7, max(3, round(4 * detail)))[::-1, None]
-    around = np.linspace(0, 2 * np.pi, 4 * max(2, round(2.5 * detail)), endpoint=False)
-    unit = np.stack(
-        [np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar) + 0 * around], axis=-1
-    )
+    unit = _dome(np.linspace(0.35, 1.7, max(3, round(4 * detail)))[::-1], max(2, round(2.5 * detail)))
     middle, size = np.array([INNER_CORNER[0] + 1.9, INNER_CORNER[1] + 0.5, 86.6]), np.array([2.6, 2.0, 3.4])
     pink = palette.blush * np.array([1.0, 0.95, 0.9])
     mirror = np.array([side, 1.0, 1.0])
@@ -213,16 +214,7 @@ def _build_caruncle(builder: MeshBuilder, palette: Palette, side: float, detail:
 
 
 def _build_ball(builder: MeshBuilder, centre: Array, side: float, detail: float) -> Indices:
-    polar = np.deg2rad(resampled(POLAR_DEG, detail))
-    around = np.linspace(0, 2 * np.pi, 4 * max(4, round(7 * detail)), endpoint=False)
-    unit = np.stack(
-        [
-            np.sin(polar)[:, None] * np.cos(around),
-            np.sin(polar)[:, None] * np.sin(around),
-            np.broadcast_to(np.cos(polar)[:, None], (len(polar), len(around))),
-        ],
-        axis=-1,
-    )
+    unit = _dome(np.deg2rad(resampled(POLAR_DEG, detail)), max(4, round(7 * detail)))
     bone = Bone.LEFT_EYE if side > 0 else Bone.RIGHT_EYE
 
     def add(unit: Array) -> Indices:

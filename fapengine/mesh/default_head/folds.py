@@ -19,9 +19,8 @@ from scipy.ndimage import gaussian_filter
 from fapengine._arrays import Array, Indices
 from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh.default_head import atlas
-from fapengine.mesh.default_head.painting import grain
+from fapengine.mesh.default_head.painting import grain, painted_radius
 from fapengine.mesh.default_head.style import HeadStyle
-from fapengine.mesh.default_head.surface import radius
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import Fapu
 
@@ -142,10 +141,7 @@ def fold_map() -> NDArray[np.uint8]:
         127.5 changes nothing, 255 is the brightest. Read-only.
     """
     angle, y = atlas.skin_places()
-    style = HeadStyle()
-    coarse = radius(angle[::8, ::8], y[::8, ::8], style)
-    away = np.repeat(np.repeat(coarse, 8, axis=0), 8, axis=1)[: y.shape[0], : y.shape[1]]
-    away = gaussian_filter(away, 4.0)
+    away = painted_radius(angle, y, HeadStyle(), 8)
     x = away * np.sin(angle)
     front = np.cos(angle) > 0.2
     height, region = np.zeros(y.shape), np.zeros(y.shape)
@@ -170,11 +166,10 @@ def fold_map() -> NDArray[np.uint8]:
     pores = gaussian_filter(grain(y.shape, 42), 0.75)
     pores = np.clip(pores / pores.std(), -2.0, 1.2) * 0.5 * PORES * (1 - region)
     changed = smoothstep(np.abs(change) / 0.02)  # pores would lift what is hardly a fold beyond theirs
-    picture = np.full(atlas.SIZE, 127.5)
-    picture[:, : y.shape[1]] += 127.5 * np.clip(
-        change / RANGE + np.sign(change) * PORES * changed + pores * (1 - changed), -1, 1
-    )
-    drawn = np.round(picture).astype(np.uint8)
+    light = change / RANGE + np.sign(change) * PORES * changed + pores * (1 - changed)
+    image = np.full(atlas.SIZE, 127.5)
+    image[:, : y.shape[1]] += 127.5 * np.clip(light, -1, 1)
+    drawn = np.round(image).astype(np.uint8)
     drawn.flags.writeable = False
     return drawn
 

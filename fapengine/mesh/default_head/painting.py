@@ -55,10 +55,10 @@ def paint(style: HeadStyle) -> NDArray[np.uint8]:
     first, last = (round(u * width) for u in atlas.HAIR_U)
     strands = _strands((height, last - first + 8))
     linear[:, first - 4 : last + 4] = strands[..., None]
-    # The decoder squares (see developed() in lights.glsl), so that the root is what it wants.
-    picture = np.round(255 * np.sqrt(np.clip(linear, 0, 1))).astype(np.uint8)
-    picture.flags.writeable = False
-    return picture
+    # The shader squares it (developed() in lights.glsl).
+    image = np.round(255 * np.sqrt(np.clip(linear, 0, 1))).astype(np.uint8)
+    image.flags.writeable = False
+    return image
 
 
 def _strands(shape: tuple[int, int]) -> Array:
@@ -67,11 +67,16 @@ def _strands(shape: tuple[int, int]) -> Array:
     return np.clip(0.72 + 0.10 * fine + 0.12 * bundle + 0.10 * wide, 0.25, 1.0)
 
 
+def painted_radius(angle: Array, y: Array, style: HeadStyle, step: int) -> Array:
+    """(H, W) mm: distance of the skin from the axis at texels, from every ``step``-th one, softened."""
+    coarse = radius(angle[::step, ::step], y[::step, ::step], style)
+    distance = np.repeat(np.repeat(coarse, step, axis=0), step, axis=1)[: y.shape[0], : y.shape[1]]
+    return gaussian_filter(distance, step / 2)
+
+
 def _skin(style: HeadStyle) -> Array:
     angle, y = atlas.skin_places()
-    coarse = radius(angle[::COARSE, ::COARSE], y[::COARSE, ::COARSE], style)
-    distance = np.repeat(np.repeat(coarse, COARSE, axis=0), COARSE, axis=1)[: y.shape[0], : y.shape[1]]
-    x = gaussian_filter(distance, COARSE / 2) * np.sin(angle)
+    x = painted_radius(angle, y, style, COARSE) * np.sin(angle)
     front = np.cos(angle) > 0.2
     shape = (y.shape[0], y.shape[1])
     light = np.ones((*shape, 3))
@@ -119,10 +124,8 @@ def _lips(x: Array, y: Array, front: Mask, style: HeadStyle) -> Array:
 def _round_eyes(x: Array, y: Array, front: Mask, style: HeadStyle) -> Array:
     """Roots of the lashes along the margins, and slight shading on the lids."""
     across = np.abs(x)
-    middle_x, half_x = (
-        (eyes.INNER_CORNER[0] + eyes.OUTER_CORNER[0]) / 2,
-        0.5 * (eyes.OUTER_CORNER[0] - eyes.INNER_CORNER[0]),
-    )
+    inner, outer = eyes.INNER_CORNER[0], eyes.OUTER_CORNER[0]
+    middle_x, half_x = (inner + outer) / 2, 0.5 * (outer - inner)
     t = np.clip((across - middle_x) / half_x, -1, 1)
     row = np.linspace(-1, 1, 201)
     above = np.interp(t, row, eyes.margin(row, np.ones(201, dtype=bool), style)[:, 1])

@@ -72,15 +72,15 @@ def locate(points: Array, head: HeadParts) -> dict[str, int]:
         vertices[f"10.{3 + index}"] = nearest(rim, np.array([side * 85, 12, -25]))
         vertices[f"10.{5 + index}"] = nearest(rim, np.array([side * 78, -30, 5]))
     middle = head.upper_teeth.shape[1] // 2
-    vertices |= {"9.8": int(head.upper_teeth[3, middle]), "9.10": int(head.upper_teeth[7, middle])}
-    vertices |= {"9.9": int(head.lower_teeth[3, middle]), "9.11": int(head.lower_teeth[7, middle])}
+    for name, teeth, row in (
+        ("9.8", head.upper_teeth, 3), ("9.10", head.upper_teeth, 7),
+        ("9.9", head.lower_teeth, 3), ("9.11", head.lower_teeth, 7),
+    ):  # fmt: skip
+        vertices[name] = int(teeth[row, middle])
     vertices["6.1"] = int(head.tongue[-1])
-    top = TONGUE_TIP + np.array([0, 8, -26])
-    vertices["6.2"] = nearest(head.tongue, top)
-    vertices["6.3"] = nearest(head.tongue, top + np.array([40, -8, 0]))
-    vertices["6.4"] = nearest(head.tongue, top + np.array([-40, -8, 0]))
-    vertices["7.1"] = head.pivot
-    vertices["11.4"] = head.crown
+    for name, offset in (("6.2", (0, 8, -26)), ("6.3", (40, 0, -26)), ("6.4", (-40, 0, -26))):
+        vertices[name] = nearest(head.tongue, TONGUE_TIP + offset)
+    vertices |= {"7.1": head.pivot, "11.4": head.crown}
     middle = head.hair[np.abs(points[head.hair, 0]) < 0.5]
     vertices["11.5"] = nearest(middle, np.array([0, 160, 10])) if len(middle) else head.crown
     vertices["11.6"] = nearest(head.grid.ravel(), np.array([0, 60, -100]))

@@ -9,27 +9,26 @@ least squares solution
     minimise  |a S - e|^2 / noise^2 + |a|^2 / usual^2,
 
 where ``noise`` is the tolerance of a feature point (mm) and ``usual`` a typical weight of a blendshape. The rest,
-``e - a S``, is added by the fields of least bending of :mod:`fapengine.mesh.rig.point_fields`. So every FAP moves its
+``e - a S``, is added by the fields of least bending of :mod:`fapengine.mesh.rig.parts`. So every FAP moves its
 own point by exactly its step and no other point, and looks like the rig as far as the rig allows; and FAPs that come
 from a pose of the rig reproduce that pose, because everything is linear.
 
 The renderer sums blendshapes and fields, not FAPs: a vertex has fewer of them. Their weights are sums of the channels
-(``DeformationBasis.mix``). Lids follow their eyeball by further channels (:mod:`fapengine.mesh.rig.lids`) with the
+(``DeformationBasis.mix``). Lids slide over their eyeball by further channels with the
 deviation of a sliding vertex from the straight line.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from fapengine._arrays import Array, Indices
 from fapengine.mesh.basis_collector import gather
 from fapengine.mesh.face_mesh import Channel, DeformationBasis
-from fapengine.mesh.rig import lids
-from fapengine.mesh.rig.parts import Eyes, find_tongue
+from fapengine.mesh.rig.parts import Eyes, PointFields, find_tongue
 from fapengine.mesh.rig.placed_mesh import PlacedMesh
-from fapengine.mesh.rig.point_fields import PointFields
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import Fapu
 
@@ -53,6 +52,26 @@ TONGUE_SHIFTS = (43, 44, 45)
 """FAPs that move a tongue without blendshapes."""
 TONGUE_STIFFNESS = 1.6
 """Exponent of the position from root (0) to tip (1) by which vertices of a tongue move."""
+
+
+PUPILS = {19: "3.5", 20: "3.6", 21: "3.5", 22: "3.6"}
+"""Pupil of the eye of each lid's FAP."""
+KNOTS = (0.0, 341.0, 683.0, 1024.0, 1100.0)
+"""Values of the FAP, FAPU, between which vertices of a lid move in straight lines."""
+SHUT, WIDE_OPEN = 1024.0, -600.0
+"""Values of the FAP, FAPU, that close a lid and open it wide."""
+SAMPLES, SAMPLED_SHARE = 240, 1.3
+"""Number of samples of a lid's path, and the fraction of it that they cover."""
+MIN_CLEARANCE_RATIO = 1.02
+"""Distance from the centre of the eye, in radii, that a closing lid keeps."""
+MAX_RISE_RATIO = 1.03
+"""Distance from the centre of the eye, relative to rest, that a closing lid does not exceed."""
+USUAL_RADIUS_MM = 12.0
+"""Radius of an eye without a ball."""
+SLIDING_RADII, STRAIGHT_RADII = 1.35, 1.9
+"""Distance from the centre of the eye, in radii, up to which skin slides over the ball, and from which it moves
+straight.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -208,18 +227,16 @@ def _add_coordinates(collector: RowCollector, rig: Rig, faps: Sequence[Coordinat
 
     everything = np.arange(len(rig.mesh.vertices_mm))
     for column, moves in enumerate(rig.moves):
-        collector.add(
-            everything, moves, mixed(weights[:, column]) | _own_weights(collector, rig.own_faps[column], faps)
-        )
+        own = _own_weights(collector, rig.own_faps[column], faps)
+        collector.add(everything, moves, mixed(weights[:, column]) | own)
     for column, coordinate in enumerate(faps):
         collector.add(rig.fields.vertices, _field_moves(rig, coordinate), mixed(lacks[:, column]))
     for row, coordinate in enumerate(faps):
-        if lids.slides(coordinate.number, rig.eyes):
+        if _slides(coordinate.number, rig.eyes):
             straight = np.tensordot(weights[row], rig.moves, axes=1)
             for column, other in enumerate(faps):
                 straight[rig.fields.vertices] += lacks[row, column] * _field_moves(rig, other)
-            lid = lids.Lid(coordinate.number, coordinate.vertex, coordinate.axis, steps[row])
-            for channel, vertices, moves in lids.bend(rig.mesh, rig.eyes, lid, straight * steps[row]):
+            for channel, vertices, moves in _bend(rig, coordinate, steps[row], straight * steps[row]):
                 per_row = ROW_FAPU * moves / (channel.stop - channel.start)
                 collector.add(vertices, per_row, {collector.channel(channel): 1.0})
 
@@ -256,11 +273,11 @@ def _own_weights(
 
 def _signed_channels(collector: RowCollector, coordinate: Coordinate, eyes: Eyes) -> list[tuple[int, float]]:
     """Channels of a FAP and their signs; those of a lid stop where it is closed."""
-    if not lids.slides(coordinate.number, eyes):
+    if not _slides(coordinate.number, eyes):
         return [(collector.channel(Channel(coordinate.number, -np.inf, np.inf)), 1.0)]
     return [
-        (collector.channel(Channel(coordinate.number, 0.0, lids.KNOTS[-1])), 1.0),
-        (collector.channel(Channel(coordinate.number, 0.0, lids.WIDE_OPEN)), -1.0),
+        (collector.channel(Channel(coordinate.number, 0.0, KNOTS[-1])), 1.0),
+        (collector.channel(Channel(coordinate.number, 0.0, WIDE_OPEN)), -1.0),
     ]
 
 
@@ -276,3 +293,46 @@ def _add_tongue(collector: RowCollector, mesh: PlacedMesh, fapu: Fapu, without: 
         moves = share[:, None] * (fapu.unit(row.unit) * np.array(fap.HEAD_AXES[row.positive]))
         collector.add(tongue.vertices, ROW_FAPU * moves, {collector.channel(Channel(number, -np.inf, np.inf)): 1.0})
     return moved
+
+
+def _slides(number: int, eyes: Eyes) -> bool:
+    """Whether a FAP moves a lid of a known eye."""
+    return number in PUPILS and PUPILS[number] in eyes
+
+
+def _bend(rig: Rig, lid: Coordinate, step_mm: float, motion: Array) -> Iterator[tuple[Channel, Indices, Array]]:
+    """Lead a lid around its eyeball, piece by piece, its point moving up or down by exactly the FAP's steps.
+
+    ``motion`` is the straight motion for one FAPU, (V, 3) mm, which exists already. Yields a channel, its vertices,
+    (N,), and the displacement over the whole piece from the straight path to the one around the ball, (N, 3) mm.
+    """
+    ball, centre = rig.eyes[PUPILS[lid.number]]
+    arm = rig.mesh.vertices_mm - centre
+    radius = float(np.median(np.linalg.norm(arm[ball], axis=1))) if len(ball) else USUAL_RADIUS_MM
+    inside = np.linalg.norm(arm, axis=1) < STRAIGHT_RADII * radius
+    near = np.flatnonzero(inside & (np.abs(motion).max(axis=1) > 0))
+    arm, way = arm[near], motion[near] * SHUT
+    own = np.flatnonzero(near == lid.vertex)
+    if not len(own):
+        return
+    shares = np.linspace(0.0, SAMPLED_SHARE, SAMPLES)
+    path = np.stack([_round_ball(arm[own], way[own], share, radius)[0] for share in shares])
+    reached = (path - path[0]) @ lid.axis
+    top = int(reached.argmax()) + 1
+    bent = []
+    for knot in KNOTS:
+        share = float(np.interp(knot * step_mm, reached[:top], shares[:top]))
+        bent.append(_round_ball(arm, way, share, radius) - arm - way * (knot / SHUT))
+    for (start, before), (stop, after) in pairwise(zip(KNOTS, bent, strict=True)):
+        yield Channel(lid.number, start, stop), near, after - before
+
+
+def _round_ball(arm: Array, way: Array, share: float, radius: float) -> Array:
+    """(N, 3): vertices after a fraction of their path, at a distance from the eye's centre between its ends."""
+    straight = arm + share * way
+    first, last, now = (np.linalg.norm(end, axis=1) for end in (arm, arm + way, straight))
+    last = np.clip(last, np.minimum(first, MIN_CLEARANCE_RATIO * radius), MAX_RISE_RATIO * first)
+    wanted = first + min(share, 1.0) * (last - first)
+    slides_by = (STRAIGHT_RADII - first / radius) / (STRAIGHT_RADII - SLIDING_RADII)
+    stretch = 1.0 + np.clip(slides_by, 0.0, 1.0) * (wanted / np.maximum(now, 1e-9) - 1.0)
+    return straight * stretch[:, None]

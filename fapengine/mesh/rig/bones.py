@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from fapengine._arrays import Array, Indices
 from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh.face_mesh import Bone, FaceMesh
-from fapengine.mesh.rig.parts import Eyes, find_tongue, share_of_lower_jaw
+from fapengine.mesh.rig.parts import MIN_SHARE, Eyes, PointFields, find_tongue, share_of_lower_jaw
 from fapengine.mesh.rig.placed_mesh import PlacedMesh
-from fapengine.mesh.rig.point_fields import MIN_SHARE, PointFields
 
 BONE_FAPS = (3, 14, 15, 23, 24, 25, 26, 27, 28, 48, 49, 50)
 EYE_SIDES = (("3.5", Bone.LEFT_EYE, (23, 25, 27)), ("3.6", Bone.RIGHT_EYE, (24, 26, 28)))
@@ -120,8 +119,7 @@ def _nearest_bones(mesh: PlacedMesh, fields: PointFields, eyes: Eyes) -> tuple[N
 
 def _inside_of_mouth(mesh: PlacedMesh) -> list[tuple[Indices, bool]]:
     """Vertices, (N,), of each part inside the head near the mouth, and whether it is below the mouth line."""
-    positions = mesh.positions
-    mouth_line = (positions["8.1"][1] + positions["8.2"][1]) / 2
+    positions, mouth_line = mesh.positions, mesh.mouth_line_mm
     named = {mesh.part[mesh.points[name]] for name in LOWER_MOUTH_POINTS if name in mesh.points}
     parts = []
     for number in np.unique(mesh.part[mesh.part != mesh.skin_part]):

@@ -2,44 +2,23 @@
 
 Supported layouts::
 
-    <xfdp><head><fapu ENS0="51" ES0="69" IRISD0="16" MNS0="30" MW0="50"/></head>
-    <fdp affects="SUBMESH" index="VERTEX" name="2.1">...</fdp></xfdp>
+    <xfdp><fdp affects="SUBMESH" index="VERTEX" name="2.1">...</fdp></xfdp>
 
     1.0 MODEL r r r t t t
     2.1 x y z SURFACE.VERTEX
     NUL 0
 
-Xface counts the vertices of each submesh from 0. Its regions and weights belong to its own deformation and are ignored:
-how skin follows a point is determined from the mesh (:mod:`.point_fields`).
+Xface counts the vertices of each submesh from 0. Its units, regions and weights are ignored: units are measured, and
+how skin follows a point is determined from the mesh (:func:`fapengine.mesh.rig.parts.fit_point_fields`).
 """
 
-from dataclasses import dataclass
 from xml.etree import ElementTree
 
 from fapengine.errors import DataError, UnsupportedError
 from fapengine.mpeg4.feature_points import FEATURE_POINT_NAMES
 
-UNITS = ("IRISD0", "ES0", "ENS0", "MNS0", "MW0")
-
-
-@dataclass(frozen=True, slots=True)
-class FdpFile:
-    """Content of an ``.fdp`` file."""
-
-    points: dict[str, dict[str, int]]
-    """Vertex by feature point, by submesh: the chin's point may also move the teeth."""
-    units: dict[str, float]
-    """FAPU in units of the mesh, where given."""
-
-    @property
-    def skin(self) -> str:
-        """Submesh with the most points."""
-        return max(self.points, key=lambda submesh: len(self.points[submesh]))
-
-    @property
-    def skin_points(self) -> dict[str, int]:
-        """Vertex by feature point, of the points on :attr:`skin`."""
-        return self.points[self.skin]
+Points = dict[str, dict[str, int]]
+"""Vertex by feature point, by submesh: the chin's point may also move the teeth."""
 
 
 def is_fdp(data: bytes) -> bool:
@@ -48,8 +27,8 @@ def is_fdp(data: bytes) -> bool:
     return (head.startswith(b"<") and b"<xfdp" in head) or head.startswith(b"1.0 ")
 
 
-def parse_fdp(data: bytes) -> FdpFile:
-    """Read an ``.fdp`` file of either kind.
+def parse_fdp(data: bytes) -> tuple[str, dict[str, int]]:
+    """Read an ``.fdp`` file of either kind: the submesh with the most points, and the vertex of each of its points.
 
     Raises
     ------
@@ -58,13 +37,14 @@ def parse_fdp(data: bytes) -> FdpFile:
     UnsupportedError
         For XML with entities.
     """
-    fdp = _xface(data) if data.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"<") else _visage(data)
-    if not fdp.points:
+    points = _xface(data) if data.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"<") else _visage(data)
+    if not points:
         raise DataError("fdp: holds no feature point")
-    return fdp
+    skin = max(points, key=lambda submesh: len(points[submesh]))
+    return skin, points[skin]
 
 
-def _xface(data: bytes) -> FdpFile:
+def _xface(data: bytes) -> Points:
     if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
         raise UnsupportedError("fdp: got a document type or entities, expected none")
     try:
@@ -73,22 +53,20 @@ def _xface(data: bytes) -> FdpFile:
         raise DataError(f"fdp: no XML here ({error})") from error
     if root.tag != "xfdp":
         raise DataError(f"fdp: got <{root.tag[:40]}>, expected <xfdp>")
-    points: dict[str, dict[str, int]] = {}
+    points: Points = {}
     for number, entry in enumerate(root.iter("fdp"), start=1):
         where = f"fdp {number}"
         vertex = _whole(entry.get("index", ""), where)
         _add(points, entry.get("name", ""), entry.get("affects", ""), vertex, where)
-    fapu = root.find("head/fapu")
-    units = {} if fapu is None else {name: _number(fapu.get(name, ""), f"fapu {name}") for name in UNITS}
-    return FdpFile(points, units)
+    return points
 
 
-def _visage(data: bytes) -> FdpFile:
+def _visage(data: bytes) -> Points:
     try:
         lines = data.decode("utf-8-sig").splitlines()
     except UnicodeDecodeError as error:
         raise DataError(f"fdp: is no text ({error})") from error
-    points: dict[str, dict[str, int]] = {}
+    points: Points = {}
     for number, line in enumerate(lines[1:], start=2):
         words = line.split("#")[0].split()
         if not words:
@@ -100,10 +78,10 @@ def _visage(data: bytes) -> FdpFile:
         if not dot:
             raise DataError(f"got {line[:60]!r}, expected POINT x y z SURFACE.VERTEX", where=where)
         _add(points, words[0], surface, _whole(vertex, where), where)
-    return FdpFile(points, {})
+    return points
 
 
-def _add(points: dict[str, dict[str, int]], name: str, submesh: str, vertex: int, where: str) -> None:
+def _add(points: Points, name: str, submesh: str, vertex: int, where: str) -> None:
     if name not in FEATURE_POINT_NAMES or name in points.get(submesh, ()):
         raise DataError(f"point: got {name[:40]!r}, expected a point such as 8.2, once a submesh", where=where)
     points.setdefault(submesh, {})[name] = vertex
@@ -113,13 +91,3 @@ def _whole(text: str, where: str) -> int:
     if not (text.isascii() and text.isdigit() and len(text) < 10):
         raise DataError(f"vertex: got {text[:40]!r}, expected a number from 0", where=where)
     return int(text)
-
-
-def _number(text: str, where: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = -1.0
-    if not 0.0 < value < 1e9:
-        raise DataError(f"got {text[:40]!r}, expected a length", where=where)
-    return value

@@ -129,11 +129,7 @@ def locate(mesh: BlendshapeMesh, moves: Mapping[str, Array], standard: FaceMesh)
 
 
 def _face(
-    vertices: Array,
-    triangles: Indices,
-    may_be_skin: Mask,
-    moves: Mapping[str, Array],
-    amounts: Mapping[str, Array],
+    vertices: Array, triangles: Indices, may_be_skin: Mask, moves: Mapping[str, Array], amounts: Mapping[str, Array]
 ) -> _Face:
     """Choose the part that lids and jaw move most."""
     part, whole = find_parts(vertices, triangles[may_be_skin])[1], find_parts(vertices, triangles)[1]
@@ -164,10 +160,7 @@ def _seam(face: _Face, vertices: Array, role: str) -> tuple[Indices, Indices, Ar
 
 def _anchors(face: _Face, mesh: BlendshapeMesh) -> dict[str, int]:
     anchors = _lips(face)
-    for role, upper, lower, inner, outer in (
-        (LEFT, "3.1", "3.3", "3.11", "3.7"),
-        (RIGHT, "3.2", "3.4", "3.8", "3.12"),
-    ):
+    for role, upper, lower, inner, outer in ((LEFT, "3.1", "3.3", "3.11", "3.7"), (RIGHT, "3.2", "3.4", "3.8", "3.12")):
         if role in face.moves:
             anchors |= _lids(face, role, (upper, lower, inner, outer))
     return anchors | _middle_line(face, anchors) | _pupils(face, mesh, anchors)

@@ -1,10 +1,9 @@
 """Heads from meshes: each FAP moves its own point only, by blendshapes or fields; or bones alone move them.
 
 The mesh is aligned with the standard's face (:mod:`~fapengine.mesh.rig.placed_mesh`); eyes and followers of the skin
-are found (:mod:`~fapengine.mesh.rig.parts`); the skin gets a field for each feature point
-(:mod:`~fapengine.mesh.rig.point_fields`); blendshapes, fields and lids become a basis
-(:mod:`~fapengine.mesh.rig.blendshape_basis`); the rest moves by bones (:mod:`~fapengine.mesh.rig.bones`). A mesh
-without blendshapes is moved by its fields and bones.
+are found, and the skin gets a field for each feature point (:mod:`~fapengine.mesh.rig.parts`); blendshapes, fields and
+lids become a basis (:mod:`~fapengine.mesh.rig.blendshape_basis`); the rest moves by bones
+(:mod:`~fapengine.mesh.rig.bones`). A mesh without blendshapes is moved by its fields and bones.
 
 Without blendshapes and feature points the position of the lips is unknown, and :func:`head_of_bones` aligns the mesh by
 its bones: the head's joint is the pivot, up is the scene's y, the face looks where the eyes are relative to the joint
@@ -25,9 +24,8 @@ from fapengine.mesh.rig import surfaces
 from fapengine.mesh.rig.blendshape_basis import Rig, build_basis
 from fapengine.mesh.rig.blendshape_mesh import BlendshapeMesh
 from fapengine.mesh.rig.bones import EYE_SIDES, Bones, bind_bones
-from fapengine.mesh.rig.parts import Eyeball, Eyes, find_eyes
+from fapengine.mesh.rig.parts import Eyeball, Eyes, find_eyes, fit_point_fields
 from fapengine.mesh.rig.placed_mesh import PlacedMesh, cut_out, place_mesh
-from fapengine.mesh.rig.point_fields import fit_point_fields
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import Fapu
 

@@ -1,7 +1,13 @@
-"""Parts of a placed mesh other than skin: eyeballs; lashes, brows and beards that follow the skin; tongue and gums.
+"""Parts of a placed mesh: eyeballs; lashes, brows and beards that follow the skin; tongue and gums; fields of the skin.
 
+Theory of operation
+-------------------
 Files often keep tongue and gums as one part. The tongue is found by the distance from its tip (feature point 6.1) along
 the surface: a part that extends in front of the tip again is no longer tongue there. Gums belong to a jaw by height.
+
+On the skin each feature point has a field that is 1 there, 0 at every other point and far away, and bends least between
+them (bilaplacian of the mesh). It stops at an open mouth or lid, where the mesh has a gap. So each FAP moves its own
+point by exactly its step and no other point. Followers of the skin get the weights of the nearest skin vertex.
 """
 
 from dataclasses import dataclass
@@ -14,6 +20,7 @@ from scipy.spatial import cKDTree
 
 from fapengine._arrays import Array, Indices
 from fapengine.geometry.smooth import smoothstep
+from fapengine.geometry.surface import continue_smoothly, edges_of
 from fapengine.mesh.rig.placed_mesh import PlacedMesh
 
 EYE_CORNERS = {"3.5": ("3.7", "3.11"), "3.6": ("3.8", "3.12")}
@@ -144,23 +151,81 @@ def find_tongue(mesh: PlacedMesh) -> Tongue | None:
 
 def _ways(mesh: PlacedMesh, start: int) -> Array:
     """(V,) mm: distance along the edges from a vertex; infinite on other parts."""
-    first = np.zeros(mesh.node.max() + 1, np.int64)
-    first[mesh.node] = np.arange(len(mesh.node))
-    place, corners = mesh.vertices_mm[first], mesh.node[mesh.triangles]
-    edges = np.unique(np.sort(np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])), axis=0)
+    place = mesh.nodes_mm
+    edges = np.unique(np.sort(edges_of(mesh.node[mesh.triangles])), axis=0)
     long_mm = np.linalg.norm(place[edges[:, 0]] - place[edges[:, 1]], axis=1).clip(min=1e-6)
-    links = csr_array((long_mm, (edges[:, 0], edges[:, 1])), shape=(len(first), len(first)))
+    links = csr_array((long_mm, (edges[:, 0], edges[:, 1])), shape=(len(place), len(place)))
     return dijkstra(links, directed=False, indices=mesh.node[[start]])[0, mesh.node]
 
 
 def share_of_lower_jaw(mesh: PlacedMesh, tongue: Tongue | None, part: Indices) -> Array | None:
     """(N,) 0..1: fraction by which vertices of a part, (N,), follow the lower jaw; None if it is not of both jaws."""
-    positions, place = mesh.positions, mesh.vertices_mm[part]
-    mouth_line = (positions["8.1"][1] + positions["8.2"][1]) / 2
+    place, mouth_line = mesh.vertices_mm[part], mesh.mouth_line_mm
     front = place[place[:, 2] > place[:, 2].max() - FRONT_MM, 1] - mouth_line
     if min(front.max(), -front.min()) < BOTH_JAWS_MM:
         return None
-    lower = np.asarray(smoothstep(0.5 + (mouth_line - place[:, 1]) / (2 * BETWEEN_JAWS_MM)), np.float64)
+    lower = smoothstep(0.5 + (mouth_line - place[:, 1]) / (2 * BETWEEN_JAWS_MM))
     if tongue is None or tongue.vertices[0] not in part:
         return lower
-    return np.maximum(lower, np.asarray(smoothstep(tongue.share / ROOT_SHARE), np.float64))
+    return np.maximum(lower, smoothstep(tongue.share / ROOT_SHARE))
+
+
+MAX_REACH_MM = 34.0
+"""Distance from every feature point beyond which skin does not move."""
+MIN_SHARE = 0.004
+"""Weight below which motion is not visible."""
+CHIN_POINTS = ("2.1", "2.10", "2.11", "2.12")
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class PointFields:
+    """The skin, its followers, and the weight of each in the motion of every feature point on it."""
+
+    points: dict[str, int]
+    """Vertices of the feature points on the skin."""
+    skin: Indices
+    """(S,): vertices of the skin."""
+    followers: Indices
+    """(M,): vertices that follow the skin."""
+    nearest: Indices
+    """(M,): skin vertex that each follows."""
+    vertices: Indices
+    """(S + M,): those of the skin, then its followers."""
+    shares: dict[str, Array]
+    """(S + M,) by feature point: 1 at the point, 0 at the others."""
+    jaw: Array
+    """(S + M,): weight in the chin's motion, 0..1."""
+
+
+def fit_point_fields(mesh: PlacedMesh, eyes: Eyes) -> PointFields:
+    """Extend the motion of each feature point, and of the chin, over the skin of a placed mesh."""
+    points = {name: index for name, index in mesh.points.items() if mesh.part[index] == mesh.skin_part}
+    skin, (followers, nearest) = mesh.skin, find_followers(mesh, eyes)
+    shares = _continued(mesh, points, np.eye(len(points)))
+    shares[np.abs(shares) < MIN_SHARE] = 0.0
+    at_chin = np.array([[float(name in CHIN_POINTS)] for name in points])
+    jaw = np.clip(_continued(mesh, points, at_chin)[:, 0], 0.0, 1.0)
+    with_followers = np.concatenate([np.arange(len(skin)), nearest])
+    return PointFields(
+        points=points, skin=skin, followers=followers, nearest=skin[nearest],
+        vertices=np.concatenate([skin, followers]),
+        shares={name: share[with_followers] for name, share in zip(points, shares.T, strict=True)},
+        jaw=jaw[with_followers],
+    )  # fmt: skip
+
+
+def _continued(mesh: PlacedMesh, points: dict[str, int], values: Array) -> Array:
+    """(S, C): values at the feature points, (P, C), extended over the skin; 0 far from all of them."""
+    skin, anchors = mesh.skin, list(points.values())
+    nodes = np.unique(mesh.node[skin])
+    local = np.full(mesh.node.max() + 1, -1)
+    local[nodes] = np.arange(len(nodes))
+    position = np.zeros((len(nodes), 3))
+    position[local[mesh.node[skin]]] = mesh.vertices_mm[skin]
+    fixed = np.asarray(cKDTree(mesh.vertices_mm[anchors]).query(position)[0] > MAX_REACH_MM)
+    fixed[local[mesh.node[anchors]]] = True
+    fixed_values = np.zeros((len(nodes), values.shape[1]))
+    fixed_values[local[mesh.node[anchors]]] = values
+    corners = local[mesh.node[mesh.triangles]]
+    continued = continue_smoothly(fixed_values, fixed, corners[(corners >= 0).all(axis=1)])
+    return continued[local[mesh.node[skin]]]

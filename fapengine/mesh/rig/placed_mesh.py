@@ -72,6 +72,19 @@ class PlacedMesh:
         """Number of the part with the lips."""
         return int(self.part[self.points["8.1"]])
 
+    @property
+    def mouth_line_mm(self) -> float:
+        """Height of the line between the lips."""
+        upper, lower = (self.vertices_mm[self.points[name]] for name in ("8.1", "8.2"))
+        return float((upper[1] + lower[1]) / 2)
+
+    @property
+    def nodes_mm(self) -> Array:
+        """(nodes, 3) mm: position of each node."""
+        positions = np.zeros((self.node.max() + 1, 3))
+        positions[self.node] = self.vertices_mm
+        return positions
+
     def to_head_space(self, position: Array) -> Array:
         """(3,) mm: a position of the source, (3,), in head space."""
         arm = position - self.source.vertices[self.kept[0]]

@@ -40,9 +40,7 @@ MIN_MOUTH_LIGHT = 0.45
 
 def smooth_normals(mesh: PlacedMesh) -> Array:
     """(V, 3): unit normals, smooth over seams."""
-    first = np.zeros(mesh.node.max() + 1, np.int64)
-    first[mesh.node] = np.arange(len(mesh.node))
-    return vertex_normals(mesh.vertices_mm[first], mesh.node[mesh.triangles])[mesh.node]
+    return vertex_normals(mesh.nodes_mm, mesh.node[mesh.triangles])[mesh.node]
 
 
 def baked_light(mesh: PlacedMesh, normals: Array, material: NDArray[np.uint8]) -> NDArray[np.float32]:
