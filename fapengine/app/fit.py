@@ -192,7 +192,7 @@ def describe(fitted: Fitted, nearness: Nearness | None = None) -> dict[str, obje
         "phones": {name: study.tokens for name, study in fitted.phones.items()},
         "lips_mm": None if prediction is None else round(prediction.lips_mm, 3),
         "opening_r": None if prediction is None else round(prediction.opening_r, 3),
-        "dense_left_out_mm": None if fitted.dense is None else round(fitted.dense.left_out_mm[0], 3),
+        "dense_left_out_mm": None if fitted.dense is None else round(fitted.dense.face.left_out_mm[0], 3),
         "adapted": None if nearness is None else asdict(nearness),
         "warnings": list(fitted.warnings),
     }

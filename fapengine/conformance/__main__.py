@@ -1,4 +1,4 @@
-"""``python -m fapengine.conformance``: run a suite against a program, and print the verdicts."""
+"""``python -m fapengine.conformance``: run a suite against a program, and print the results."""
 
 import argparse
 import asyncio
@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from fapengine.conformance.cases import Verdict, as_json, run, table
 from fapengine.errors import FapEngineError, UsageError
 
+SUITES = ("fba-decoder", "fba-encoder", "osc-sender", "osc-server", "page-client", "page-server")
 EPILOG = """examples:
   python -m fapengine.conformance osc-server 127.0.0.1:9110
   python -m fapengine.conformance osc-sender 9110            then let your sender say something to this port
@@ -20,21 +21,21 @@ exit code: 0 every case passed or was not tried, 1 one failed, 2 wrong use, 3 no
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a suite; the exit code."""
+    """Run a suite; returns the exit code."""
     parser = argparse.ArgumentParser(
         prog="python -m fapengine.conformance",
         description="Suites for your own OSC senders and servers, WebSocket clients and servers, and face coders.",
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("suite", choices=sorted(SUITES))
+    parser.add_argument("suite", choices=SUITES)
     parser.add_argument("subject", help="HOST:PORT, a port to listen at, the page's address, or a command")
     parser.add_argument("--token", default="", help="of an OSC server")
     parser.add_argument("--seconds", type=float, default=10.0, help="to listen to a sender or a client")
     parser.add_argument("--json", action="store_true", help="verdicts as JSON")
     options = parser.parse_args(arguments)
     try:
-        verdicts = SUITES[options.suite](options)
+        verdicts = _verdicts(options.suite, options)
     except FapEngineError as error:
         sys.stderr.write(f"fapengine.conformance: {error}\n")
         return 2 if isinstance(error, UsageError) else 3
@@ -53,56 +54,33 @@ def _port(spelled: str) -> int:
     return int(spelled)
 
 
-def _osc_server(options: argparse.Namespace) -> list[Verdict]:
-    from fapengine.conformance.osc_server import CASES, OscServer
+def _verdicts(suite: str, options: argparse.Namespace) -> list[Verdict]:
+    """Run a suite. Its module is imported here, so that each suite needs its own dependencies only."""
+    subject, seconds = options.subject, options.seconds
+    if suite == "osc-server":
+        from fapengine.conformance.osc_server import CASES, OscServer
 
-    host, _, port = options.subject.rpartition(":")
-    if not host:
-        raise UsageError(f"subject: got {options.subject!r}, expected HOST:PORT")
-    with OscServer(host.strip("[]"), _port(port), options.token) as server:
-        return run(CASES, server)
+        host, _, port = subject.rpartition(":")
+        if not host:
+            raise UsageError(f"subject: got {subject!r}, expected HOST:PORT")
+        with OscServer(host.strip("[]"), _port(port), options.token) as server:
+            return run(CASES, server)
+    if suite == "osc-sender":
+        from fapengine.conformance import osc_sender
 
+        with osc_sender.open_port("127.0.0.1", _port(subject)) as own:
+            _say(f"listens at 127.0.0.1:{own.getsockname()[1]}; let your sender speak, for {seconds:g} s")
+            return run(osc_sender.CASES, osc_sender.listen(own, seconds, _say))
+    if suite.startswith("page"):
+        from fapengine.conformance import page
 
-def _osc_sender(options: argparse.Namespace) -> list[Verdict]:
-    from fapengine.conformance.osc_sender import CASES, listen, open_port
+        if suite == "page-server":
+            return run(page.SERVER_CASES, page.PageServer(subject))
+        return run(page.CLIENT_CASES, asyncio.run(page.watch(_port(subject), seconds, _say)))
+    from fapengine.conformance import fba
 
-    with open_port("127.0.0.1", _port(options.subject)) as own:
-        _say(f"listens at 127.0.0.1:{own.getsockname()[1]}; let your sender speak, for {options.seconds:g} s")
-        return run(CASES, listen(own, options.seconds, _say))
+    return run(fba.DECODER_CASES if suite == "fba-decoder" else fba.ENCODER_CASES, fba.Program(subject))
 
-
-def _page_server(options: argparse.Namespace) -> list[Verdict]:
-    from fapengine.conformance.page import SERVER_CASES, PageServer
-
-    return run(SERVER_CASES, PageServer(options.subject))
-
-
-def _page_client(options: argparse.Namespace) -> list[Verdict]:
-    from fapengine.conformance.page import CLIENT_CASES, watch
-
-    return run(CLIENT_CASES, asyncio.run(watch(_port(options.subject), options.seconds, _say)))
-
-
-def _fba_decoder(options: argparse.Namespace) -> list[Verdict]:
-    from fapengine.conformance.fba import DECODER_CASES, Program
-
-    return run(DECODER_CASES, Program(options.subject))
-
-
-def _fba_encoder(options: argparse.Namespace) -> list[Verdict]:
-    from fapengine.conformance.fba import ENCODER_CASES, Program
-
-    return run(ENCODER_CASES, Program(options.subject))
-
-
-SUITES = {
-    "osc-server": _osc_server,
-    "osc-sender": _osc_sender,
-    "page-server": _page_server,
-    "page-client": _page_client,
-    "fba-decoder": _fba_decoder,
-    "fba-encoder": _fba_encoder,
-}
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -1,4 +1,4 @@
-"""Cases, verdicts, and how a suite is run and told."""
+"""Cases and verdicts: running a suite, and formatting its results."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -10,11 +10,11 @@ Outcome = Literal["pass", "fail", "skip"]
 
 
 class BreachError(Exception):
-    """What a case has found: the program does otherwise than the document says."""
+    """The program under test does not do what the document says."""
 
 
 class NotTriedError(Exception):
-    """The program under test gave no occasion to look."""
+    """The program under test did not do what the case is about."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +23,7 @@ class Case(Generic[Subject]):
 
     number: str
     section: str
-    """Document and section, for people."""
+    """Document and section."""
     says: str
     check: Callable[[Subject], None]
     """Raises :class:`BreachError` or :class:`NotTriedError`."""
@@ -31,7 +31,7 @@ class Case(Generic[Subject]):
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What became of a case."""
+    """The result of a case."""
 
     number: str
     section: str
@@ -41,13 +41,13 @@ class Verdict:
 
 
 def demand(is_so: object, found: str) -> None:
-    """Raise :class:`BreachError` unless something is so."""
+    """Raise :class:`BreachError` unless a condition is true."""
     if not is_so:
         raise BreachError(found)
 
 
 def run(cases: Sequence[Case[Subject]], subject: Subject) -> list[Verdict]:
-    """Try every case, whatever became of those before.
+    """Run every case, also after failures.
 
     Examples
     --------
@@ -66,14 +66,14 @@ def run(cases: Sequence[Case[Subject]], subject: Subject) -> list[Verdict]:
             outcome, found = "fail", str(breach)
         except NotTriedError as reason:
             outcome, found = "skip", str(reason)
-        except Exception as error:  # noqa: BLE001  of the program under test, mostly
+        except Exception as error:  # noqa: BLE001  mostly caused by the program under test
             outcome, found = "fail", f"{type(error).__name__}: {error}"
         verdicts.append(Verdict(case.number, case.section, case.says, outcome, " ".join(found.split())[:300]))
     return verdicts
 
 
 def table(verdicts: Sequence[Verdict]) -> str:
-    """Spell verdicts for people."""
+    """Format verdicts as text."""
     lines = []
     for verdict in verdicts:
         lines.append(f"{verdict.outcome:<5} {verdict.number:<6} {verdict.says}  [{verdict.section}]")
@@ -85,5 +85,5 @@ def table(verdicts: Sequence[Verdict]) -> str:
 
 
 def as_json(suite: str, verdicts: Sequence[Verdict]) -> str:
-    """Spell verdicts for programs."""
+    """Format verdicts as JSON."""
     return json.dumps({"suite": suite, "cases": [asdict(verdict) for verdict in verdicts]}, indent=2)

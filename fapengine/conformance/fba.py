@@ -1,4 +1,4 @@
-"""Does a decoder read, or an encoder write, the face streams of docs/fba-format.md? Programs, run on files."""
+"""The suites for decoders and encoders: programs that convert files with the streams of docs/fba-format.md."""
 
 import shlex
 import subprocess
@@ -17,18 +17,18 @@ from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack, to_codable
 
 PROGRAM_S = 60.0
-"""Time that a program may take for a second of motion."""
+"""Longest time for a second of motion."""
 FRAMES, RATE_HZ = 30, 25.0
 
 
 @dataclass(frozen=True, slots=True)
 class Program:
-    """A command with ``{in}`` and ``{out}`` in it."""
+    """A command that contains ``{in}`` and ``{out}``."""
 
     command: str
 
     def run(self, data: bytes, source: str, target: str) -> bytes:
-        """Give it a file and take the other."""
+        """Run it on a file; returns the file that it writes."""
         with tempfile.TemporaryDirectory() as folder:
             places = {"{in}": str(Path(folder) / f"in{source}"), "{out}": str(Path(folder) / f"out{target}")}
             Path(places["{in}"]).write_bytes(data)
@@ -46,7 +46,7 @@ class Program:
 
 
 def motion(*faps: int, size: int = 200, every: int = 1, seed: int = 1) -> FapTrack:
-    """Make a second of smooth motion of some FAPs; values that the format cannot hold are brought into its ranges."""
+    """Make about a second of smooth motion of some FAPs, clamped to the ranges of the format."""
     rng = np.random.default_rng(seed)
     values = np.zeros((FRAMES, fap.FAP_COUNT), np.int32)
     at = np.arange(FRAMES)[:, None] * rng.uniform(0.1, 0.4, len(faps)) + rng.uniform(0, 6, len(faps))
@@ -71,7 +71,7 @@ STREAMS: tuple[tuple[str, str, str, FapTrack, EncoderOptions], ...] = (
     ("1.8", "5 Symbol ranges", "ranges that are sent", motion(*MOUTH, size=20), replace(PLANES, ranges="fitted")),
     ("1.9", "3 Start codes and stuffing", "a start code before each I plane", motion(*MOUTH),
      replace(PLANES, intra_every=10, plane_start_codes="intra")),
-    ("1.10", "10 Time", "frames that are left out", motion(*MOUTH, every=2), PLANES),
+    ("1.10", "10 Time", "skipped frames", motion(*MOUTH, every=2), PLANES),
     ("1.11", "7 The arithmetic coder", "values that jump", motion(*MOUTH, size=900, seed=3), replace(PLANES, quant=2)),
 )  # fmt: skip
 
@@ -83,13 +83,9 @@ def _reads(track: FapTrack, options: EncoderOptions) -> Callable[[Program], None
         found = parse_fap(program.run(stream, ".fba", ".fap"))
         demand(len(found) == len(true), f"got {len(found)} frames, expected {len(true)}")
         wrong = np.argwhere((found.values != true.values) & true.mask)
-        if len(wrong):
-            row, column = wrong[0]
-            demand(
-                False,
-                f"frame {row}, FAP {column + 1}: got {found.values[row, column]}, expected {true.values[row, column]};"
-                f" {len(wrong)} values in all",
-            )
+        for row, column in wrong[:1]:
+            got, expected = found.values[row, column], true.values[row, column]
+            demand(False, f"frame {row}, FAP {column + 1}: got {got}, expected {expected}; {len(wrong)} are wrong")
 
     return check
 
@@ -97,10 +93,10 @@ def _reads(track: FapTrack, options: EncoderOptions) -> Callable[[Program], None
 def _writes(track: FapTrack) -> Callable[[Program], None]:
     def check(program: Program) -> None:
         stream = program.run(format_fap(track).encode(), ".fap", ".fba")
-        demand(stream.startswith(b"\0\0\1"), f"the stream begins with {stream[:4].hex(' ')}, expected a start code")
+        demand(stream.startswith(b"\0\0\1"), f"the stream starts with {stream[:4].hex(' ')}, expected a start code")
         found = decode(stream).track
         demand(len(found) == len(track), f"got {len(found)} frames, expected {len(track)}")
-        demand((found.mask >= track.mask).all(), "FAPs that were given are not sent")
+        demand((found.mask >= track.mask).all(), "some of the given FAPs are not sent")
         step = np.abs(found.values - track.values)[:, track.mask.any(axis=0)]
         size = np.abs(track.values).max()
         demand(step.max() <= 0.2 * size, f"the largest error is {step.max()}, of values up to {size}")
@@ -115,7 +111,7 @@ def _refuses(data: bytes) -> Callable[[Program], None]:
         except BreachError as breach:
             demand("does not run" not in str(breach), str(breach))
             return
-        raise BreachError("it was taken, without a word")
+        raise BreachError("it was accepted without an error")
 
     return check
 
@@ -124,7 +120,7 @@ _CUT = encode(motion(*MOUTH), PLANES)[:40]
 DECODER_CASES: tuple[Case[Program], ...] = (
     *(Case(number, f"docs/fba-format.md: {at}", f"reads {what}", _reads(track, options))
       for number, at, what, track, options in STREAMS),
-    Case("2.1", "docs/fba-format.md: 1 A stream", "refuses bytes that are no stream", _refuses(b"no stream at all")),
+    Case("2.1", "docs/fba-format.md: 1 A stream", "refuses bytes that are not a stream", _refuses(b"text")),
     Case("2.2", "docs/fba-format.md: 7 The arithmetic coder", "refuses a stream that is cut", _refuses(_CUT)),
 )  # fmt: skip
 ENCODER_CASES: tuple[Case[Program], ...] = tuple(

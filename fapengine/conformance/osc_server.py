@@ -1,4 +1,4 @@
-"""Does a server speak the OSC of docs/osc.md? Asked over UDP, as a sender would."""
+"""The suite for servers: the OSC of docs/osc.md over UDP, as a sender uses it."""
 
 import itertools
 import secrets
@@ -6,7 +6,6 @@ import socket
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from types import TracebackType
 from typing import Self, TypeVar
 
 from fapengine.conformance.cases import Case, demand
@@ -19,7 +18,7 @@ SIMPLE, ROBUST, GOOD, WRONG = (
     for section in ("One message a phone", "Every phone, in time", "What a good sender does", "When things go wrong")
 )
 ANSWER_S = 3.0
-"""Time for an answer; generous, because the machine may be busy."""
+"""Longest wait for an answer; long, because the machine may be busy."""
 QUIET_S = 0.3
 STEP_US = 100_000
 Answer = TypeVar("Answer", schema.Welcome, schema.Pong, schema.Ack, schema.Nack, schema.Notice)
@@ -29,7 +28,7 @@ Answer = TypeVar("Answer", schema.Welcome, schema.Pong, schema.Ack, schema.Nack,
 class OscServer:
     """A server under test.
 
-    Stateful; a context manager, which closes the sockets of all callers.
+    Stateful; a context manager that closes the sockets of all callers.
     """
 
     host: str
@@ -42,14 +41,18 @@ class OscServer:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         for own in self._sockets:
             own.close()
 
+    def joined(self) -> "Caller":
+        """Make a caller that has said hello."""
+        caller = self.caller()
+        caller.join()
+        return caller
+
     def caller(self) -> "Caller":
-        """Speak from a new socket, for a new session."""
+        """Make a caller with a new socket and a new session."""
         try:
             family, kind, _, _, address = socket.getaddrinfo(self.host, self.port, type=socket.SOCK_DGRAM)[0]
             own = socket.socket(family, kind)
@@ -63,7 +66,7 @@ class OscServer:
 
 @dataclass(slots=True)
 class Caller:
-    """A sender with a session of its own.
+    """A sender with its own session.
 
     Stateful.
     """
@@ -73,14 +76,14 @@ class Caller:
     token: str
 
     def send(self, *wires: schema.Wire) -> None:
-        """Send messages, a datagram each."""
+        """Send messages, one per datagram."""
         for wire in wires:
             self.socket.send(codec.encode(wire))
 
     def hear(
         self, until: Callable[[list[schema.Wire]], bool] = lambda heard: False, for_s: float = ANSWER_S
     ) -> list[schema.Wire]:
-        """Collect answers until something is so, or for so long."""
+        """Collect answers until ``until`` is true of them, for at most ``for_s``."""
         heard: list[schema.Wire] = []
         stop_s = time.monotonic() + for_s
         while not until(heard) and time.monotonic() < stop_s:
@@ -89,11 +92,11 @@ class Caller:
             except (TimeoutError, ConnectionRefusedError):
                 continue
             except DataError as error:
-                demand(False, f"an answer is no OSC: {error}")
+                demand(False, f"an answer is not OSC: {error}")
                 raise
             for message in messages:
                 kind = schema.FROM_ENGINE.get(message.address)
-                demand(kind is not None, f"got {message.address}, which is no address of the protocol")
+                demand(kind is not None, f"got {message.address}, which is not an address of the protocol")
                 assert kind is not None
                 heard.append(codec.parse(kind, message))
         return heard
@@ -101,7 +104,7 @@ class Caller:
     def ask(
         self, kind: type[Answer], *wires: schema.Wire, such: Callable[[Answer], bool] = lambda answer: True
     ) -> Answer:
-        """Send, and wait for an answer of a kind."""
+        """Send messages, and wait for an answer of one kind that satisfies ``such``."""
 
         def found(heard: list[schema.Wire]) -> list[Answer]:
             return [wire for wire in heard if isinstance(wire, kind) and such(wire)]
@@ -114,7 +117,7 @@ class Caller:
         return answers[0]
 
     def join(self) -> schema.Welcome:
-        """Say hello, with the cookie if one is asked for."""
+        """Send hello, and again with the cookie if the server asks for one."""
         welcome = self.ask(schema.Welcome, self._hello())
         return self.ask(schema.Welcome, self._hello(welcome.cookie)) if welcome.cookie else welcome
 
@@ -122,7 +125,7 @@ class Caller:
         return schema.Hello(self.session, phone_set="ipa", flags=1, token=self.token, instance=7, cookie=cookie)
 
     def utterance(self, number: int, labels: str) -> tuple[schema.BeginUtterance, schema.Phones, schema.EndUtterance]:
-        """Make an utterance, a letter a phone."""
+        """Messages of an utterance; each character is a phone."""
         phones = tuple(schema.WirePhone(label, n * STEP_US, STEP_US) for n, label in enumerate(labels))
         return (
             schema.BeginUtterance(self.session, number),
@@ -146,7 +149,7 @@ def _welcome(server: OscServer) -> None:
 def _hello_again(server: OscServer) -> None:
     caller = server.caller()
     first, second = caller.join(), caller.join()
-    demand(second.instance == first.instance, "two welcomes of one run tell different instances")
+    demand(second.instance == first.instance, "two welcomes of one run have different instances")
     demand(second.engine_us >= first.engine_us, "the engine's clock goes backwards")
 
 
@@ -157,23 +160,20 @@ def _protocol(server: OscServer) -> None:
 
 
 def _pong(server: OscServer) -> None:
-    caller = server.caller()
-    caller.join()
+    caller = server.joined()
     pong = caller.ask(schema.Pong, schema.Ping(41, 123_456_789), such=lambda pong: pong.number == 41)
-    demand(pong.sent_us == 123_456_789, f"got sent_us {pong.sent_us}, expected it as it was sent")
+    demand(pong.sent_us == 123_456_789, f"got sent_us {pong.sent_us}, expected it unchanged")
     demand(pong.received_us <= pong.answered_us, "it was answered before it was received")
 
 
 def _ack(server: OscServer) -> None:
-    caller = server.caller()
-    caller.join()
+    caller = server.joined()
     ack = caller.ask(schema.Ack, *caller.utterance(0, "mamama"), such=lambda ack: ack.is_ended == 1)
     demand(ack.next_index == 6, f"got next_index {ack.next_index} after phones 0 to 5, expected 6")
 
 
 def _started_and_finished(server: OscServer) -> None:
-    caller = server.caller()
-    caller.join()
+    caller = server.joined()
     caller.send(*caller.utterance(0, "mama"))
 
     def kinds(heard: list[schema.Wire]) -> list[str]:
@@ -185,8 +185,7 @@ def _started_and_finished(server: OscServer) -> None:
 
 
 def _nack(server: OscServer) -> None:
-    caller = server.caller()
-    caller.join()
+    caller = server.joined()
     begin, phones, _ = caller.utterance(0, "mamamama")
     late = schema.Phones(caller.session, 0, 1, 6, phones.phones[6:])
     first = schema.Phones(caller.session, 0, 0, 0, phones.phones[:4])
@@ -195,8 +194,7 @@ def _nack(server: OscServer) -> None:
 
 
 def _repeats(server: OscServer) -> None:
-    caller = server.caller()
-    caller.join()
+    caller = server.joined()
     begin, phones, end = caller.utterance(0, "ma")
     caller.send(begin, phones, phones, begin, end, phones, end)
     heard = caller.hear(for_s=1.5)
@@ -205,39 +203,34 @@ def _repeats(server: OscServer) -> None:
 
 
 def _order(server: OscServer) -> None:
-    caller = server.caller()
-    caller.join()
+    caller = server.joined()
     ack = caller.ask(schema.Ack, *reversed(caller.utterance(0, "mama")), such=lambda ack: ack.is_ended == 1)
-    demand(ack.next_index == 4, f"got next_index {ack.next_index} of 4 phones that came before their begin")
+    demand(ack.next_index == 4, f"got next_index {ack.next_index} for 4 phones that were sent before their begin")
 
 
 def _cancel(server: OscServer) -> None:
-    caller = server.caller()
-    caller.join()
+    caller = server.joined()
     caller.send(*caller.utterance(0, "m" + "a" * 20))
     caller.hear(lambda heard: any(isinstance(wire, schema.Notice) and wire.kind == "started" for wire in heard))
     cancel = schema.CancelUtterance(caller.session)
     notice = caller.ask(schema.Notice, cancel, such=lambda notice: notice.kind in ("cancelled", "finished"))
-    demand(notice.kind == "cancelled", "the utterance was said to its end")
+    demand(notice.kind == "cancelled", "the utterance was not cut off")
 
 
 def _bye(server: OscServer) -> None:
-    caller = server.caller()
-    caller.join()
+    caller = server.joined()
     notice = caller.ask(schema.Notice, schema.Bye(caller.session), such=lambda notice: notice.kind == "cancelled")
     demand(notice.session == caller.session, f"got a notice for {notice.session!r}")
 
 
 def _unknown(server: OscServer) -> None:
-    caller = server.caller()
-    caller.join()
+    caller = server.joined()
     notice = caller.ask(schema.Notice, schema.AudioPosition(caller.session, 99, 1_000_000, 0))
     demand(notice.kind == "unknown", f"got {notice.kind} for an utterance that was never begun, expected unknown")
 
 
 def _newer(server: OscServer) -> None:
-    caller = server.caller()
-    caller.join()
+    caller = server.joined()
     caller.socket.send(osc.message("/fap/1/ping", "ihhfisT", 5, 1, 0, 0.0, -1, "of a later version", True))
     pongs = [wire for wire in caller.hear(lambda heard: bool(heard)) if isinstance(wire, schema.Pong)]
     demand(pongs, "a message with arguments of a later version is not answered")
@@ -266,18 +259,18 @@ def _simple(server: OscServer) -> None:
 
 CASES: tuple[Case[OscServer], ...] = (
     Case("1.1", ROBUST, "hello is answered by welcome, for its session", _welcome),
-    Case("1.2", ROBUST, "hello may be said again; the run keeps its instance", _hello_again),
+    Case("1.2", ROBUST, "hello may be repeated; the run keeps its instance", _hello_again),
     Case("1.3", ROBUST, "a hello of another protocol is answered by an error", _protocol),
     Case("1.4", ROBUST, "ping is answered by pong with its number and time", _pong),
     Case("1.5", ROBUST, "bye is answered", _bye),
     Case("2.1", ROBUST, "phones and end are acknowledged", _ack),
-    Case("2.2", ROBUST, "an utterance is told to have started, then to have finished", _started_and_finished),
-    Case("2.3", ROBUST, "phones that lack are asked for", _nack),
-    Case("2.4", GOOD, "what comes twice changes nothing", _repeats),
-    Case("2.5", ROBUST, "the order in which messages come does not matter", _order),
-    Case("2.6", ROBUST, "cancel ends what is being said, and is told", _cancel),
-    Case("3.1", WRONG, "of an utterance that it does not know it says so", _unknown),
-    Case("3.2", ROBUST, "arguments behind those that it knows are passed over", _newer),
-    Case("3.3", WRONG, "bytes that are no OSC, and values that cannot be, do no harm", _hostile),
-    Case("4.1", SIMPLE, "one message a phone is taken, without a hello", _simple),
+    Case("2.2", ROBUST, "an utterance is reported as started, then as finished", _started_and_finished),
+    Case("2.3", ROBUST, "missing phones are requested", _nack),
+    Case("2.4", GOOD, "repeated messages change nothing", _repeats),
+    Case("2.5", ROBUST, "the order of messages does not matter", _order),
+    Case("2.6", ROBUST, "cancel ends the current utterance, and is reported", _cancel),
+    Case("3.1", WRONG, "an unknown utterance is reported", _unknown),
+    Case("3.2", ROBUST, "arguments after those that it knows are ignored", _newer),
+    Case("3.3", WRONG, "bytes that are not OSC, and impossible values, do no harm", _hostile),
+    Case("4.1", SIMPLE, "simple messages are accepted without a hello", _simple),
 )

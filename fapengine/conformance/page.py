@@ -1,4 +1,4 @@
-"""Does a WebSocket server, or a client, speak as docs/page.md says? Both ends, with aiohttp."""
+"""The suites for WebSocket servers and clients: the messages of docs/page.md, with aiohttp."""
 
 import asyncio
 import contextlib
@@ -28,7 +28,7 @@ HELLO: dict[str, tuple[type, ...]] = {
 
 @dataclass(slots=True)
 class PageServer:
-    """A server under test, by the address of its page."""
+    """A server under test: the address of its web page."""
 
     url: str
 
@@ -39,7 +39,7 @@ class PageServer:
         for_s: float = LISTENED_S,
         session: str = "conformance",
     ) -> list[Any]:
-        """Connect, send, and collect: texts as dicts, frames as bytes, the close as its code."""
+        """Connect, send, and collect answers: texts as dicts, frames as bytes, the close as its code."""
         return asyncio.run(self._exchange(texts, until, for_s, session))
 
     async def _exchange(
@@ -84,7 +84,7 @@ def _frames(heard: list[Any]) -> list[tuple[int, float, tuple[int, ...]]]:
 
 def _greets(server: PageServer) -> None:
     heard = server.exchange(until=bool)
-    demand(heard and isinstance(heard[0], dict) and heard[0].get("type") == "hello", "its first message is no hello")
+    demand(heard and isinstance(heard[0], dict) and heard[0].get("type") == "hello", "its first message is not a hello")
     demand(heard[0].get("protocol") == PROTOCOL, f"got protocol {heard[0].get('protocol')!r}, expected {PROTOCOL!r}")
     for name, kind in HELLO.items():
         demand(isinstance(heard[0].get(name), kind), f"hello: {name}: got {heard[0].get(name)!r}")
@@ -95,8 +95,8 @@ def _shows(server: PageServer) -> None:
     frames = _frames(server.exchange(until=lambda heard: len(_frames(heard)) >= 20, for_s=2 * LISTENED_S))
     demand(len(frames) >= 20, f"got {len(frames)} frames")
     numbers, times = [frame[0] for frame in frames], [frame[1] for frame in frames]
-    demand(numbers == sorted(set(numbers)), "the numbers of frames do not rise")
-    demand(times == sorted(times) and all(map(math.isfinite, times)), "the times of frames do not rise")
+    demand(numbers == sorted(set(numbers)), "frame numbers do not rise")
+    demand(times == sorted(times) and all(map(math.isfinite, times)), "frame times do not rise")
 
 
 def _pongs(server: PageServer) -> None:
@@ -111,18 +111,17 @@ def _pins(server: PageServer) -> None:
         return any(values[16 - 1] == 123 for _, _, values in _frames(heard))
 
     heard = server.exchange(text_of("pin", values={"16": 123}), until=is_pinned, session="conformance-pin")
-    demand(is_pinned(heard), "FAP 16 was pinned to 123, and no frame shows it")
-    demand(_texts(heard, "pins"), "nobody was told of the pin")
+    demand(is_pinned(heard), "FAP 16 was pinned to 123, but no frame shows it")
+    demand(_texts(heard, "pins"), "the pin was not reported")
+
+
+INVALID = (
+    "{", "[]", '{"type": "nothing"}', '{"type": "blink", "misspelt": 1}', '{"type": "look", "yaw": 9, "pitch": 0}',
+)  # fmt: skip
 
 
 def _refuses_nonsense(server: PageServer) -> None:
-    for text in (
-        "{",
-        "[]",
-        '{"type": "nothing"}',
-        '{"type": "blink", "misspelt": 1}',
-        '{"type": "look", "yaw": 9, "pitch": 0}',
-    ):
+    for text in INVALID:
         heard = server.exchange(text, until=lambda heard: bool(_texts(heard, "error")))
         demand(_texts(heard, "error"), f"{text}: got no error")
 
@@ -130,12 +129,12 @@ def _refuses_nonsense(server: PageServer) -> None:
 def _survives_nonsense(server: PageServer) -> None:
     wrong = ('{"type": "nothing"}', b"\xff" * 20, b"")
     heard = server.exchange(*wrong, text_of("ping", number=1), until=lambda heard: bool(_texts(heard, "pong")))
-    demand(_texts(heard, "pong"), "after three messages that cannot be used it does not answer any more")
+    demand(_texts(heard, "pong"), "it no longer answers after three invalid messages")
 
 
 def _closes_on_long(server: PageServer) -> None:
     heard = server.exchange("x" * 70_000, until=lambda heard: isinstance(heard[-1:], int))
-    demand(1009 in heard, f"a message of 70000 letters was taken (closed with {heard[-1] if heard else None})")
+    demand(1009 in heard, f"a message of 70000 characters was accepted (closed with {heard[-1] if heard else None})")
 
 
 def _guards_origin(server: PageServer) -> None:
@@ -149,16 +148,16 @@ def _guards_origin(server: PageServer) -> None:
             return answer.status
 
     found = asyncio.run(status())
-    demand(found == 403, f"a page of another site is answered {found}, expected 403")
+    demand(found == 403, f"a page of another site got {found}, expected 403")
 
 
 SERVER_CASES: tuple[Case[PageServer], ...] = (
     Case("1.1", SOCKET, "its first message is hello, with every field", _greets),
     Case("1.2", SOCKET, "frames have 288 bytes; numbers and times rise", _shows),
     Case("1.3", SOCKET, "ping is answered by pong with its number and the engine's time", _pongs),
-    Case("1.4", SOCKET, "a pinned FAP is shown, and told", _pins),
-    Case("2.1", SOCKET, "a message that cannot be used is answered by error, a misspelt field too", _refuses_nonsense),
-    Case("2.2", WRONG, "it goes on after messages that cannot be used", _survives_nonsense),
+    Case("1.4", SOCKET, "a pinned FAP is shown and reported", _pins),
+    Case("2.1", SOCKET, "an invalid message, also one with a misspelt field, is answered by error", _refuses_nonsense),
+    Case("2.2", WRONG, "it continues after invalid messages", _survives_nonsense),
     Case("2.3", WRONG, "a message longer than 64 KiB closes the connection with 1009", _closes_on_long),
     Case("2.4", WRONG, "a page of another site is refused with 403", _guards_origin),
 )
@@ -169,7 +168,7 @@ SERVER_CASES: tuple[Case[PageServer], ...] = (
 
 @dataclass(slots=True)
 class PageClient:
-    """What a client did.
+    """A record of what a client did.
 
     Stateful.
     """
@@ -182,7 +181,7 @@ class PageClient:
 
 
 async def watch(port: int, for_s: float, tell: Callable[[str], None], host: str = "127.0.0.1") -> PageClient:
-    """Be a server for one client, for so long: a face that moves, messages of a later version, one end."""
+    """Serve one client for ``for_s``: a moving face, messages of a later version, and one disconnection."""
     from aiohttp import WSMsgType, web
 
     client = PageClient()
@@ -196,7 +195,7 @@ async def watch(port: int, for_s: float, tell: Callable[[str], None], host: str 
         hello = {"session": session, "rate_hz": 60.0, "profile": "none", "voice": False, "ear": True, "sound": "page"}
         await socket.send_str(text_of("hello", protocol=PROTOCOL, paused=False, **hello))
         sending = asyncio.create_task(_show(socket))
-        stop_s = loop.time() + for_s / 3  # then the connection ends, as if the server had been started again
+        stop_s = loop.time() + for_s / 3  # then the connection ends, as if the server had restarted
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout_at(stop_s if client.connections == 1 else None):
                 async for message in socket:
@@ -216,7 +215,7 @@ async def watch(port: int, for_s: float, tell: Callable[[str], None], host: str 
                 if number % 30 == 7:
                     await socket.send_bytes(struct.pack("<I", 77) + b"of a later version")
                     await socket.send_str(text_of("later", version=2))
-                number += 1 + (number % 50 == 0)  # one is left out, now and then
+                number += 1 + (number % 50 == 0)  # some are skipped
                 await asyncio.sleep(1 / 60)
 
     app = web.Application()
@@ -249,36 +248,34 @@ def _note(client: PageClient, data: str | bytes | None) -> None:
 
 
 def _connects(client: PageClient) -> None:
-    demand(client.connections, "nobody connected")
+    demand(client.connections, "no client connected")
 
 
 def _readable(client: PageClient) -> None:
-    demand(client.connections, "nobody connected")
+    _connects(client)
     if not client.types and not client.sounds:
         raise NotTriedError("it sent nothing")
     demand(not client.breaches, "; ".join(dict.fromkeys(client.breaches)))
 
 
 def _stays(client: PageClient) -> None:
-    demand(client.connections, "nobody connected")
-    demand(
-        not client.left_after_unknown, "it left before the server did: frames left out, or kinds that it does not know"
-    )
+    _connects(client)
+    demand(not client.left_after_unknown, "it left before the server did: skipped frames, or unknown messages")
 
 
 def _returns(client: PageClient) -> None:
-    demand(client.connections > 1, "it did not connect again after the connection had ended")
+    demand(client.connections > 1, "it did not reconnect after the connection had ended")
 
 
 def _clock(client: PageClient) -> None:
-    demand(client.connections, "nobody connected")
-    demand("ping" in client.types, "it sent no ping, and cannot know the server's clock")
+    _connects(client)
+    demand("ping" in client.types, "it sent no ping, so it cannot know the server's clock")
 
 
 CLIENT_CASES: tuple[Case[PageClient], ...] = (
     Case("1.1", SOCKET, "it connects to /ws", _connects),
-    Case("1.2", SOCKET, "every message that it sends can be read", _readable),
-    Case("1.3", SOCKET, "frames that are left out, and kinds of a later version, are passed over", _stays),
+    Case("1.2", SOCKET, "every message that it sends is readable", _readable),
+    Case("1.3", SOCKET, "skipped frames, and messages of a later version, are ignored", _stays),
     Case("1.4", "docs/page.md: How it keeps time", "it pings", _clock),
-    Case("2.1", WRONG, "it connects again when the connection has ended", _returns),
+    Case("2.1", WRONG, "it reconnects when the connection has ended", _returns),
 )

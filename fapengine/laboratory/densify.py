@@ -1,4 +1,4 @@
-"""A dense face for the session's markers: paper 003, section 4, and paper 004's estimator, from the same scans."""
+"""Fit a dense face to a session's scans: paper 003, section 4, and the estimator of paper 004."""
 
 from dataclasses import dataclass
 
@@ -11,8 +11,6 @@ from fapengine.laboratory.dense_face import DenseFace
 from fapengine.laboratory.prepare import Prepared
 from fapengine.laboratory.setup import Scan, Setup
 from fapengine.models.dense import (
-    DenseModes,
-    LinearEstimator,
     bind,
     fit_dense_modes,
     fit_estimator,
@@ -31,26 +29,15 @@ FRAMES = 4000
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class DenseStudy:
-    """Dense modes, and what each scan contributed."""
+    """The dense face, and how each scan was fitted."""
 
-    modes: DenseModes
-    triangles: NDArray[np.int64]
-    """(F, 3): of the reference scan."""
-    sparse: GapModel
-    """Sparse model with the weights that drive the modes."""
-    fits: tuple[tuple[str, ScanFit, float], ...]
-    """Scan, how it was found, share of its vertices that met it."""
-    estimator: LinearEstimator
-    noise_mm: float
-    """Standard deviation of a marker's coordinate against the scans, as the estimator takes it."""
-    left_out_mm: tuple[float, float]
-    """Mean vertex distance of a scan predicted from the others: dense modes, linear estimator."""
     face: DenseFace
-    """All of it, for :mod:`.dense_file`."""
+    fits: tuple[tuple[str, ScanFit, float], ...]
+    """Scan, its fit, and the fraction of the vertices that met it."""
 
 
 def densify(prepared: Prepared, setup: Setup, *, modes: int) -> DenseStudy:
-    """Lay the session's model onto every scan, give all scans common vertices, and learn from them."""
+    """Fit the session's model to every scan, give all scans the same vertices, and learn from them."""
     scans = setup.scans
     if len(scans) < MIN_SCANS:
         raise DataError(f"scans: needs at least {MIN_SCANS} postures, got {len(scans)}", where=prepared.subject)
@@ -80,29 +67,22 @@ def densify(prepared: Prepared, setup: Setup, *, modes: int) -> DenseStudy:
         met.append(float(hit.mean()))
     noise_mm = _noise(prepared, fits)
     scores, marks, dense = np.stack([fit.scores for fit in fits]), np.stack(points), np.stack(faces)
-    modes_found, estimator = fit_dense_modes(dense, scores), fit_estimator(dense, marks, noise_mm=noise_mm)
-    left_out_mm = _left_out(dense, scores, marks, noise_mm)
+    everything = np.ones(frames.shape[1:2], bool)
     face = DenseFace(
         subject=prepared.subject, licence=setup.licence, labels=prepared.labels, points=prepared.points,
-        neutral_mm=prepared.neutral_mm, reference=prepared.reference, sparse=sparse, modes=modes_found,
-        estimator=estimator, triangles=fitted[0].triangles, paint=scans[0].paint, noise_mm=noise_mm,
-        left_out_mm=left_out_mm, scan_weights=scores,
-        take_weights={take.name: _weights(sparse, prepared.neutral_mm + take.moved_mm) for take in prepared.takes},
+        neutral_mm=prepared.neutral_mm, reference=prepared.reference, sparse=sparse,
+        modes=fit_dense_modes(dense, scores), estimator=fit_estimator(dense, marks, noise_mm=noise_mm),
+        triangles=fitted[0].triangles, paint=scans[0].paint, noise_mm=noise_mm,
+        left_out_mm=_left_out(dense, scores, marks, noise_mm), scan_weights=scores,
+        take_weights={
+            take.name: sparse.scores(
+                prepared.neutral_mm + take.moved_mm, np.broadcast_to(everything, take.moved_mm.shape[:2])
+            )
+            for take in prepared.takes
+        },
     )  # fmt: skip
-    return DenseStudy(
-        face=face,
-        modes=modes_found,
-        triangles=fitted[0].triangles,
-        sparse=sparse,
-        fits=tuple((scan.name, fit, share) for scan, fit, share in zip(scans, fits, met, strict=True)),
-        estimator=estimator,
-        noise_mm=noise_mm,
-        left_out_mm=left_out_mm,
-    )
-
-
-def _weights(sparse: GapModel, frames_mm: Array) -> Array:
-    return sparse.scores(frames_mm, np.ones(frames_mm.shape[:2], bool))
+    names = (scan.name for scan in scans)
+    return DenseStudy(face=face, fits=tuple(zip(names, fits, met, strict=True)))
 
 
 def _find(sparse: GapModel, scan: Scan, prepared: Prepared) -> ScanFit:
@@ -113,7 +93,9 @@ def _find(sparse: GapModel, scan: Scan, prepared: Prepared) -> ScanFit:
         elif name in prepared.named:
             marks.append(prepared.column(name))
         else:
-            raise DataError(f"landmark {name!r}: is no marker and no recorded feature point", where=f"scan {scan.name}")
+            raise DataError(
+                f"landmark {name!r}: is not a marker, nor a recorded feature point", where=f"scan {scan.name}"
+            )
         places.append(position)
     if len(set(marks)) < MIN_LANDMARKS:
         raise DataError(f"landmarks: needs at least {MIN_LANDMARKS}, got {len(set(marks))}", where=f"scan {scan.name}")
@@ -126,8 +108,8 @@ def _find(sparse: GapModel, scan: Scan, prepared: Prepared) -> ScanFit:
 def _noise(prepared: Prepared, fits: list[ScanFit]) -> float:
     """Estimate a marker coordinate's deviation: noise of the recording, and distance of the model to the scans.
 
-    The tremble is the median of second differences of the positions, which motion hardly reaches: of white noise they
-    have sqrt(6) times its deviation.
+    The noise is measured on second differences of the positions, which contain little motion: for white noise they have
+    sqrt(6) times its deviation.
     """
     second = np.concatenate([np.diff(take.moved_mm, n=2, axis=0) for take in prepared.takes if len(take.moved_mm) > 2])
     tremble = 1.4826 * np.median(np.abs(second[:: max(1, len(second) // FRAMES)])) / np.sqrt(6)
@@ -136,7 +118,7 @@ def _noise(prepared: Prepared, fits: list[ScanFit]) -> float:
 
 
 def _left_out(faces: Array, scores: Array, marks: Array, noise_mm: float) -> tuple[float, float]:
-    """Predict each scan from the others."""
+    """Predict each scan from the others: mean vertex distance of the dense modes and of the estimator."""
     dense: list[float] = []
     linear: list[float] = []
     for index in range(len(faces)):

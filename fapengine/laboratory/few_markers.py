@@ -93,7 +93,7 @@ def choose_markers(
         Mean error that the choice of their number may leave.
     """
     count = moved_mm.shape[1]
-    spread = _spread(rest_mm) if count > MAX_CANDIDATES else np.arange(count)
+    spread = spread_out(rest_mm, MAX_CANDIDATES, [0]) if count > MAX_CANDIDATES else np.arange(count)
     candidates = moved_mm[:, spread]
     square = gram(candidates)
     if isinstance(wanted, Sequence):
@@ -128,11 +128,11 @@ def _weights_of_all(moved_mm: Array, chosen: NDArray[np.intp]) -> MarkerSubset:
     return MarkerSubset(chosen, weights, float(np.linalg.norm(flat - driving @ weights)))
 
 
-def _spread(rest_mm: Array) -> NDArray[np.intp]:
-    """Points that lie as far from each other as they can."""
-    chosen = [0]
-    away = np.asarray(cKDTree(rest_mm[:1]).query(rest_mm)[0])
-    while len(chosen) < MAX_CANDIDATES:
+def spread_out(rest_mm: Array, count: int, first: list[int]) -> NDArray[np.intp]:
+    """``count`` points as far from each other as possible, with the ``first`` ones (farthest point sampling)."""
+    chosen = first[:count]
+    away = np.asarray(cKDTree(rest_mm[chosen]).query(rest_mm)[0])
+    while len(chosen) < count:
         chosen.append(int(away.argmax()))
         away = np.minimum(away, np.linalg.norm(rest_mm - rest_mm[chosen[-1]], axis=1))
     return np.sort(chosen)

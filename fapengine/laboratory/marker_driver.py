@@ -17,7 +17,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine._arrays import frozen
+from fapengine._arrays import Mask, frozen
 from fapengine.capture.marker_track import MarkerTrack
 from fapengine.errors import DataError, UsageError
 from fapengine.geometry.rigid import RigidMotion, fit_rigid, fit_rigid_robust
@@ -64,15 +64,9 @@ class HeadReference:
             raise DataError(f"take: lacks {', '.join(missing)} of the skull's markers, expected at least {MIN_SKULL}")
         kept = [name for name in self.labels if name not in missing]
         goal = self.markers_mm[[self.labels.index(name) for name in kept]]
-        skull = track.select(kept)
-        tracked = skull.valid.sum(axis=1) >= MIN_SKULL
-        if not tracked.any():
-            raise DataError(f"take: no frame has {MIN_SKULL} of the skull's markers")
-        frames = np.where(skull.valid[..., None], skull.positions_mm, 0.0)[tracked]
-        weight = skull.valid[tracked].astype(np.float64)
-        found = fit_rigid(frames, goal, weight) if len(kept) == MIN_SKULL else fit_rigid_robust(frames, goal, weight)[0]
-        nearest = np.clip(np.searchsorted(np.flatnonzero(tracked), np.arange(count)), 0, tracked.sum() - 1)
-        head_from_room = RigidMotion(found.rotation[nearest], found.translation_mm[nearest])
+        head_from_room, tracked, _ = follow_skull(
+            track.select(kept), goal, "take: no frame has 3 of the skull's markers"
+        )
         still = head_from_room.apply(face.positions_mm)
         still[~tracked] = np.nan
         room_from_head = head_from_room.inverse()
@@ -80,6 +74,40 @@ class HeadReference:
         turn = first.rotation @ room_from_head.rotation
         shift = room_from_head.translation_mm @ first.rotation.T + first.translation_mm
         return still, RigidMotion(turn, shift)
+
+
+def follow_skull(
+    skull: MarkerTrack, template_mm: Array, trouble: str, where: str = ""
+) -> tuple[RigidMotion, Mask, Array | None]:
+    """Fit the markers of a skull to a template, (H, 3), in every frame.
+
+    Parameters
+    ----------
+    trouble, where : str
+        Error if no frame has :data:`MIN_SKULL` markers.
+
+    Returns
+    -------
+    RigidMotion
+        (T,): template from room. Frames with too few markers get the motion of the next frame that has enough.
+    tracked : (T,) bool
+        Frames with enough markers.
+    trust : (H,) float64 or None
+        Median trust in each marker; None for three markers, which fit exactly.
+    """
+    tracked = skull.valid.sum(axis=1) >= MIN_SKULL
+    if not tracked.any():
+        raise DataError(trouble, where=where)
+    frames = np.where(skull.valid[..., None], skull.positions_mm, 0.0)[tracked]
+    weight = skull.valid[tracked].astype(np.float64)
+    trust = None
+    if len(template_mm) == MIN_SKULL:
+        motion = fit_rigid(frames, template_mm, weight)
+    else:
+        motion, worth = fit_rigid_robust(frames, template_mm, weight)
+        trust = np.median(worth, axis=0)
+    held = np.clip(np.searchsorted(np.flatnonzero(tracked), np.arange(len(tracked))), 0, tracked.sum() - 1)
+    return RigidMotion(motion.rotation[held], motion.translation_mm[held]), tracked, trust
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -19,11 +19,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine._arrays import Mask
 from fapengine.capture.conventions import again
 from fapengine.capture.marker_track import Interval, MarkerTrack, Session
 from fapengine.errors import DataError
 from fapengine.geometry.rigid import RigidMotion, fit_rigid, fit_rigid_robust, fit_template
-from fapengine.laboratory.marker_driver import HeadReference
+from fapengine.laboratory.marker_driver import MIN_SKULL, HeadReference, follow_skull
 from fapengine.laboratory.setup import Setup
 from fapengine.models.missing import choose_rank, fit_gaps
 from fapengine.mpeg4.feature_points import FEATURE_POINT_NAMES
@@ -32,7 +33,6 @@ from fapengine.speech.phone_track import SILENCE
 Array = NDArray[np.float64]
 
 MIN_FRAMES = 50
-MIN_SKULL = 3
 MIN_NAMED = 4
 """Feature points that head axes need."""
 MIRROR_RATIO = 0.6
@@ -189,7 +189,8 @@ def _skull_motion(session: Session, setup: Setup, warnings: list[str]) -> tuple[
     """Find the session's template of the skull, (H, 3), and how each take's skull moves against it."""
     if not setup.head:
         counts = [take.markers.frame_count for take in session.takes]
-        return np.zeros((0, 3)), [_Skull(_standing(count), np.ones(count, bool), stands=True) for count in counts]
+        still = [RigidMotion(np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3))) for count in counts]
+        return np.zeros((0, 3)), [_Skull(motion, None) for motion in still]
     if len(setup.head) < MIN_SKULL:
         raise DataError(f"head: needs at least {MIN_SKULL} markers, got {len(setup.head)}", where="session.toml")
     tracks = [take.markers.select(setup.head) for take in session.takes]
@@ -204,20 +205,15 @@ def _skull_motion(session: Session, setup: Setup, warnings: list[str]) -> tuple[
     ]
 
 
-def _standing(count: int) -> RigidMotion:
-    return RigidMotion(np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)))
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class _Skull:
     template_from_room: RigidMotion
-    tracked: NDArray[np.bool_]
-    stands: bool = False
-    """It is known not to move."""
+    tracked: Mask | None
+    """(T,): frames that show the head; None for a head that is known not to move."""
 
     def hold(self, track: MarkerTrack) -> MarkerTrack:
-        """Show the face as if the head stood still; unseen where the head is unknown."""
-        if self.stands:
+        """Remove head motion from a face; markers are unseen in frames where the head is unknown."""
+        if self.tracked is None:
             return track
         still = self.template_from_room.apply(track.positions_mm)
         still[~self.tracked] = np.nan
@@ -225,24 +221,15 @@ class _Skull:
 
 
 def _follow(track: MarkerTrack, template: Array, name: str, warnings: list[str]) -> _Skull:
-    tracked = track.valid.sum(axis=1) >= MIN_SKULL
-    if not tracked.any():
-        raise DataError(f"head: no frame has {MIN_SKULL} of its markers", where=f"take {name}")
+    motion, tracked, trust = follow_skull(track, template, "head: no frame has 3 of its markers", f"take {name}")
     if not tracked.all():
         warnings.append(
             f"take {name}: head unknown in {np.sum(~tracked)} of {len(tracked)} frames, which count as unseen"
         )
-    frames = np.where(track.valid[..., None], track.positions_mm, 0.0)[tracked]
-    weight = track.valid[tracked].astype(np.float64)
-    if len(template) == MIN_SKULL:
-        motion = fit_rigid(frames, template, weight)
-    else:
-        motion, trust = fit_rigid_robust(frames, template, weight)
-        for label, worth in zip(track.labels, np.median(trust, axis=0), strict=True):
-            if worth < DISTRUSTED:
-                warnings.append(f"take {name}: head marker {label} does not keep its place, and is distrusted")
-    held = np.clip(np.searchsorted(np.flatnonzero(tracked), np.arange(len(tracked))), 0, tracked.sum() - 1)
-    return _Skull(RigidMotion(motion.rotation[held], motion.translation_mm[held]), tracked)
+    for label, worth in zip(track.labels, trust, strict=True) if trust is not None else ():
+        if worth < DISTRUSTED:
+            warnings.append(f"take {name}: head marker {label} does not keep its place, and is distrusted")
+    return _Skull(motion, tracked)
 
 
 def _neutral(session: Session, setup: Setup, still: list[MarkerTrack]) -> Array:

@@ -4,9 +4,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from fapengine.errors import UsageError
+from fapengine.laboratory.few_markers import spread_out
 from fapengine.laboratory.prepare import Displacements, Prepared
 from fapengine.models.subset import (
     MarkerSubset,
@@ -98,7 +98,8 @@ def study_selection(
     if k is not None and not 1 <= k < count:
         raise UsageError(f"k: must be 1 to {count - 1} (fewer than the markers), got {k}")
     if count > MAX_MARKERS:
-        kept = _spread(prepared)
+        named = [index for index, point in enumerate(prepared.points) if point]
+        kept = spread_out(prepared.neutral_mm, MAX_MARKERS, named or [0])
         prepared = replace(
             prepared, labels=tuple(prepared.labels[i] for i in kept), points=tuple(prepared.points[i] for i in kept),
             neutral_mm=prepared.neutral_mm[kept], takes=(),
@@ -178,17 +179,6 @@ def _sentences(takes: tuple[Displacements, ...]) -> list[NDArray[np.float32]]:
         for piece in np.array_split(take.moved_mm, max(1, min(each, len(take.moved_mm) // MIN_PIECE_FRAMES)))
     ]
     return pieces if len(pieces) >= 2 else [half for piece in pieces for half in np.array_split(piece, 2)]
-
-
-def _spread(prepared: Prepared) -> NDArray[np.intp]:
-    """Markers that lie as far from each other as they can, feature points first (farthest point sampling)."""
-    named = [index for index, point in enumerate(prepared.points) if point]
-    chosen = named[:MAX_MARKERS] or [0]
-    away = np.asarray(cKDTree(prepared.neutral_mm[chosen]).query(prepared.neutral_mm)[0])
-    while len(chosen) < MAX_MARKERS:
-        chosen.append(int(away.argmax()))
-        away = np.minimum(away, np.linalg.norm(prepared.neutral_mm - prepared.neutral_mm[chosen[-1]], axis=1))
-    return np.sort(chosen)
 
 
 def _grid(neutral: Array) -> tuple[Array, Array]:

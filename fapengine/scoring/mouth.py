@@ -74,7 +74,7 @@ class Mouth:
         return float(self.times_s[-1])
 
     def at(self, times_s: ArrayLike) -> "Mouth":
-        """Look at other times, (N,) s: between frames linearly, outside at the first and the last."""
+        """Interpolate linearly at other times, (N,) s; before and after, the first and the last frame hold."""
         wanted = np.asarray(times_s, dtype=np.float64)
 
         def moved(values: Array) -> Array:
@@ -89,14 +89,14 @@ class Mouth:
 
 
 def mouth_of(track: FapTrack, *, offset_s: float = 0.0) -> Mouth:
-    """Look at a track.
+    """Measure the mouth of a track.
 
     Parameters
     ----------
     track : FapTrack
         Two frames or more.
     offset_s : float
-        Time at which its first frame is shown; frames before 0 are left out.
+        Time of its first frame; frames before 0 are dropped.
     """
     times_s = track.times_s - (track.times_s[0] if len(track) else 0.0) + offset_s
     kept = times_s >= -1e-9
@@ -152,23 +152,23 @@ class Contacts:
     recall: float | None
     """``met / wanted``; None if none is wanted."""
     precision: float | None
-    """Share of the shut time that is called for; None if the lips never shut, or where it has no meaning."""
+    """Fraction of the shut time that speech asks for; None if the lips never shut, or if it has no meaning."""
     missed_s: tuple[float, ...] = ()
     """Middles of those that were not made, s."""
 
 
 def is_bilabial(phone: Phone) -> bool:
-    """Whether both lips touch in it."""
+    """Return whether both lips touch in a phone."""
     return any(ipa.SOUNDS[letter].lips >= 1.0 for letter in ipa.letters(phone.label))
 
 
 def is_labiodental(phone: Phone) -> bool:
-    """Whether the lower lip touches the teeth in it."""
+    """Return whether the lower lip touches the teeth in a phone."""
     return any(ipa.SOUNDS[letter].lips == 0.5 for letter in ipa.letters(phone.label))
 
 
 def closures_of_phones(mouth: Mouth, phones: PhoneTrack, *, closed_mm: float = CLOSED_MM) -> Contacts:
-    """Judge closures by the phones that need them: p b m and their kin.
+    """Count closures of the phones that need them: p, b, m and similar ones.
 
     Precision: of the frames within speech whose lips are shut, the share within :data:`SLACK_S` of a bilabial or a
     labiodental. Pauses, and :data:`SLACK_S` around them, do not count.
@@ -181,7 +181,7 @@ def closures_of_phones(mouth: Mouth, phones: PhoneTrack, *, closed_mm: float = C
 
 
 def closures_of_truth(mouth: Mouth, truth: Mouth, *, closed_mm: float = CLOSED_MM) -> Contacts:
-    """Judge closures by those of a truth: the times at which its lips are shut, for no longer than a pause."""
+    """Count closures of a truth: the times at which its lips are shut, for no longer than a pause."""
     shut = [span for span in runs(truth.opening_mm < closed_mm, truth.times_s) if span[0] <= mouth.end_s]
     needed = [span for span in shut if span[1] - span[0] <= PAUSE_S]
     pauses = [span for span in shut if span[1] - span[0] > PAUSE_S]
@@ -189,7 +189,7 @@ def closures_of_truth(mouth: Mouth, truth: Mouth, *, closed_mm: float = CLOSED_M
 
 
 def teeth_of_phones(mouth: Mouth, phones: PhoneTrack) -> Contacts:
-    """Judge f and v: the lower lip comes to the teeth's edge at some time in it."""
+    """Count f and v in which the lower lip comes to the teeth's edge."""
     needed = [p for p in phones.phones if is_labiodental(p) and p.start_s <= mouth.end_s]
     met = [bool(_during(mouth, mouth.lower_mm, p.start_s, p.end_s).max() > -TEETH_MM) for p in needed]
     missed = tuple(round((p.start_s + p.end_s) / 2, 3) for p, good in zip(needed, met, strict=True) if not good)
@@ -227,7 +227,7 @@ def _judged(mouth: Mouth, needed: list[Span], touching: list[Span], pauses: list
 
 
 def _within(times_s: NDArray[np.float64], spans: list[Span]) -> NDArray[np.bool_]:
-    """Whether each time is in a span or within :data:`SLACK_S` of it."""
+    """For each time, whether it is in a span or within :data:`SLACK_S` of one."""
     inside = np.zeros(len(times_s), bool)
     for start, end in spans:
         first, last = np.searchsorted(times_s, (start - SLACK_S, end + SLACK_S + 1e-9)).tolist()
@@ -250,7 +250,7 @@ SHUT_SHARE = 0.25
 
 
 def mouth_of_landmarks(times_s: Array, landmarks: Array) -> Mouth:
-    """Look at landmarks.
+    """Measure the mouth of a video's landmarks.
 
     Parameters
     ----------

@@ -4,7 +4,7 @@ With a reference recording: how near opening, width and lip points are, frame by
 one: how the head moves, how the eyes blink, and whether lips open more with loudness (:class:`Behaviour`).
 """
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -93,12 +93,12 @@ def slope(made: Array, true: Array) -> float | None:
 
 
 BLINK_SHUT, MAX_BLINK_S = 0.5, 0.6
-"""An eye is shut from half its opening on; longer than that it sleeps (blinks last 0.1 to 0.4 s; Schiffman, "Sensation
-and Perception", 2001, cited from memory)."""
+"""An eye counts as shut below half its opening, and longer closures are not blinks (blinks last 0.1 to 0.4 s;
+Schiffman, "Sensation and Perception", 2001, cited from memory)."""
 WINDOW_S, HOP_S, MIN_WINDOWS = 1.0, 0.5, 6
-"""Windows in which loudness and motion are compared, and how few of them say nothing."""
+"""Windows in which loudness and motion are compared, and the smallest number of them that gives a result."""
 LEVEL_FLOOR_DB = -50.0
-"""Sound further below its loudest moment is a pause."""
+"""Audio level, relative to the loudest moment, below which there is a pause."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,15 +123,17 @@ class Intensity:
     slcc: float | None
     """Speech-lip intensity correlation; None for a recording too short or without change."""
     windows: int
-    """Windows it rests on."""
+    """Number of windows."""
     opening_r: float | None
     """Correlation of the level in dB with the opening, moment by moment, pauses left out."""
 
 
 def behaviour_of(mouth: Mouth) -> Behaviour:
-    """Look at head and eyes."""
-    length_s = mouth.end_s - float(mouth.times_s[0])
-    blinks = [span for span in runs(mouth.shut.min(axis=1) > BLINK_SHUT, mouth.times_s) if _is_blink(span, mouth)]
+    """Measure head and eyes."""
+    first_s, last_s = float(mouth.times_s[0]), mouth.end_s
+    length_s = last_s - first_s
+    shut = runs(mouth.shut.min(axis=1) > BLINK_SHUT, mouth.times_s)
+    blinks = [(start, end) for start, end in shut if end - start <= MAX_BLINK_S and start > first_s and end < last_s]
     frame_s = length_s / (len(mouth.times_s) - 1)
     turned = np.linalg.norm(np.diff(mouth.head_rad, axis=0), axis=1).sum()
     pitch, yaw, roll = np.rad2deg(mouth.head_rad.std(axis=0)).tolist()
@@ -144,17 +146,13 @@ def behaviour_of(mouth: Mouth) -> Behaviour:
     )
 
 
-def _is_blink(span: tuple[float, float], mouth: Mouth) -> bool:
-    return span[1] - span[0] <= MAX_BLINK_S and span[0] > mouth.times_s[0] and span[1] < mouth.end_s
-
-
 def intensity_of(mouth: Mouth, power: Array) -> Intensity:
     """Compare lips and loudness.
 
     Parameters
     ----------
     power : (N,) float64
-        Mean square of the sound in each 10 ms, of any scale.
+        Mean square of the audio in each 10 ms, of any scale.
 
     Notes
     -----
@@ -236,15 +234,15 @@ def score_motion(
     Parameters
     ----------
     track : FapTrack
-        The lip sync that is judged.
+        The lip sync to score.
     truth : FapTrack, optional
         Another recording of the same speech.
     phones : PhoneTrack, optional
-        What is said, in IPA.
+        Phones of the speech, in IPA.
     power : (N,) float64, optional
-        Mean square of the sound in each 10 ms.
+        Mean square of the audio in each 10 ms.
     offset_s : float
-        Time of the others at which the track begins.
+        Start of the track in the time of the truth, the phones and the audio.
     closed_mm : float
         Opening under which lips count as closed.
     """
@@ -265,37 +263,28 @@ def score_mouth(
     power: Array | None = None,
     closed_mm: float = CLOSED_MM,
 ) -> Score:
-    """Score a mouth, of a track or of a film; as :func:`score_motion`, ``power`` (N,) included."""
+    """Score a mouth, of a track or of a video; parameters as of :func:`score_motion`, with ``power`` (N,)."""
     if not closed_mm > 0:
         raise UsageError(f"closed_mm: must be above 0, got {closed_mm}")
     if phones is not None and phones.spelled:
         raise UsageError("phones: got spelled words, expected phones; pronounce them first")
-    return Score(
+    score = Score(
         duration_s=mouth.end_s - float(mouth.times_s[0]),
         frames=len(mouth.times_s),
         closed_mm=closed_mm,
         behaviour=behaviour_of(mouth),
-        phones=_by_phones(mouth, phones, closed_mm) if phones is not None else None,
-        truth=_by_truth(mouth, truth, closed_mm) if truth is not None else None,
-        intensity=intensity_of(mouth, power) if power is not None else None,
+        intensity=None if power is None else intensity_of(mouth, power),
     )
-
-
-def _by_phones(mouth: Mouth, phones: PhoneTrack, closed_mm: float) -> AgainstPhones:
-    return AgainstPhones(
-        closures=closures_of_phones(mouth, phones, closed_mm=closed_mm),
-        teeth=teeth_of_phones(mouth, phones),
-        timing=timing_of_phones(mouth, phones),
-    )
-
-
-def _by_truth(mouth: Mouth, truth: Mouth, closed_mm: float) -> AgainstTruth:
-    return AgainstTruth(
-        closures=closures_of_truth(mouth, truth, closed_mm=closed_mm),
-        timing=timing_of_truth(mouth, truth),
-        likeness=likeness_of(mouth, truth),
-        behaviour=behaviour_of(truth),
-    )
+    if phones is not None:
+        closures = closures_of_phones(mouth, phones, closed_mm=closed_mm)
+        teeth, timing = teeth_of_phones(mouth, phones), timing_of_phones(mouth, phones)
+        score = replace(score, phones=AgainstPhones(closures=closures, teeth=teeth, timing=timing))
+    if truth is not None:
+        closures, timing = closures_of_truth(mouth, truth, closed_mm=closed_mm), timing_of_truth(mouth, truth)
+        likeness, behaviour = likeness_of(mouth, truth), behaviour_of(truth)
+        against = AgainstTruth(closures=closures, timing=timing, likeness=likeness, behaviour=behaviour)
+        score = replace(score, truth=against)
+    return score
 
 
 def _rounded(value: Any) -> Any:

@@ -217,13 +217,13 @@ def gaps(prepared: Prepared) -> bytes:
 
 def dense(study: DenseStudy) -> bytes:
     """Draw how far each dense mode moves each vertex of the reference scan."""
-    count = min(4, len(study.modes.modes_mm))
+    count = min(4, len(study.face.modes.modes_mm))
     figure, axes = new_figure(2.6 * count, 3.2, 1, count)
-    some = np.linspace(0, len(study.modes.mean_mm) - 1, min(len(study.modes.mean_mm), 6000)).astype(int)
-    some = some[np.argsort(study.modes.mean_mm[some, 2])]
-    length = np.linalg.norm(study.modes.modes_mm, axis=-1)
+    some = np.linspace(0, len(study.face.modes.mean_mm) - 1, min(len(study.face.modes.mean_mm), 6000)).astype(int)
+    some = some[np.argsort(study.face.modes.mean_mm[some, 2])]
+    length = np.linalg.norm(study.face.modes.modes_mm, axis=-1)
     for index, plot in enumerate(axes):
-        x, y = study.modes.mean_mm[some, 0], study.modes.mean_mm[some, 1]
+        x, y = study.face.modes.mean_mm[some, 0], study.face.modes.mean_mm[some, 1]
         dots = plot.scatter(x, y, c=length[index, some], s=2, cmap="magma", rasterized=True, linewidths=0)
         figure.colorbar(dots, ax=plot, location="bottom", label="mm per sd", shrink=0.8)
         plot.set_title(f"dense mode {index + 1}", fontsize=8)

@@ -219,7 +219,8 @@ def _dense(fitted: Fitted) -> list[str]:
     return [
         "<h2>Dense face</h2>",
         table(("scan", "landmarks, mm", "surface, mm", "vertices met, %", "settled"), rows, "s .2f .2f .0f s"),
-        f"<p>A scan predicted from the others: {study.left_out_mm[0]:.2f} mm by dense modes (ridge"
-        f" {study.modes.ridge:g}), {study.left_out_mm[1]:.2f} mm by the linear estimator, mean over vertices.</p>",
+        f"<p>A scan predicted from the others: {study.face.left_out_mm[0]:.2f} mm by dense modes (ridge"
+        f" {study.face.modes.ridge:g}), {study.face.left_out_mm[1]:.2f} mm by the linear estimator, mean over"
+        " vertices.</p>",
         picture(figures.dense(study), "How far a standard deviation moves each vertex."),
     ]

@@ -62,7 +62,7 @@ def test_other_sentences_move_the_dense_face(shared: Path, face_mm):
     setup = Setup(head=tuple(SKULL), scans=tuple(scans))
     session = Session("s1", tuple(take(clip)[0] for clip in order[:12]))
     study = densify(prepare(session, setup, face_mm, rng=rng), setup, modes=8)
-    assert max(study.left_out_mm) < 0.3
+    assert max(study.face.left_out_mm) < 0.3
     back = fit_rigid(study.face.neutral_face_mm, rest)
     front = rest[:, 2] > 60.0  # the part that markers show
     lips = np.linalg.norm(rest - rest[vertices["2.2"]], axis=1) < 30
@@ -75,6 +75,6 @@ def test_other_sentences_move_the_dense_face(shared: Path, face_mm):
             off.append(np.linalg.norm(shown - truth, axis=-1))
             still.append(np.linalg.norm(truth - rest, axis=-1))
         misses, moves = np.concatenate(off), np.concatenate(still)
-        print(way, *(a[:, part].mean() for part in (front, lips) for a in (misses, moves)), study.left_out_mm)
+        print(way, *(a[:, part].mean() for part in (front, lips) for a in (misses, moves)), study.face.left_out_mm)
         assert misses[:, front].mean() < 0.55 * moves[:, front].mean()
         assert misses[:, lips].mean() < 0.42 * moves[:, lips].mean()

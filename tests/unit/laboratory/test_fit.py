@@ -220,7 +220,7 @@ def test_scans_become_a_dense_face(make, run, face, face_mm, standard):
     assert found.dense is not None
     assert [name for name, *_ in found.dense.fits] == ["p", "æ", "u", "s"]
     assert all(fit.landmark_rms_mm < 2.0 for _, fit, _ in found.dense.fits)
-    assert found.dense.modes.modes_mm.shape[1] == len(used)
+    assert found.dense.face.modes.modes_mm.shape[1] == len(used)
     for change, message in (
         (scans[:2], "needs at least 3 postures"),
         ([replace(scans[0], landmarks={"9.99": (0, 0, 0)}), *scans[1:]], "is no marker and no recorded feature point"),
