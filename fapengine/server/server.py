@@ -201,7 +201,7 @@ class Server:
         try:
             await self._open()
         except FapEngineError:
-            await self._opened.aclose()
+            await self._close()
             raise
 
     async def run(self) -> None:
@@ -219,7 +219,7 @@ class Server:
             await asyncio.wait({ticking})
             if ticking.exception() is None:
                 self._close_sessions()
-            await self._opened.aclose()
+            await self._close()
         ticking.result()
 
     async def adopt(self, accepted: socket.socket, *, is_page: bool) -> None:
@@ -405,6 +405,10 @@ class Server:
             self.hub.engine.close(session, now_s)
         self.hub.tick(now_s)
         self.ingress.after_frame(now_s)
+
+    async def _close(self) -> None:
+        await self._opened.aclose()
+        self._datagrams = self._streams = self._page = None
 
     def _cancel_speaking(self) -> None:
         for task in tuple(self._speaking):
