@@ -11,7 +11,6 @@ carries the same units as Python.
 import math
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, fields, replace
-from functools import cache
 from math import inf, isfinite, isnan
 from typing import Any, ClassVar, TypeVar, cast, get_type_hints
 
@@ -221,12 +220,16 @@ class Command:
 SomeCommand = TypeVar("SomeCommand", bound=Command)
 
 
-@cache
+_FIELDS: dict[type[Command], dict[str, FieldSpec]] = {}
+
+
 def fields_of(kind: type[Command]) -> dict[str, FieldSpec]:
     """Return the fields of a command that are sent, by Python name, in the order of OSC."""
-    hints, kinds = get_type_hints(kind, include_extras=True), cast("Any", kind)
-    specs = ((each.name, getattr(hints[each.name], "__metadata__", ())) for each in fields(kinds))
-    return {name: spec for name, metadata in specs for spec in metadata if isinstance(spec, FieldSpec)}
+    if kind not in _FIELDS:
+        hints, kinds = get_type_hints(kind, include_extras=True), cast("Any", kind)
+        specs = ((each.name, getattr(hints[each.name], "__metadata__", ())) for each in fields(kinds))
+        _FIELDS[kind] = {name: spec for name, metadata in specs for spec in metadata if isinstance(spec, FieldSpec)}
+    return _FIELDS[kind]
 
 
 def defaults_of(kind: type[Command]) -> dict[str, Any]:
@@ -242,14 +245,14 @@ def checked(command: SomeCommand) -> SomeCommand:
     UsageError
         If another value is out of range.
     """
-    kind: type[Command] = type(command)
-    return _changed(command, {name: spec.checked(getattr(command, name)) for name, spec in fields_of(kind).items()})
+    specs = fields_of(type(command))
+    return _changed(command, {name: spec.checked(getattr(command, name)) for name, spec in specs.items()})
 
 
 def shifted(command: SomeCommand, by_s: float) -> SomeCommand:
     """Return a command with its times moved to another clock."""
-    kind: type[Command] = type(command)
-    times_s = {name: getattr(command, name) for name, spec in fields_of(kind).items() if isinstance(spec, Time)}
+    specs = fields_of(type(command))
+    times_s = {name: getattr(command, name) for name, spec in specs.items() if isinstance(spec, Time)}
     return _changed(command, {name: time_s + by_s for name, time_s in times_s.items() if time_s is not None})
 
 

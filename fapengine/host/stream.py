@@ -1,23 +1,23 @@
-"""A face in a stream: sound, words, cues and interruptions in; FAPs and the sound that belongs to them out, by frames.
+"""A face in a stream: audio, words, cues and interruptions in; frames of FAPs and their audio out.
 
 Theory of operation
 -------------------
-A host has no clock: whoever shows the face asks for :meth:`StreamHost.next` once a frame and plays the sound that comes
-with it. So lips and sound cannot come apart, however late the sound came in, and each frame's sound is handed out once:
-frames = ceil(sound x rate), to the sample.
+A host has no clock: its user calls :meth:`StreamHost.next` once per frame and plays the audio that comes with it. So
+lips and audio stay together, however late the audio came in, and each frame's audio is handed out once: frames =
+ceil(audio x rate), to the sample.
 
-Sound is held back until the phones of the next :data:`LEAD_S` are known, which costs the recognizer's look-ahead and
-that much delay, and makes lips that are ready for what comes. Then:
+Audio is held back until the phones of the next :data:`LEAD_S` are known. That costs the recognizer's look-ahead and
+that much delay, and makes lips that anticipate. Then:
 
-- **Words with times** say what is spoken (:meth:`StreamHost.words`); the recognizer only moves their phones. Where
-  there are none, the recognizer's own phones are shown.
-- **A TTS that stalls** holds the sound and the face comes to rest; after :data:`STALL_S` the end that was held back
-  is played, too. When more comes, both go on.
-- **A TTS that sends nothing** makes no sound and no event. What it sends at once is played in its time.
-- **Another rate** in the middle is handed out at its own rate, in a piece of its own.
-- **A recognizer that is slow or gone** delays the sound by :data:`PATIENCE_S` at most; then this utterance continues
+- **Words with times** are what is spoken (:meth:`StreamHost.words`); the recognizer only moves their phones. Without
+  words, the recognizer's own phones are shown.
+- **A TTS that stalls** holds the audio, and the face returns to neutral; after :data:`STALL_S` the end that was held
+  back is played, too. When more comes, both continue.
+- **A TTS that sends nothing** makes no audio and no event. What it sends at once is played in its time.
+- **Another sample rate** in the middle is handed out at its own rate, in a piece of its own.
+- **A recognizer that is slow or gone** delays the audio by :data:`PATIENCE_S` at most; then this utterance continues
   without it.
-- **An interruption** ends all utterances at once; the lips are at rest within :data:`REST_S`.
+- **An interruption** ends all utterances at once; the lips are neutral within :data:`REST_S`.
 """
 
 from collections.abc import Callable, Sequence
@@ -43,18 +43,18 @@ from fapengine.speech.phone_track import Phone
 from fapengine.trajectory.style import Style
 
 LEAD_S = 0.3
-"""Time ahead of the sound up to which phones are known when it begins, or resumes after a stall: what comes later costs
+"""Time ahead of the audio up to which phones are known when it begins, or resumes after a stall: later phones cost
 0.01 mm of lip error (``design/look_ahead.py``)."""
 MIN_LEAD_S = 0.1
-"""Time ahead below which the sound is held back again."""
+"""Time ahead below which the audio is held back again."""
 FEED_S = 0.6
-"""Time ahead for which the engine is given phones; later word may still change the others."""
+"""Time ahead for which the engine receives phones; later words may still change the others."""
 STALL_S = 1.0
-"""Time without more sound after which what is held back is played."""
+"""Time without more audio after which the audio that is held back is played."""
 PATIENCE_S = 1.0
-"""Time for which sound waits for its recognizer."""
+"""Time for which audio waits for its recognizer."""
 REST_S = 0.25
-"""Time after an interruption within which the lips are at rest."""
+"""Time after an interruption within which the lips are neutral."""
 _FADE_S = 0.2
 _FACE = "face"
 LIMITS = Limits(name_bytes=None, phones=1_000_000, queued_s=86_400.0, silence_s=1e9)
@@ -67,13 +67,13 @@ Pronounce = Callable[[Sequence[tuple[str, float, float]]], Sequence[Phone]]
 
 @dataclass(frozen=True, slots=True)
 class StreamEvent:
-    """What became of an utterance."""
+    """An event in the life of an utterance."""
 
     utterance: int
     """1 for the first."""
     kind: EventKind
     position_s: float
-    """Length of its sound that was handed out; for ``interrupted``, that was heard."""
+    """Length of its audio that was handed out; for ``interrupted``, that was heard."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,16 +83,16 @@ class StreamFrame:
     faps: NDArray[np.int32]
     """(68,) FAPU."""
     sounds: tuple[Sound, ...]
-    """Sound to be played from now on: none while nothing is said, one piece of a frame's length, less at the end of an
-    utterance; two where the rate changes."""
+    """Audio to be played from now on: none while nothing is said, one piece of a frame's length, less at the end of an
+    utterance; two if the rate changes."""
 
 
 @dataclass(slots=True)
 class StreamCounts:
-    """Counts of what was not as it should be. Stateful."""
+    """Counts of problems. Stateful."""
 
     stalls: int = 0
-    """Times that sound had begun and was held back again."""
+    """Number of times that audio had begun and was held back again."""
     deaf: int = 0
     """Utterances that continued without their recognizer."""
     late_words: int = 0
@@ -101,7 +101,7 @@ class StreamCounts:
 
 @dataclass(slots=True, eq=False)
 class _Utterance:
-    """One utterance, until it is over. Stateful."""
+    """One unfinished utterance. Stateful."""
 
     number: int
     sound: SoundQueue = field(default_factory=SoundQueue)
@@ -111,16 +111,16 @@ class _Utterance:
     is_ended: bool = False
     is_deaf: bool = False
     is_held: bool = True
-    """True while its sound waits: before it begins, and in a stall."""
+    """True while its audio waits: before it begins, and in a stall."""
     has_begun: bool = False
     quiet_s: float = 0.0
-    """Time since sound came."""
+    """Time since audio came."""
     waited_s: float = 0.0
-    """Time for which there was sound and the recognizer reported nothing."""
+    """Time for which there was audio and the recognizer reported nothing."""
     told: int = 0
-    """Phones that the engine was given."""
+    """Number of phones that the engine has received."""
     told_s: float = 0.0
-    """Time in it up to which they reach."""
+    """End of the last of them."""
 
     @property
     def heard_s(self) -> float:
@@ -131,23 +131,23 @@ class _Utterance:
 
 
 class StreamHost(Host, GestureMethods):
-    """One face that says what it is given; see the theory of operation. Stateful.
+    """One face that speaks streamed audio and words; see the theory of operation. Stateful.
 
     Parameters
     ----------
     profile : Profile
-        Whose way of speaking.
+        Speaker profile.
     rng : numpy.random.Generator
-        Chance of blinks, glances and head motion.
+        Random numbers of blinks, glances and head motion.
     style : Style, optional
     ear : StreamRecognizer, optional
-        Hears phones; without it only words move the mouth. Who opened it closes it.
+        Recognizes phones; without it only words move the mouth. The caller closes it.
     pronounce : callable, optional
         Turns words with times into phones; without it :meth:`words` does nothing.
 
     Examples
     --------
-    Half a second of silence, shown at 25 frames a second::
+    Half a second of silence, shown at 25 frames per second::
 
         face = StreamHost(profile, rng=np.random.default_rng(1))
         face.push(np.zeros(12_000, np.int16), 24_000)
@@ -177,19 +177,19 @@ class StreamHost(Host, GestureMethods):
     # What comes in ---------------------------------------------------------------------------------------------------
 
     def push(self, samples: NDArray[np.int16], rate_hz: int) -> None:
-        """Take the next sound of what is being said, or the first of something new.
+        """Add audio to the current utterance, or begin a new one.
 
         Parameters
         ----------
         samples : (N,) int16
             Mono.
         rate_hz : int
-            Samples a second.
+            Samples per second.
 
         Raises
         ------
         UsageError
-            If there is no such rate.
+            If the rate is out of range.
         """
         if not 4_000 <= rate_hz <= 192_000:
             raise UsageError(f"rate_hz: got {rate_hz}, expected 4000..192000")
@@ -199,13 +199,13 @@ class StreamHost(Host, GestureMethods):
             utterance.quiet_s = 0.0
 
     def words(self, words: Sequence[TimedWord]) -> None:
-        """Take words of what is being said, in order, with their times from its first sample on."""
+        """Add words to the current utterance, in order, with their times from its first sample on."""
         if self._pronounce is not None and words:
             utterance = self._open() if not self._queue else self._queue[-1]
             self.counts.late_words += utterance.words.add(words, self._pronounce, utterance.told_s)
 
     def cue(self, command: Command, at_s: float = 0.0) -> None:
-        """Give a command at a time of what is being said, such as an expression at a word."""
+        """Apply a command at a time in the current utterance, such as an expression at a word."""
         utterance = self._open() if not self._queue else self._queue[-1]
         self.add_cue(utterance.number, at_s, command)
 
@@ -214,18 +214,18 @@ class StreamHost(Host, GestureMethods):
         self.apply(command, self._now_s)
 
     def end(self) -> None:
-        """End the utterance: the next sound begins a new one."""
+        """End the utterance: the next audio begins a new one."""
         if self._queue and not self._queue[-1].is_ended:
             self._queue[-1].is_ended = True
             self._queue[-1].sound.close()
 
     def interrupt(self, unplayed_s: float = 0.0) -> None:
-        """Stop speaking, and drop all sound that was not handed out.
+        """Stop speaking, and drop all audio that was not handed out.
 
         Parameters
         ----------
         unplayed_s : float
-            Length of sound that was handed out and has not been heard: it is taken off the position of the event.
+            Length of audio that was handed out but not heard: subtracted from the position of the event.
         """
         for utterance in self._queue:
             position_s = max(utterance.sound.position_s - unplayed_s, 0.0)
@@ -262,7 +262,7 @@ class StreamHost(Host, GestureMethods):
         return StreamFrame(faps, sounds)
 
     def events(self) -> list[StreamEvent]:
-        """Return what became of utterances since the last call."""
+        """Return the events since the last call."""
         events, self._events = self._events, []
         return events
 
@@ -272,17 +272,17 @@ class StreamHost(Host, GestureMethods):
 
     @property
     def newest(self) -> int:
-        """Number of the utterance that began to come last; 0 before the first."""
+        """Number of the newest utterance; 0 before the first."""
         return self._newest
 
     @property
     def is_speaking(self) -> bool:
-        """Whether something is being said, or waits to be."""
+        """Whether an utterance is spoken or waits."""
         return bool(self._queue)
 
     @property
     def position_s(self) -> float:
-        """Length of the sound of this utterance that was handed out; 0 between utterances."""
+        """Length of the current utterance's audio that was handed out; 0 between utterances."""
         return self._queue[0].sound.position_s if self._queue else 0.0
 
     # ----------------------------------------------------------------------------------------------------------------
@@ -294,7 +294,7 @@ class StreamHost(Host, GestureMethods):
         return self._queue[-1]
 
     def _speak(self, dt_s: float) -> tuple[Sound, ...]:
-        """Hand out the sound of a frame, if it is ready."""
+        """Hand out the audio of a frame, if it is ready."""
         while self._queue:
             utterance = self._queue[0]
             if utterance.is_ended and utterance.sound.due_s >= utterance.sound.end_s:
@@ -311,7 +311,7 @@ class StreamHost(Host, GestureMethods):
         return ()
 
     def _wait(self, utterance: _Utterance, dt_s: float) -> None:
-        """Count time that passes without sound, or without its recognizer."""
+        """Count time that passes without audio, or without its recognizer."""
         sound = utterance.sound
         for each in self._queue:
             each.quiet_s += dt_s
@@ -369,7 +369,7 @@ class StreamHost(Host, GestureMethods):
     # Phones ---------------------------------------------------------------------------------------------------------
 
     def _feed(self, utterance: _Utterance, dt_s: float) -> None:
-        """Give the engine the phones of the next :data:`FEED_S`."""
+        """Send the phones of the next :data:`FEED_S` to the engine."""
         until_s = utterance.sound.due_s + dt_s + FEED_S
         phones = utterance.words.phones(utterance.heard, utterance.told_s, until_s)
         if phones:
@@ -380,7 +380,7 @@ class StreamHost(Host, GestureMethods):
         utterance.heard = [phone for phone in utterance.heard if phone.end_s > utterance.told_s] or utterance.heard[-1:]
 
     def _listen(self) -> None:
-        """Give the recognizer the sound of one run after the other, and take its phones."""
+        """Send one run of audio after the other to the recognizer, and collect its phones."""
         while self._ear is not None:
             if self._listening is None:
                 waiting = ((each, run) for each in self._queue for run in each.sound.runs if not run.is_heard)

@@ -1,18 +1,18 @@
-"""Words with times, as a TTS reports them: the phones a face shows for them, and the marks that stand between them.
+"""Words with times, as a TTS reports them: their phones, and the inline cues between them.
 
 Theory of operation
 -------------------
-A word's phones are a voice's, fitted into the word's time; so what is shown is what is written. The ear tells *when*
-each of them sounds: its phones are laid beside the word's by edit distance, what a phone looks like being what counts
-(:func:`fapengine.speech.ipa.distance`). Where one is heard, it is moved to within :data:`SURE_S` of when it was heard,
-if that is no farther than :data:`MAX_MOVE_S`; the others lie between in proportion. Before, behind and between words
-the ear's own phones are shown: a laugh, or what the TTS has no word for.
+A word's phones are a voice's, fitted into the word's time; so what is shown is what is written. The recognizer says
+*when* each phone is spoken: its phones are aligned with the word's by edit distance, with visual distance as the cost
+(:func:`fapengine.speech.ipa.distance`). A phone that was recognized is moved to within :data:`SURE_S` of the
+recognized time, if that is no farther than :data:`MAX_MOVE_S`; the others follow in proportion. Before, after and
+between words the recognizer's own phones are shown: a laugh, or sounds for which the TTS has no word.
 
 On 20 sentences of GRID, word times that are 20 ms off (standard deviation) put the onsets of p b m f v 18 ms off
-without the ear and 11 ms with it; 40 ms off, 28 and 18; those of the aligner that also made the reference, 5 and 8
-(``python -m design.word_times``).
+without the recognizer and 11 ms with it; 40 ms off, 28 and 18; those of the aligner that also made the reference, 5
+and 8 (``python -m design.word_times``).
 
-Marks of a text that a voice is about to speak are reported when their words come: the TTS has one, the face the other.
+Inline cues of a text are applied when their words come: the TTS has the words, the face the cues.
 """
 
 from bisect import bisect_left
@@ -35,25 +35,25 @@ MAX_MOVE_S = 0.08
 SURE_S = 0.015
 """Uncertainty of the recognizer: no reason to move."""
 ALIKE = 1.6
-"""Distance of two phonemes up to which one was heard for the other."""
+"""Largest distance of two phonemes that count as the same."""
 LEFT_OUT = 1.2
 """Cost of a phone that has no counterpart."""
 MIN_PHONE_S = 0.015
 NEAR_S = 0.06
-"""Hole between two words that belongs to the word before."""
+"""Gap between two words that belongs to the word before."""
 CHARACTER_S = 0.065
-"""Time that a character takes to be said, where no word's time is known: 160 words a minute of six characters each."""
+"""Duration of a character if no word has a time: 160 words per minute of six characters each."""
 
 
 @dataclass(frozen=True, slots=True)
 class TimedWord:
-    """A word, and when it is said."""
+    """A word with its time."""
 
     text: str
     start_s: float
     """Time from the utterance's first sample."""
     end_s: float | None = None
-    """None where the TTS does not report it: until the next word, but no longer than it takes to say."""
+    """None if the TTS does not report it: until the next word, but no longer than it takes to say."""
 
 
 @dataclass(slots=True)
@@ -71,7 +71,7 @@ class WordQueue:
         pronounce: Callable[[Sequence[tuple[str, float, float]]], Sequence[Phone]],
         told_s: float,
     ) -> int:
-        """Take words that follow; returns the number of those that came too late, before ``told_s``."""
+        """Add words that follow; return the number of words that came too late, before ``told_s``."""
         now_s = max(self.end_s, told_s)
         timed: list[tuple[str, float, float]] = []
         for word, following in zip(words, [*words[1:], None], strict=True):
@@ -94,21 +94,21 @@ class WordQueue:
         return len(words) - len(timed)
 
     def phones(self, heard: Sequence[Phone], from_s: float, until_s: float) -> list[Phone]:
-        """Choose the phones to be shown next.
+        """Return the phones to be shown next.
 
         Parameters
         ----------
         heard : sequence of Phone
-            The ear's, in order.
+            The recognizer's, in order.
         from_s : float
             Time up to which phones were chosen before.
         until_s : float
-            Those that begin before are chosen.
+            Phones that begin earlier are chosen.
 
         Returns
         -------
         list of Phone
-            In order, without overlap; holes are silence.
+            In order, without overlap; gaps are silence.
         """
         chosen: list[Phone] = []
         now_s = from_s
@@ -139,14 +139,14 @@ def adjusted(word: Sequence[Phone], heard: Sequence[Phone]) -> list[Phone]:
     Parameters
     ----------
     word : sequence of Phone
-        At least one; without holes.
+        At least one; without gaps.
     heard : sequence of Phone
-        Phones of the ear around it; none: nothing is moved.
+        Phones of the recognizer around it; without any, nothing is moved.
 
     Returns
     -------
     list of Phone
-        The word's phones, without holes, at least :data:`MIN_PHONE_S` long where there is room.
+        The word's phones, without gaps, at least :data:`MIN_PHONE_S` long if there is room.
 
     Examples
     --------
@@ -184,7 +184,7 @@ def adjusted(word: Sequence[Phone], heard: Sequence[Phone]) -> list[Phone]:
 
 
 def _counterparts(word: Sequence[Phone], heard: Sequence[Phone]) -> list[tuple[int, int]]:
-    """Pair phones of a word with those that were heard for them: least sum of changes (Wagner and Fischer, 1974)."""
+    """Pair phones of a word with recognized ones: least sum of changes (Wagner and Fischer, 1974)."""
     starts_s, heard_s = ([phone.start_s for phone in phones] for phones in (word, heard))
     unlike = np.array([[_unlike(phone.label, other.label) for other in heard] for phone in word])
     changes = unlike + 0.3 * np.abs(np.subtract.outer(starts_s, heard_s)) / MAX_MOVE_S
@@ -213,7 +213,7 @@ def _counterparts(word: Sequence[Phone], heard: Sequence[Phone]) -> list[tuple[i
 
 @lru_cache(maxsize=4096)
 def _unlike(label: str, other: str) -> float:
-    """Visual distance of two labels, of their nearest phonemes where there are several."""
+    """Visual distance of two labels; of their nearest phonemes if there are several."""
     letters, others = ipa.letters(label) or ("ə",), ipa.letters(other) or ("ə",)
     return min(ipa.distance(one, another) for one in letters for another in others)
 
@@ -235,16 +235,16 @@ class MarkTimer:
     _cursor: int = 0
     """Character of the first text up to which words have come."""
     _given: int = 0
-    """Marks of the first text that were given."""
+    """Number of cues of the first text that were applied."""
 
     def expect(self, text: str) -> str:
-        """Take the next text that will be spoken; returns it without its marks."""
+        """Add the next text that will be spoken; return it without its cues."""
         marked = read_marks(text)
         self._texts.append(marked)
         return marked.text
 
     def word(self, word: str, start_s: float) -> list[tuple[float, Command]]:
-        """Take the time of the next word; returns the commands that are due with it, with their times."""
+        """Add the time of the next word; return the commands that are due with it, with their times."""
         wanted, told = same_word(word), []
         while self._texts:
             marked = self._texts[0]
@@ -258,7 +258,7 @@ class MarkTimer:
         return told
 
     def over(self, end_s: float) -> list[tuple[float, Command]]:
-        """Note that a text was said; returns the commands after its last word, with their times."""
+        """End a text; return the commands after its last word, with their times."""
         if not self._texts:
             return []
         marked = self._texts[0]
@@ -268,7 +268,7 @@ class MarkTimer:
         return told
 
     def estimated(self) -> list[tuple[float, Command]]:
-        """Stop waiting for words; returns the commands of all texts, at times estimated from their characters."""
+        """Stop waiting for words; return the commands of all texts, at times estimated from their characters."""
         told, start_s = [], 0.0
         while self._texts:
             marked = self._texts[0]
@@ -279,12 +279,12 @@ class MarkTimer:
         return told
 
     def clear(self) -> None:
-        """Forget all texts: they will not be said."""
+        """Drop all texts."""
         self._texts.clear()
         self._cursor = self._given = 0
 
     def _due(self, marked: MarkedText, until: int, at_s: float) -> list[tuple[float, Command]]:
-        """Give the marks up to a character."""
+        """Return the commands of the cues up to a character."""
         timed = []
         while self._given < len(marked.marks) and marked.marks[self._given].at <= until:
             mark = marked.marks[self._given]

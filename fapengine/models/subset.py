@@ -15,7 +15,7 @@ data where ``R_kk / R_11`` drops below 1e-6.
 Greedy pivoting is not the best subset; :func:`search_swaps` exchanges single markers while that lowers ``||R22||_F``.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,9 +24,6 @@ from scipy.linalg import lapack, qr, solve_triangular
 
 from fapengine._arrays import freeze, frozen
 from fapengine.errors import DataError, UsageError
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 ILL_CONDITIONED = 1e-6
 """R_kk / R_11 below which the Gram matrix has lost the column: sqrt of double precision, with a margin of 60."""
@@ -95,31 +92,14 @@ class MarkerSubset:
 
         Each sentence is (T, M, 3).
         """
-        count = self.weights.shape[1]
-        sentences = [_displacements(sentence) for sentence in sentences_mm]
-        for data in sentences:
-            if data.shape[1] != count:
-                raise UsageError(f"displacements_mm: got {data.shape[1]} markers, expected {count}")
-        return prediction_error_mm(self.synthesise, self.primary, self.secondary, sentences)
-
-
-def prediction_error_mm(
-    synthesise: Callable[[Array], Array], primary: Indices, secondary: Indices, sentences: Iterable[Array]
-) -> float:
-    """Mean distance between predicted and true secondary markers over sentences, (T, M, 3) mm each; 0 without any."""
-    total, count = 0.0, 0
-    for data in sentences:
-        off = synthesise(data[:, primary])[:, secondary] - data[:, secondary]
-        total, count = total + float(np.linalg.norm(off, axis=-1).sum()), count + off.shape[0] * off.shape[1]
-    return total / count if count else 0.0
-
-
-def chosen_markers(primary: Sequence[int] | Indices, count: int) -> Indices:
-    """Check a basis of different markers 0 to ``count - 1``: (k,)."""
-    chosen = np.asarray(primary, dtype=np.intp)
-    if not len(chosen) or len(set(chosen.tolist())) < len(chosen) or chosen.min() < 0 or chosen.max() >= count:
-        raise UsageError(f"primary: got {chosen.tolist()}, expected different markers 0..{count - 1}")
-    return chosen
+        rest, total, frames = self.secondary, 0.0, 0
+        for sentence in sentences_mm:
+            data = _displacements(sentence)
+            if data.shape[1] != self.weights.shape[1]:
+                raise UsageError(f"displacements_mm: got {data.shape[1]} markers, expected {self.weights.shape[1]}")
+            off = self.weights[:, rest].T @ data[:, self.primary] - data[:, rest]
+            total, frames = total + float(np.linalg.norm(off, axis=-1).sum()), frames + len(data)
+        return total / (frames * len(rest)) if len(rest) else 0.0
 
 
 def gram(displacements_mm: ArrayLike) -> NDArray[np.float64]:
@@ -192,7 +172,9 @@ def select(factor: PivotedFactor, k: int) -> MarkerSubset:
 def fit_weights(gram_mm2: ArrayLike, primary: Sequence[int] | NDArray[np.intp]) -> MarkerSubset:
     """Least-squares weights of a chosen basis, (k,) columns, from the Gram matrix, (M, M) mm2."""
     a = frozen(gram_mm2, "gram_mm2", ("M", "M"), np.float64)
-    chosen = chosen_markers(primary, len(a))
+    chosen = np.asarray(primary, dtype=np.intp)
+    if not len(chosen) or len(set(chosen.tolist())) < len(chosen) or chosen.min() < 0 or chosen.max() >= len(a):
+        raise UsageError(f"primary: got {chosen.tolist()}, expected different markers 0..{len(a) - 1}")
     rest = np.setdiff1d(np.arange(len(a)), chosen)
     square = a[np.ix_(chosen, chosen)]
     if np.linalg.matrix_rank(square, hermitian=True) < len(chosen):

@@ -21,15 +21,7 @@ from scipy.spatial import Delaunay
 
 from fapengine._arrays import freeze, frozen
 from fapengine.errors import UsageError
-from fapengine.models.subset import (
-    MarkerSubset,
-    chosen_markers,
-    factorise_gram,
-    gram,
-    prediction_error_mm,
-    search_swaps,
-    select,
-)
+from fapengine.models.subset import MarkerSubset, factorise_gram, gram, search_swaps, select
 
 SAME_PLACE_DIGITS = 3
 """Digits of a millimetre to which markers at one place agree, such as those of lips that are shut."""
@@ -108,10 +100,12 @@ class FullMap:
 
     def error_mm(self, *sentences_mm: ArrayLike) -> float:
         """Mean distance between predicted and true markers beyond the basis, mm; each sentence is (T, M, 3)."""
-        count = self.matrix.shape[1] // 3
-        sentences = (frozen(sentence, "sentences_mm", ("T", count, 3), np.float64) for sentence in sentences_mm)
-        secondary = np.setdiff1d(np.arange(count), self.primary)
-        return prediction_error_mm(self.synthesise, self.primary, secondary, sentences)
+        rest, total, frames = np.setdiff1d(np.arange(self.matrix.shape[1] // 3), self.primary), 0.0, 0
+        for sentence in sentences_mm:
+            data = frozen(sentence, "sentences_mm", ("T", self.matrix.shape[1] // 3, 3), np.float64)
+            off = self.synthesise(data[:, self.primary])[:, rest] - data[:, rest]
+            total, frames = total + float(np.linalg.norm(off, axis=-1).sum()), frames + len(data)
+        return total / (frames * len(rest))
 
 
 def fit_full_map(gram_mm2: ArrayLike, primary: Sequence[int] | NDArray[np.intp]) -> FullMap:
@@ -125,7 +119,10 @@ def fit_full_map(gram_mm2: ArrayLike, primary: Sequence[int] | NDArray[np.intp])
         k different markers.
     """
     gram = _checked(gram_mm2)
-    chosen = chosen_markers(primary, len(gram) // 3)
+    count = len(gram) // 3
+    chosen = np.asarray(primary, dtype=np.intp)
+    if not len(chosen) or len(set(chosen.tolist())) < len(chosen) or chosen.min() < 0 or chosen.max() >= count:
+        raise UsageError(f"primary: got {chosen.tolist()}, expected different markers 0..{count - 1}")
     rows = _coordinates(chosen)
     square = gram[np.ix_(rows, rows)]
     square[np.diag_indices_from(square)] += RIDGE * np.trace(square) / len(square)

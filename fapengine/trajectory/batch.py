@@ -120,10 +120,6 @@ class BatchPlanner:
         self._rows = _Rows(FIRST_ROWS, FIRST_HOLDS, profile.space.mode_count + WIDTH)
         self._composer = Composer(profile, self._style)
 
-    def __len__(self) -> int:
-        """Count the open sessions."""
-        return len(self._planners)
-
     @property
     def sessions(self) -> NDArray[np.int64]:
         """(S,) numbers of the open sessions, in the order of a frame's rows. The last moves where one closes."""

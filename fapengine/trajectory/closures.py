@@ -170,7 +170,11 @@ def settle(faps: Array, held: Array) -> Array:
         beyond = soft_positive(lower + SOFTNESS_FAPU / 2 - BITTEN_FAPU, SOFTNESS_FAPU)
         lower = lower + teeth * (short - beyond)
         opening = -(upper + lower)
-        change = opening - (1.0 - lips) * _nearer(soft_positive(opening, SOFTNESS_FAPU), free, scale)
+        parting = soft_positive(opening, SOFTNESS_FAPU)
+        near = (
+            NEAR_SHARE * free * (1.0 - smoothstep(parting / (scale * NEAR_FAPU)))
+        )  # as far as nothing holds them open
+        change = opening - (1.0 - lips) * ((1.0 - near) * parting)
         share = LOWER_SHARE * (1.0 - teeth)
         upper, lower = upper + (1.0 - share) * change, lower + share * change
         carried = np.clip(upper, *limits(numbers[0]))
@@ -179,10 +183,3 @@ def settle(faps: Array, held: Array) -> Array:
             for number in alike:
                 settled[..., fap.column(number)] += now - before
     return settled
-
-
-def _nearer(opening: Array, free: Array, scale: float) -> Array:
-    """Bring lips that are near each other nearer, as far as nothing holds them open (``free``, 0..1); FAPU."""
-    near = NEAR_SHARE * free * (1.0 - smoothstep(opening / (scale * NEAR_FAPU)))
-    nearer: Array = (1.0 - near) * opening
-    return nearer

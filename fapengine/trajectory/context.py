@@ -268,9 +268,11 @@ class ContextTables:
         """Count of the rows of ``_pair_sums`` that are in use."""
         self._pair_sums = np.zeros((FIRST_PAIRS, 2, flat.shape[1]))
         self.silence = self.kind(())
-        triples = [name.split(" ")[1:] for name in model.features if name.startswith("triple ")]
-        self._codes = np.array(sorted((self._code(*map(self._named, names)), self._rows[" ".join(["triple", *names])])
-                                      for names in triples), dtype=np.int64).reshape(-1, 2)  # fmt: skip
+        codes = []
+        for name in (feature for feature in model.features if feature.startswith("triple ")):
+            kinds = (self.kind(() if one == SILENCE else ipa.letters(one)) for one in name.split(" ")[1:])
+            codes.append((self._code(*kinds), self._rows[name]))
+        self._codes = np.array(sorted(codes), dtype=np.int64).reshape(-1, 2)
         """(triples, 2): three kinds as one number, rising, and the row of their coefficients."""
 
     def kind(self, heard: tuple[str, ...]) -> int:
@@ -384,9 +386,6 @@ class ContextTables:
         self._by_step = np.concatenate([self._by_step, [steps]])
         self._by_length = np.concatenate([self._by_length, [self._sum(lengthened(first))]])
         return kind
-
-    def _named(self, name: str) -> int:
-        return self.kind(() if name == SILENCE else ipa.letters(name))
 
     @staticmethod
     def _code(first: Number, second: Number, third: Number) -> Number:

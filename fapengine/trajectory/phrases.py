@@ -34,7 +34,7 @@ class Phrases:
     """
 
     def __init__(self) -> None:
-        self._spans: list[list[float]] = []
+        self._spans: list[tuple[float, float]] = []
         self._accents: list[tuple[float, float]] = []
 
     def learn(self, start_s: float, phone: Phone) -> None:
@@ -44,12 +44,8 @@ class Phrases:
         end_s = start_s + phone.duration_s
         first = bisect_left(self._spans, start_s - PAUSE_S, key=lambda span: span[1])
         last = bisect_right(self._spans, end_s + PAUSE_S, key=lambda span: span[0])
-        joined = self._spans[first:last]
-        if joined:
-            start_s_joined, end_s = min(start_s, joined[0][0]), max(end_s, joined[-1][1])
-            self._spans[first:last] = [[start_s_joined, end_s]]
-        else:
-            self._spans[first:last] = [[start_s, end_s]]
+        joined = [*self._spans[first:last], (start_s, end_s)]
+        self._spans[first:last] = [(min(begin_s for begin_s, _ in joined), max(stop_s for _, stop_s in joined))]
         if phone.stress:
             insort(self._accents, (start_s, strength_db(phone)))
 
@@ -58,7 +54,7 @@ class Phrases:
         self._accents = self._accents[: bisect_right(self._accents, (now_s, float("inf")))]
         self._spans = self._spans[: bisect_right(self._spans, now_s, key=lambda span: span[0])]
         if self._spans:
-            self._spans[-1][1] = min(self._spans[-1][1], now_s)
+            self._spans[-1] = self._spans[-1][0], min(self._spans[-1][1], now_s)
 
     def forget_before(self, now_s: float) -> None:
         """Drop what ended more than :data:`KEPT_S` ago."""
@@ -70,12 +66,12 @@ class Phrases:
     def around(self, at_s: float) -> tuple[float, float] | None:
         """Beginning and end of the last phrase that has begun by a time; None before the first."""
         index = bisect_right(self._spans, at_s, key=lambda span: span[0]) - 1
-        return None if index < 0 else (self._spans[index][0], self._spans[index][1])
+        return None if index < 0 else self._spans[index]
 
     def following(self, at_s: float) -> tuple[float, float] | None:
         """Beginning and end of the first phrase that begins after a time."""
         index = bisect_right(self._spans, at_s, key=lambda span: span[0])
-        return None if index == len(self._spans) else (self._spans[index][0], self._spans[index][1])
+        return None if index == len(self._spans) else self._spans[index]
 
     def is_outstanding(self, start_s: float, phone: Phone, last_s: float) -> bool:
         """Whether an accent is the strongest of those near it; ``last_s``: beginning of the last one that was."""

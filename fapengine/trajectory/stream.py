@@ -264,8 +264,6 @@ class StreamingPlanner:
 
     def plan_at(self, time_s: float) -> tuple[StreamPlan, float]:
         """Find the plan that is in force at a time, and when the next one takes over (``inf``: none is known)."""
-        if self._plans[-1].start_s <= time_s:
-            return self._plans[-1], np.inf
         index = max(bisect_right(self._plans, time_s, key=lambda plan: plan.start_s) - 1, 0)
         until_s = self._plans[index + 1].start_s if index + 1 < len(self._plans) else np.inf
         return self._plans[index], until_s

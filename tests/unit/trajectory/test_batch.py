@@ -140,7 +140,7 @@ def test_rows_say_whose_they_are_when_sessions_close():
     assert bank.counts(third) is counts
     found = bank.frames(0.5)
     assert sorted(bank.sessions.tolist()) == [second, third]
-    assert len(bank) == 2
+    assert len(bank.sessions) == 2
     assert {int(session): bool(row.any()) for session, row in zip(bank.sessions, found, strict=True)} == {
         second: False,
         third: True,
@@ -148,7 +148,7 @@ def test_rows_say_whose_they_are_when_sessions_close():
     assert bank.open() not in (first, second, third)
     bank.close(third)
     bank.close(second)
-    assert len(bank) == 1
+    assert len(bank.sessions) == 1
     assert BatchPlanner(english()).frames(0.0).shape == (0, fap.FAP_COUNT)
 
 
