@@ -45,7 +45,7 @@ def side_by_side(tracks: Sequence[FapTrack]) -> tuple[float, NDArray[np.int32]]:
 
 
 def on_one_axis(counts: Sequence[int], rates_hz: Sequence[float]) -> tuple[float, list[NDArray[np.int64]]]:
-    """Return the highest rate, and for each motion the frame that is shown at each time, until the longest ends."""
+    """Return the highest rate, and the (T,) frame numbers of each motion at that rate, until the longest ends."""
     rate_hz = max(rates_hz)
     seconds = max(count / rate for count, rate in zip(counts, rates_hz, strict=True))
     times_s = np.arange(max(1, round(seconds * rate_hz))) / rate_hz
@@ -53,7 +53,7 @@ def on_one_axis(counts: Sequence[int], rates_hz: Sequence[float]) -> tuple[float
 
 
 def shown_at(times_s: NDArray[np.float64], count: int, rate_hz: float) -> NDArray[np.int64]:
-    """Return the number of the frame that is shown at each time: the last one that has begun.
+    """Return the number of the frame at each of (T,) times: the last one that has begun.
 
     Examples
     --------
