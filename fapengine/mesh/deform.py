@@ -14,7 +14,7 @@ from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD
 
 BONE_COUNT = 5
-"""Transforms of a frame: none, jaw, left eye, right eye (as :class:`fapengine.mesh.face_mesh.Bone`), then the head."""
+"""Number of transforms of a frame: those of :class:`fapengine.mesh.face_mesh.Bone`, then the head."""
 HEAD = 4
 PITCH, YAW, ROLL = (1, 2), (2, 0), (0, 1)
 """Axes from and to which a positive rotation turns: face down, to the subject's left, head tilted to the right."""

@@ -72,7 +72,7 @@ def ladder(vertices: Sequence[float], *, lit_at_pixels: bool) -> tuple[Quality, 
     vertices : sequence of float
         Number of vertices of each level of detail, the finest first.
     lit_at_pixels : bool
-        Whether the finest is lit at pixels by its own choice; if so, that is given up first.
+        Whether the finest is lit at pixels with ``shading="auto"``; if so, that is given up first.
 
     Raises
     ------

@@ -50,8 +50,8 @@ OWNERS = (18, 39, 40, 41, 42, 61, 62, 63)
 CORRECTION_MM = 16.0
 """Reach of the correction that keeps a feature point to its own FAP."""
 PUSH_SIDE = 0.35, 1.15
-"""Distances from the middle, relative to the corners of the lips, between which skin pushed forward with a lip returns
-to rest. The corners stay, and skin that moved next to them made a fold like a moustache.
+"""Distances from the middle, relative to the corners of the lips, between which the motion of skin pushed forward with
+a lip falls to 0. The corners stay, and skin that moved next to them made a fold like a moustache.
 """
 BLADE_MM = 7.0
 """Length of the tongue that moves fully with its tip."""
@@ -115,7 +115,7 @@ def build_basis(
         collector.add_shade(Channel(number, -np.inf, np.inf), teeth)
     chin = points[feature_points[fap.spec(JAW_FAP).point]]
     jaw_weight = _jaw_weight(points, head, skin, fields[JAW_FAP], chin)
-    # The jaw is a bone; but where its weight changes from place to place the skin tilts besides.
+    # The jaw is a bone; where its weight varies over the skin, the skin also tilts.
     collector.add_shade(Channel(JAW_FAP, -np.inf, np.inf), np.flatnonzero((jaw_weight > 0) & (jaw_weight < 1)))
     for number, chosen, share in fold_shares(template[skin], fapu, age):
         collector.add_shade(Channel(number, -np.inf, np.inf), skin[chosen], share)

@@ -5,7 +5,7 @@ Theory of operation
 Folds are furrows in a height map over the texture (:func:`fold_map`): lines of the forehead, between the brows, crow's
 feet, on the sides of the nose, beside the nose, under the lower lid and on the chin. The map stores not the height but
 the effect of its slope, a small rotation of the normal, on the light of the key lamp, so that the shader need not
-compute normals per pixel. Every vertex has a fold depth: a fraction at rest, which grows with age, and a fraction for
+compute normals per pixel. Every vertex has a fold depth: a neutral fraction, which grows with age, and a fraction for
 each FAP that causes folds (:func:`fold_shares`). Outside of folds the map has pores, which break up highlights.
 """
 
@@ -33,7 +33,7 @@ PORES = 0.25
 LIT_SIDE = 0.5
 """Fraction of the light on the lit side of a furrow; light scatters in skin, shadow does not."""
 AT_REST, OLD = 0.035, 0.42
-"""Fraction of the folds at rest in a young and in an old face."""
+"""Fraction of the folds in the neutral pose of a young and of an old face."""
 YOUNG = 0.45
 """Fraction of the folds of an old face that FAPs cause in the youngest."""
 
@@ -145,7 +145,7 @@ def fold_map() -> NDArray[np.uint8]:
     x = away * np.sin(angle)
     front = np.cos(angle) > 0.2
     height, region = np.zeros(y.shape), np.zeros(y.shape)
-    before = np.flatnonzero(front.any(axis=0))  # columns; a furrow is worked out where it can be and no farther
+    before = np.flatnonzero(front.any(axis=0))  # columns; a furrow is computed only where it can be
     for low, high, furrows in FURROWS:
         rows = np.flatnonzero((y[:, 0] > low) & (y[:, 0] < high))
         at = slice(rows[0], rows[-1] + 1), slice(before[0], before[-1] + 1)
@@ -165,7 +165,7 @@ def fold_map() -> NDArray[np.uint8]:
     region = np.maximum(region, np.abs(dimples) > 0.02)
     pores = gaussian_filter(grain(y.shape, 42), 0.75)
     pores = np.clip(pores / pores.std(), -2.0, 1.2) * 0.5 * PORES * (1 - region)
-    changed = smoothstep(np.abs(change) / 0.02)  # pores would lift what is hardly a fold beyond theirs
+    changed = smoothstep(np.abs(change) / 0.02)  # faint folds stay within the range of the pores
     light = change / RANGE + np.sign(change) * PORES * changed + pores * (1 - changed)
     image = np.full(atlas.SIZE, 127.5)
     image[:, : y.shape[1]] += 127.5 * np.clip(light, -1, 1)
@@ -191,7 +191,7 @@ def _share(region: int, x: Array, y: Array) -> Array:
 
 
 def resting_folds(points: Array, age: float) -> Array:
-    """(N,): fraction of the folds at rest for skin at places of the template, (N, 3) mm; 0 at the back."""
+    """(N,): neutral fraction of the folds of skin at positions on the template, (N, 3) mm; 0 at the back."""
     x, y, z = points.T
     rest = np.full(len(points), AT_REST)
     for region in (FOREHEAD, BETWEEN_BROWS, CROWS_FEET, UNDER_EYE, BESIDE_NOSE):

@@ -24,7 +24,7 @@ from fapengine.mesh.face_mesh import Material
 
 CAP_ROWS = (-0.03, 0.0, 0.03, 0.09, 0.155, 0.22, 0.32, 0.42, 0.525, 0.63, 0.72, 0.82, 0.89, 0.95)
 CAP_SHADE, LIKE_CAP = 0.85, 0.75
-"""Shade of the cap, and how closely locks match it where they lie on it."""
+"""Shade of the cap, and how closely locks match it where they touch it."""
 EVEN_LIGHT_HAIR = 2.4
 """Fraction of the range of shades that hair loses per unit of its mean linear RGB: grey hair looked dyed in two tones.
 """
@@ -147,7 +147,7 @@ def _build_cap(builder: MeshBuilder, style: HeadStyle, palette: Palette, detail:
 
 
 def _combed(points: Array, normals: Array) -> Array:
-    """(N, 3): unit direction in which hair lies."""
+    """(N, 3): unit direction of the hair."""
     x, y, z = points.T
     parting = np.interp(z, (-40.0, 60.0), (8.0, 24.0))
     away = np.tanh((parting - x) / 6.0)
@@ -193,7 +193,7 @@ def _front_roots(style: HeadStyle) -> Array:
 def _build_locks(builder: MeshBuilder, style: HeadStyle, palette: Palette, detail: float) -> Indices:
     scalp = Scalp(style)
     at = np.concatenate([_roots(scalp, round(LOCKS * np.clip(detail, 0.6, 1.6))), _front_roots(style)])
-    at = at[_clear_of_ears(at) > 0.5]  # above an ear there is no way to go
+    at = at[_clear_of_ears(at) > 0.5]  # above an ear they could not continue
     number = np.arange(len(at))
     vary, other = 2 * golden(number) - 1, 2 * golden(number, 5.77) - 1
     top = smoothstep((at[:, 1] - 70.0) / 45.0)
@@ -213,7 +213,7 @@ def _build_locks(builder: MeshBuilder, style: HeadStyle, palette: Palette, detai
         aside = np.cross(along, out)
         along = along + (0.16 * other)[:, None] * aside
         out_of = smoothstep((share + 0.02) / 0.3)
-        # Edges lie on the cap: one that stood off it would be seen as a row of dots against the light.
+        # Edges touch the cap: one above it would show as a row of dots against the light.
         on_cap = smoothstep((foot[:, 1] - hairline(np.arctan2(foot[:, 0], foot[:, 2])) - 4.0) / 10.0)
         over = (_thickness(foot[:, 1]) + layer) * (0.45 + 0.55 * out_of) * (1 - 0.35 * smoothstep((share - 0.5) / 0.5))
         grown = smoothstep((share + 0.02) / 0.4)
@@ -225,12 +225,12 @@ def _build_locks(builder: MeshBuilder, style: HeadStyle, palette: Palette, detai
         rows.append(np.stack([middle - edge - sunk - tilt, middle, middle + edge - sunk + tilt], axis=1))
         shine = 0.85 + 0.65 * np.sin(np.pi * min(share * 1.05, 1.0)) ** 1.5
         tint = np.stack([0.62 * shine + 0 * vary, shine * (1 + 0.18 * other), 0.70 * shine + 0 * vary], axis=1)
-        # What lies on the cap is nearly as dark, or patches of the locks would stick out of it.
+        # Locks on the cap are nearly as dark, or patches of them would stand out.
         tints.append(tint + LIKE_CAP * on_cap[:, None] * (CAP_SHADE - tint))
         step = length / (len(taper) - 1) * _clear_of_ears(foot)
         at = foot + step[:, None] * along
     points = np.stack(rows, axis=1)  # (locks, rows, 3, xyz)
-    # Those that end on the cap would look like leaves on it: there its painting shows how hair lies.
+    # Locks that end on the cap would look like leaves on it: there its texture shows the direction of the hair.
     foot, tip = points[:, 0, 1], points[:, -1, 1]
     seen = (on_cap < 0.95) & (tip[:, 2] > 0) & (foot[:, 1] > LOCKS_FROM_MM)
     seen &= (foot[:, 0] < SWEPT_MM[0]) | (foot[:, 1] < SWEPT_MM[1])
@@ -241,7 +241,7 @@ def _build_locks(builder: MeshBuilder, style: HeadStyle, palette: Palette, detai
     points[:, -1] = points[:, -1, 1:2]
     whole, framing = points.copy(), np.flatnonzero(points[:, -1, 1, 2] > FACE_Z_MM)
     slender = np.interp(shares, (SPLIT_FROM, 1.0), (1.0, 0.12))[:, None, None]
-    # What is opaque ends before the tips, where hairs alone go on: a tip narrower than a pixel would flicker.
+    # The opaque part ends before the tips, where only hairs continue: a tip narrower than a pixel would flicker.
     middle = _shortened(points[framing, :, 1], OPAQUE_TO)
     points[framing] = middle[:, :, None] + slender * (points[framing] - points[framing, :, 1:2])
     strip = 0.09 + 0.82 * golden(number, 3.1)[:, None, None] + np.array([-0.085, 0.0, 0.085])

@@ -154,7 +154,7 @@ def _build_skin(builder: MeshBuilder, style: HeadStyle, detail: float) -> tuple[
     palette = palette_of(style)
     y, angle = np.meshgrid(rows, columns, indexing="ij")
     points = position(angle, y, style)
-    # The neck leans forward less than the sections' axis suggests; it follows the head and comes to rest at the collar.
+    # The neck leans forward less than the sections' axis suggests; it follows the head, less and less to the collar.
     head_weight = np.maximum(smoothstep((y + 126.0) / 56.0), smoothstep((points[..., 2] - 55.0) / 25.0))
     inside = nostril(radius(angle, y, style) * np.sin(angle), y, style.nose_width) * (np.cos(angle) > 0.5)
     # Nostrils are dark, and reddish rather than grey.
@@ -173,7 +173,7 @@ def _build_skin(builder: MeshBuilder, style: HeadStyle, detail: float) -> tuple[
     if style.hair:  # cells completely covered by hair need not be drawn
         covered = y > faces.hairline(angle) + 14.0
         keep &= ~(covered[:-1, :-1] & covered[1:, :-1] & covered[:-1, 1:] & covered[1:, 1:])
-    builder.quads(grid, keep=keep)  # closed by two columns in one place, where the painting ends
+    builder.quads(grid, keep=keep)  # closed by two columns at one position, where the texture ends
     crown = int(builder.add(points[-1].mean(axis=0) * [0, 1, 1] + [0, 3.0, 0], albedo=palette.base))
     if not style.hair:
         builder.fan(grid[-1, :-1], crown)
@@ -295,7 +295,7 @@ def _finish(
     normals[seam] = unit_vectors(normals[seam].sum(axis=1, keepdims=True), 1e-9)
     occlusion = average_over_mesh(ambient_light(points, normals), triangles, 2)
     _cast_shadows(points, occlusion, head, bool(style.hair))
-    # What is behind the lips is seen when they part, and then light falls on it: the neutral shadow would be wrong.
+    # The inside of the mouth is seen when the lips part, in the light: the neutral shadow would be wrong.
     for material, light in LIT_INSIDE.items():
         occlusion = np.where(builder.column("material") == material, np.maximum(occlusion, light), occlusion)
     occlusion[head.upper_teeth[parts.CROWNS]] = SHADED_TEETH
@@ -310,7 +310,7 @@ def _finish(
     _light_lids(points, triangles, head, basis, occlusion, shades, rest)
     _light_mouth(points, head, basis, fapu.unit(FapUnit.MNS), shades, rest)
 
-    # The grid's vertices inside the openings and under the hair belong to no triangle: leave them out.
+    # Grid vertices inside the openings and under the hair are not in any triangle and are left out.
     used = np.zeros(len(points), dtype=bool)
     used[triangles] = True
     used[list(feature_points.values())] = True

@@ -22,7 +22,7 @@ INNER_HALF_WIDTH, OUTER_HALF_WIDTH = 22.0, 25.3
 HALF_WAY = 0.55
 """Position along the lip, 0 middle to 1 corner, of the feature points half way (2.6, 8.5, ...)."""
 APART = 0.004
-"""Fraction by which those of the lower lip are closer to the middle: no two feature points coincide at rest."""
+"""Fraction by which those of the lower lip are closer to the middle: no two neutral feature points coincide."""
 OUTSIDE = (1.78, 1.58, 1.4, 1.25, 1.12, 1.0)
 LIP = (1.0, 0.88, 0.74, 0.58, 0.42, 0.26, 0.12, 0.0)
 INSIDE = (  # level, away from the mouth line, backwards, share of the width

@@ -81,7 +81,7 @@ def _skin(style: HeadStyle) -> Array:
     shape = (y.shape[0], y.shape[1])
     light = np.ones((*shape, 3))
     mottle = 0.014 * _cloud(shape, 1, 2.2) + 0.014 * _cloud(shape, 2, 8.0) + 0.018 * _cloud(shape, 3, 28.0)
-    # At the borders the painting goes on as one colour.
+    # At the borders the texture continues as one colour.
     within = smoothstep((y - atlas.BOTTOM_MM) / 12.0) * smoothstep((atlas.SPAN_RAD - np.abs(angle)) / 0.15)
     light -= (0.05 + within * mottle)[..., None] * BLOOD
     light -= (0.022 * within * np.clip(_cloud(shape, 4, 0.7), -2, 2))[..., None]

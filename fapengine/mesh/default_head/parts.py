@@ -3,7 +3,7 @@
 An ear is a shell over an egg-shaped outline, its relief a sum of ridges and hollows with anatomical names. Its local
 axes are *up* along the ear, *back* across it and *out* of the head; ``share`` runs from the middle (0) to the outline
 (1), and further rings roll over the edge back to the head. Proportions: Farkas 1994, adults: 62 mm long, 35 mm wide.
-Brows are hairs on the skin; the skin below is painted (:mod:`fapengine.mesh.default_head.painting`). Glasses are tubes
+Brows are hairs on the skin; the skin below is in the texture (:mod:`.painting`). Glasses are tubes
 in front of the face, clear of brows, lashes and cheeks; their lenses are clear and not drawn.
 """
 
@@ -83,7 +83,7 @@ def build_teeth(builder: MeshBuilder, detail: float, *, upper: bool) -> Indices:
 
 
 TONGUE_TIP = np.array([0.0, -36.0, 97.0])
-"""Rest position of the tip: behind the edge between upper and lower teeth, as in the standard's neutral face."""
+"""Neutral position of the tip: behind the edge between upper and lower teeth, as in the standard's neutral face."""
 
 
 TONGUE_RISE_MM = 4.5
@@ -170,7 +170,7 @@ def build_brow(builder: MeshBuilder, style: HeadStyle, side: float, detail: floa
     spread, wild = 2 * golden(number) - 1, 2 * golden(number, 7.31) - 1
     middle, half = brow_line(at, style.brow_thickness)
     root = middle + (0.85 * spread * half)[:, None] * np.array([0.15, 1.0])
-    # Hairs rise near the nose, then lie along the brow; those above its middle turn down, those below up.
+    # Hairs rise near the nose, then follow the brow; those above its middle turn down, those below up.
     slope = np.interp(at, (0.0, 0.12, 0.35, 0.6, 1.0), (80.0, 55.0, 24.0, 0.0, -28.0)) - 16.0 * spread + 10.0 * wild
     along = np.stack([np.cos(np.deg2rad(slope)), np.sin(np.deg2rad(slope))], axis=-1)
     length = (5.4 + 1.2 * wild) * np.interp(at, (0.0, 0.1, 0.8, 1.0), (0.65, 1.0, 1.0, 0.6))
@@ -210,7 +210,7 @@ def _ridge(share: Array, at: float, width: float) -> Array:
 
 
 def _relief(share: Array, up: Array, back: Array) -> Array:
-    """Height above the shell, mm, by direction (``up``, ``back``: sine and cosine) and share."""
+    """Height above the shell, mm, by direction (``up``, ``back``: cosine and sine) and ``share``."""
     u, v = share * back, share * up
     helix = smoothstep((up + 0.62 + 0.35 * back) / 0.45) * (1 - 0.75 * smoothstep((-back - 0.82) / 0.2) * (up < 0.3))
     antihelix = smoothstep((back + 0.35 + 0.9 * np.clip(up, 0, 1)) / 0.6) * smoothstep((0.99 - up) / 0.25)
@@ -246,7 +246,7 @@ def build_ear(builder: MeshBuilder, style: HeadStyle, side: float, detail: float
     albedo = palette.skin(points)
     deep = np.clip(-height / 7.0, 0, 1)[..., None]
     albedo = (albedo + 0.22 * (palette.blush - albedo)) * (1 - 0.45 * deep)
-    albedo = albedo * (1 - 0.05 * BLOOD)  # as the painting does to the skin beside
+    albedo = albedo * (1 - 0.05 * BLOOD)  # as the texture does to the skin next to it
     grid = builder.add(points, albedo=albedo)
     builder.quads(grid if side > 0 else grid[:, ::-1], closed=True)
     middle = int(builder.add(points[0].mean(axis=0), albedo=albedo[0].mean(axis=0)))

@@ -63,7 +63,7 @@ BOUNDS: dict[str, tuple[float, float]] = {
 
 @dataclass(frozen=True, slots=True)
 class HeadStyle:
-    """Proportions and colours; the default is an average adult (Farkas 1994; :data:`.surface.SECTIONS`).
+    """Proportions and colours; the default is an average adult (Farkas 1994; ``sections.npz``).
 
     Raises
     ------
@@ -149,8 +149,7 @@ def parse_look(text: str, usual: HeadStyle | None = None) -> tuple[HeadStyle, st
     -------
     (HeadStyle, str)
         Fields that are not named are those of ``usual``, or the defaults; the level is ``"normal"`` by default and is
-        not
-        checked.
+        not checked.
 
     Raises
     ------

@@ -180,7 +180,7 @@ class Rig:
     moves: Array
     """(B, V, 3) mm: motion by each blendshape at full weight."""
     own_faps: Sequence[Mapping[int, float] | None]
-    """(B,): FAPs that a blendshape means by itself, FAPU at full weight; None for a free one."""
+    """(B,): a blendshape's own FAPs, FAPU at full weight; None for a free one."""
     fields: PointFields
     eyes: Eyes
 
@@ -218,7 +218,7 @@ def _add_coordinates(collector: RowCollector, rig: Rig, faps: Sequence[Coordinat
     signed = [_signed_channels(collector, coordinate, rig.eyes) for coordinate in faps]
 
     def mixed(per_mm: Array) -> dict[int, float]:
-        """Weigh channels by what a row takes of 1 mm of each coordinate, (N,)."""
+        """Weight of each channel in a row, from the row's weight for 1 mm of each coordinate, (N,)."""
         return {
             channel: float(ROW_FAPU * per_mm[row] * steps[row] * sign)
             for row, channels in enumerate(signed)
@@ -262,7 +262,7 @@ def _demanded(rig: Rig, faps: Sequence[Coordinate], steps: Array) -> Array:
 def _own_weights(
     collector: RowCollector, own_faps: Mapping[int, float] | None, faps: Sequence[Coordinate]
 ) -> dict[int, float]:
-    """Weights of the FAPs that a blendshape means and no feature point shows."""
+    """Weights of a blendshape's own FAPs that no feature point measures."""
     shown = {coordinate.number for coordinate in faps}
     return {
         collector.channel(Channel(number, 0.0, float(np.copysign(np.inf, value)))): ROW_FAPU / abs(value)

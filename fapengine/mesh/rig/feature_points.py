@@ -272,7 +272,7 @@ def _turned_to(face: _Face, standard: FaceMesh) -> _Face:
 
 
 def _bent(face: _Face, standard: FaceMesh) -> dict[str, int]:
-    """Warp the standard's points onto the anchors; each takes a vertex."""
+    """Warp the standard's points onto the anchors, and find the vertex of each."""
     face.anchors = _without_nostril(face, standard)
     shift = _shift(face.vertices, face.anchors, standard)
     amount = face.amount(JAW)
@@ -309,13 +309,13 @@ def _without_nostril(face: _Face, standard: FaceMesh) -> dict[str, int]:
 
 
 def _shift(vertices: Array, anchors: Mapping[str, int], standard: FaceMesh) -> RBFInterpolator:
-    """Distance of the face from the standard's, continued from the anchors."""
+    """Displacement of the face from the standard's, interpolated between the anchors."""
     sources = np.stack([standard.point_mm(name) for name in anchors]).astype(np.float64)
     return RBFInterpolator(sources, vertices[[*anchors.values()]] - sources, kernel="linear", degree=0, smoothing=1.0)
 
 
 def _pupils(face: _Face, mesh: BlendshapeMesh, anchors: Mapping[str, int]) -> dict[str, int]:
-    """Front of each eyeball: of what hangs on the eye's bone, or of the ball behind its lids."""
+    """Front of each eyeball: of the vertices of the eye's bone, or of the ball behind its lids."""
     used, points = np.unique(face.triangles), {}
     for pupil, bone, lids in (("3.5", "left eye", ("3.1", "3.3")), ("3.6", "right eye", ("3.2", "3.4"))):
         lid_points = [face.vertices[anchors[name]] for name in lids if name in anchors]

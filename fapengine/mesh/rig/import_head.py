@@ -64,15 +64,14 @@ def import_head(
     ----------
     mesh : BlendshapeMesh
     blendshapes : sequence of str
-        Names of those to blend; with none, the fields of the feature points do everything. Leave out blendshapes of
-        gaze:
-        eyes turn.
+        Names of those to blend; without any, the fields of the feature points do everything. Leave out blendshapes of
+        gaze: the eyes are bones.
     points : mapping of str to int
         Vertex of each feature point, set by hand or from :func:`fapengine.mesh.rig.feature_points.locate`.
     standard : FaceMesh
         Defines scale and axes, and replaces missing points.
     own_faps : mapping of str to FAPs, optional
-        Further blendshapes that mean FAPs by themselves: FAP number to FAPU at full weight, not 0.
+        Further blendshapes with their own FAPs: FAP number to FAPU at full weight, not 0.
 
     Raises
     ------
