@@ -4,6 +4,7 @@ Candidates for the closest triangle come from a kd-tree over the triangles' cent
 meshes whose triangles are of similar size, as scans are, the nearest triangle is among the eight nearest centres.
 """
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -148,7 +149,7 @@ def vertex_normals(vertices: NDArray[np.floating], triangles: ArrayLike) -> NDAr
     uses = csr_array(
         (np.ones(corner.size), (corner.ravel(), np.repeat(np.arange(len(corner)), 3))), shape=(count, len(corner))
     )
-    summed = np.asarray(uses @ flat.reshape(len(corner), -1), dtype=np.float64)
+    summed = np.asarray(uses @ flat.reshape(len(corner), math.prod(flat.shape[1:])), dtype=np.float64)
     total = np.moveaxis(summed.reshape(count, *flat.shape[1:]), 0, -2)
     length = np.linalg.norm(total, axis=-1, keepdims=True)
     unit: NDArray[np.float64] = np.where(length > 1e-12, total / np.maximum(length, TINY), [0.0, 0.0, 1.0])
@@ -254,7 +255,7 @@ def average_over_mesh(
     links = _links(triangles, len(values))
     degree: NDArray[np.float64] = links.sum(axis=1)
     share = np.broadcast_to(weight * (degree > 0), len(values))[:, None]
-    average = values.reshape(len(values), -1)
+    average = values.reshape(len(values), math.prod(values.shape[1:]))
     for _ in range(rounds):
         average = average + share * (links @ average / np.maximum(degree, 1)[:, None] - average)
     return average.reshape(values.shape)

@@ -70,6 +70,7 @@ def test_normals_of_a_batch():
     np.testing.assert_allclose(two[1], one * [-1, -1, 1])
     unused = vertex_normals(np.concatenate([vertices, [[0, 0, 0]]]), triangles)
     assert unused[-1].tolist() == [0, 0, 1]
+    assert vertex_normals(vertices[:2], np.zeros((0, 3), int)).tolist() == [[0, 0, 1]] * 2
 
 
 def test_triangles_must_name_vertices():
