@@ -1,0 +1,79 @@
+"""Access units are the planes of a stream; levels bound bits and frame rate; errors of points follow their levers."""
+
+import numpy as np
+import pytest
+
+from fapengine.codec.choices import EYE_LEVER_MM, HEAD_LEVER_MM, TONGUE_LEVER, point_errors_mm
+from fapengine.codec.decoder import decode
+from fapengine.codec.elementary import LEVELS, access_units, level_of
+from fapengine.codec.encoder import EncoderOptions, encode
+from fapengine.codec.epf import parse_epf
+from fapengine.codec.interpolate import LIP_PARTNERS, SIDE_PARTNERS, fill
+from fapengine.errors import DataError
+from fapengine.mpeg4 import fap
+from fapengine.mpeg4.fapu import Fapu
+from fapengine.mpeg4.track import FapTrack
+
+FACE = Fapu(irisd0_mm=11.0, es0_mm=62.0, ens0_mm=47.0, mns0_mm=22.0, mw0_mm=50.0)
+
+
+def noise(frames: int, size: int, rate_hz: float = 25.0) -> FapTrack:
+    values = np.random.default_rng(2).integers(-size, size + 1, (frames, 68))
+    values[:, :2] = 0
+    return FapTrack.of(values, rate_hz=rate_hz)
+
+
+def test_access_units_join_to_the_stream_and_begin_with_start_codes() -> None:
+    stream = encode(noise(7, 50), EncoderOptions(intra_every=3, plane_start_codes="all"))
+    units = access_units(stream)
+    assert b"".join(unit.data for unit in units) == stream
+    assert [unit.data[:4].hex() for unit in units] == ["000001ba"] + ["000001bb"] * 6
+    assert [(unit.frame, unit.intra) for unit in units] == [(n, n % 3 == 0) for n in range(7)]
+    with pytest.raises(DataError, match="share bytes"):
+        access_units(encode(noise(7, 50)))
+
+
+def test_levels_bound_the_bits_of_a_second_and_the_frame_rate() -> None:
+    assert level_of(decode(encode(noise(30, 1)))) is LEVELS[0]
+    rates = {}
+    for size in (1, 5, 20, 60, 400, 1000):
+        decoded = decode(encode(noise(60, size, 60.0), EncoderOptions(quant=0)))
+        bits = sum(int((part.extents[:, 1] - part.extents[:, 0]).sum()) for part in decoded.planes)
+        rates[bits] = level_of(decoded)
+    for bits, level in rates.items():
+        fitting = [one for one in LEVELS if bits <= one.max_bit_s]
+        assert level is (fitting[0] if fitting else None)
+    assert {*LEVELS, None} >= set(rates.values()) >= {None}, rates
+    assert level_of(decode(encode(noise(10, 1, 100.0)))) is None
+
+
+@pytest.mark.parametrize("number", range(3, 69))
+def test_the_error_of_a_fap_moves_its_point_by_its_lever(number: int) -> None:
+    levers = {47: TONGUE_LEVER * FACE.mw0_mm} | dict.fromkeys(range(23, 27), EYE_LEVER_MM)
+    levers |= dict.fromkeys(range(48, 51), HEAD_LEVER_MM)
+    errors = np.zeros(66)
+    errors[number - 3] = -2.0
+    moved = 2.0 * FACE.steps()[fap.column(number)] * levers.get(number, 1.0)
+    same = [row.point == fap.spec(number).point or number in (48, 49, 50) for row in fap.FAPS]
+    np.testing.assert_allclose(point_errors_mm(errors, FACE), np.where(same, moved, 0.0))
+
+
+@pytest.mark.parametrize(("one", "other"), SIDE_PARTNERS + LIP_PARTNERS)
+def test_each_partner_fills_the_other(one: int, other: int) -> None:
+    for sent, filled in ((one, other), (other, one)):
+        values, mask = np.zeros(66, np.int64), np.zeros(66, bool)
+        values[sent - 3], mask[sent - 3] = 17, True
+        assert fill(values, mask, (2,) * 10, np.zeros(66, np.int64))[filled - 3] == 17
+
+
+@pytest.mark.parametrize(("one", "other"), [(6, 7), (8, 9), (10, 11), (12, 13)])
+def test_the_other_side_comes_before_the_other_contour_of_that_side(one: int, other: int) -> None:
+    values, mask = np.zeros(66, np.int64), np.zeros(66, bool)
+    for number, value in ((one, 17), (dict(LIP_PARTNERS)[one], 5)):
+        values[number - 3], mask[number - 3] = value, True
+    assert fill(values, mask, (2,) * 10, np.zeros(66, np.int64))[other - 3] == 17
+
+
+def test_bounds_of_a_parameter_file_have_32_bits() -> None:
+    with pytest.raises(DataError, match="FIN: must be -2147483648 to"):
+        parse_epf(b"FBM 1 FFR 0 FIN" + b" -2147483649" * 66)
