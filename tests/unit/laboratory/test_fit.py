@@ -223,7 +223,10 @@ def test_scans_become_a_dense_face(make, run, face, face_mm, standard):
     assert found.dense.face.modes.modes_mm.shape[1] == len(used)
     for change, message in (
         (scans[:2], "needs at least 3 postures"),
-        ([replace(scans[0], landmarks={"9.99": (0, 0, 0)}), *scans[1:]], "is no marker and no recorded feature point"),
+        (
+            [replace(scans[0], landmarks={"9.99": (0, 0, 0)}), *scans[1:]],
+            "is not a marker, nor a recorded feature point",
+        ),
         ([replace(scans[0], landmarks={}), *scans[1:]], "landmarks: needs at least .*, got 0"),
     ):
         with pytest.raises(DataError, match=message):
