@@ -168,11 +168,11 @@ class FaceMesh:
     """(F, 3) int32, counter-clockwise seen from outside."""
     feature_points: Mapping[str, int]
     """Vertex index by feature point name."""
-    jaw_pivot_mm: Array
+    jaw_pivot_mm: NDArray[np.float64]
     """(3,) float64: midpoint of the axis through both jaw joints; the axis is x."""
-    head_pivot_mm: Array
+    head_pivot_mm: NDArray[np.float64]
     """(3,) float64: feature point 7.1."""
-    eye_pivots_mm: Array
+    eye_pivots_mm: NDArray[np.float64]
     """(2, 3) float64: centres of the left and the right eyeball."""
     fapu: Fapu
     basis: DeformationBasis

@@ -252,12 +252,16 @@ def test_light_at_vertices_is_nearly_light_at_pixels(head: FaceMesh) -> None:
 
 
 def test_auto_shading_goes_by_the_size_of_triangles(renderer: FaceRenderer) -> None:
-    model, front = renderer._model, preset("front")
-    assert model.is_lit_at_vertices(front, (512, 512), "auto")
-    assert not model.is_lit_at_vertices(front, (2048, 2048), "auto")
-    assert not model.is_lit_at_vertices(preset("mouth"), (512, 512), "auto")
-    assert model.is_lit_at_vertices(preset("mouth"), (512, 512), "vertices")
-    assert not model.is_lit_at_vertices(front, (128, 128), "pixels")
+    model = renderer._model
+
+    def is_at_vertices(camera: str, side: int, shading: Shading) -> bool:
+        return model.is_lit_at_vertices(Drawing(camera=preset(camera), size=(side, side), shading=shading))
+
+    assert is_at_vertices("front", 512, "auto")
+    assert not is_at_vertices("front", 2048, "auto")
+    assert not is_at_vertices("mouth", 512, "auto")
+    assert is_at_vertices("mouth", 512, "vertices")
+    assert not is_at_vertices("front", 128, "pixels")
 
 
 def test_backgrounds(head: FaceMesh, renderer: FaceRenderer) -> None:
