@@ -76,6 +76,13 @@ class FieldState:
     def decode(self, intra: bool, bits: Bits, at: int, costs: NDArray[np.float64]) -> tuple[int, int]:
         """Decode the arithmetic data of one plane into ``found``; call :meth:`keep` to keep it.
 
+        Parameters
+        ----------
+        bits : (N,) uint8
+            Each 0 or 1; the plane begins at ``at``.
+        costs : (FIELD_COUNT,) or (0,) float64
+            Bits that each field takes are added to it.
+
         Returns
         -------
         status, end : int

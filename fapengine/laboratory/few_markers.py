@@ -129,7 +129,7 @@ def _weights_of_all(moved_mm: Array, chosen: NDArray[np.intp]) -> MarkerSubset:
 
 
 def spread_out(rest_mm: Array, count: int, first: list[int]) -> NDArray[np.intp]:
-    """``count`` points as far from each other as possible, with the ``first`` ones (farthest point sampling)."""
+    """``count`` of (M, 3) points as far apart as possible, with the ``first`` ones: farthest point sampling."""
     chosen = first[:count]
     away = np.asarray(cKDTree(rest_mm[chosen]).query(rest_mm)[0])
     while len(chosen) < count:

@@ -16,7 +16,7 @@ model knows (:mod:`.context`) and by the merging of keyframes that stand too nea
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -129,7 +129,7 @@ class Style:
 def parse_method(name: str) -> Method:
     """Find a method by its name."""
     if name in METHOD_NAMES:
-        return cast("Method", name)
+        return name
     raise UsageError(f"method: unknown value {name!r}; use one of {', '.join(METHOD_NAMES)}")
 
 

@@ -135,7 +135,7 @@ def local_transform(node: Item) -> Array:
 
 
 def find_bones(gltf: Gltf, world: dict[int, Array]) -> dict[str, int]:
-    """Node of each bone of the face that is shown, by VRM's humanoid, else by the node's name."""
+    """Node of each bone of the face that is shown, by VRM's humanoid or by the node's name; ``world``: (4, 4) each."""
     nodes, joints = gltf.rows["nodes"], humanoid(gltf)
     for node in world:
         name = nodes[node].string("name", "").rpartition(":")[2]
@@ -233,7 +233,7 @@ class Carrier:
 
 
 def carrier(gltf: Gltf, number: int, attributes: Item, count: int, world: dict[int, Array]) -> Carrier:
-    """Find the transforms of ``count`` vertices of a node's mesh: the node's own, or those of its skin's joints."""
+    """Transforms of ``count`` vertices of a mesh: its node's, or those of its skin's joints; ``world``: (4, 4) each."""
     node = gltf.rows["nodes"][number]
     if "skin" not in node or "JOINTS_0" not in attributes:
         still = np.broadcast_to(world[number], (count, 4, 4))

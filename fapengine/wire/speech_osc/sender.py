@@ -121,7 +121,7 @@ class OscSender:
         return is_whole and not self._queue and not self._cancels
 
     def move(self, now_s: float, *, follows: bool = True, ping_s: float = PING_S) -> None:
-        """Connect to another engine and send it everything again; see :meth:`.Handshake.begin_elsewhere`."""
+        """Connect to another engine, or to the same one at another address, and send it everything again."""
         self.handshake.begin_elsewhere(now_s, follows=follows, ping_s=ping_s)
         for window in self._windows.values():
             window.restart(now_s)
