@@ -102,7 +102,7 @@ def measured() -> dict[str, float]:
         return _shown(stage, speech.samples, speech.sample_rate_hz)
 
     def by_ear(ear: Callable[[], Recognizer]) -> list[np.ndarray]:
-        stage = StreamHost(profile, rng=np.random.default_rng(1), ear=DirectRecognizer(ear()))
+        stage = StreamHost(profile, rng=np.random.default_rng(1), recognizer=DirectRecognizer(ear()))
         return _shown(stage, speech.samples, speech.sample_rate_hz)
 
     frames = by_words()

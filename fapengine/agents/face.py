@@ -80,7 +80,7 @@ class AgentFace:
         self.host, self.dt_s = host, 1.0 / frame_rate_hz
         self.marks = MarkTimer()
         self.painter: Painter | None = None
-        self.ear: StreamRecognizer | None = None
+        self.recognizer: StreamRecognizer | None = None
         self._due_s: float | None = None
         self._half = b""
         self._has_words = False
@@ -100,13 +100,14 @@ class AgentFace:
         ResourceError
             If a process cannot be started.
         """
-        ear = RecognizerProcess.open() if options.hears else None
+        recognizer = RecognizerProcess.open() if options.hears else None
         host = StreamHost(
             load_profile(Path(options.profile) if "/" in options.profile else options.profile),
-            rng=np.random.default_rng(options.seed), style=options.style, ear=ear, pronounce=_pronouncer(options.voice),
+            rng=np.random.default_rng(options.seed), style=options.style, recognizer=recognizer,
+            pronounce=_pronouncer(options.voice),
         )  # fmt: skip
         face = cls(host, options.frame_rate_hz)
-        face.ear, face.painter = ear, Painter(options.head, options.size, options.edges)
+        face.recognizer, face.painter = recognizer, Painter(options.head, options.size, options.edges)
         return face
 
     async def ready(self) -> None:
@@ -114,17 +115,17 @@ class AgentFace:
         if self.painter is not None:
             await self.painter.ready()
         for _ in range(round(EAR_STARTS_S / self.dt_s)):
-            if self.ear is None or self.ear.is_ready:
+            if self.recognizer is None or self.recognizer.is_ready:
                 return
-            self.ear.poll()
+            self.recognizer.poll()
             await asyncio.sleep(self.dt_s)
 
     def close(self) -> None:
         """End the processes."""
         if self.painter is not None:
             self.painter.close()
-        if self.ear is not None:
-            self.ear.close()
+        if self.recognizer is not None:
+            self.recognizer.close()
 
     # Events of the framework -----------------------------------------------------------------------------------------
 

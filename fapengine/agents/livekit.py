@@ -157,7 +157,7 @@ class AvatarSession(_AvatarSession):  # type: ignore[misc, unused-ignore]
         """
         async for piece in text:
             start_s, end_s = getattr(piece, "start_time", None), getattr(piece, "end_time", None)
-            is_word = len(str(piece).split()) == 1 or self._face.ear is None
+            is_word = len(str(piece).split()) == 1 or self._face.recognizer is None
             if isinstance(start_s, int | float) and is_word:
                 self._face.word(str(piece), float(start_s), float(end_s) if isinstance(end_s, int | float) else None)
             yield piece

@@ -180,7 +180,7 @@ def listen_live(
         raise UsageError("expressions: cannot have times or words with a microphone")
     check_recognizer(recognizer)
     with Microphone(microphone) as source, open_face(manner, output) as face:
-        hearing = Hearing(face.hub, max_ears=1, model=recognizer)
+        hearing = Hearing(face.hub, max_recognizers=1, model=recognizer)
         try:
             hearing.listen(SESSION, np.zeros(0, np.int16), source.rate_hz, source=source)  # the recognizer starts
             for mood in moods_of(manner.expressions, PhoneTrack.of([])):

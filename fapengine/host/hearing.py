@@ -33,7 +33,7 @@ from fapengine.speech.phone_track import Phone
 
 DELAY_S = 0.5
 """Delay of the face after audio that comes as it is spoken; docs/how-to/sound.md says what less costs."""
-MAX_EARS = 4
+MAX_RECOGNIZERS = 4
 MAX_WAITING_S = 20.0
 """Most audio of one session that waits for its recognizer."""
 IDLE_S = 30.0
@@ -53,9 +53,9 @@ log = logging.getLogger("fapengine.hub")
 class HearingCounts(Counts):
     """Counts of audio and phones. Stateful."""
 
-    METRIC = "sound", "Sound that ears were given, s, and its phones, by what became of it."
+    METRIC = "sound", "Audio for recognizers, s, and its phones, by outcome."
 
-    ears: int = metric("ears", "Processes that hear sound.", is_gauge=True)
+    recognizers: int = metric("ears", "Recognizer processes.", is_gauge=True)
     heard_s: float = 0.0
     """Audio that was recognized."""
     refused_s: float = 0.0
@@ -81,7 +81,7 @@ class _Utterance:
 class _Session:
     """One session's recognizer. Stateful."""
 
-    ear: StreamRecognizer
+    recognizer: StreamRecognizer
     touched_s: float
     utterance: _Utterance | None = None
     """Current utterance."""
@@ -106,7 +106,7 @@ class _Session:
     @property
     def delay_s(self) -> float:
         """Delay of the face: :data:`DELAY_S`, and more for a recognizer that looks farther ahead."""
-        return DELAY_S + max(self.ear.look_ahead_s - LOOK_AHEAD_S, 0.0)
+        return DELAY_S + max(self.recognizer.look_ahead_s - LOOK_AHEAD_S, 0.0)
 
 
 @dataclass(slots=True, eq=False)
@@ -114,7 +114,7 @@ class Hearing:
     """All recognizers of a hub. Stateful; call :meth:`tick` once before each frame."""
 
     hub: Hub
-    max_ears: int = MAX_EARS
+    max_recognizers: int = MAX_RECOGNIZERS
     model: Path | None = None
     """Name of a recognizer, or an ONNX model (:mod:`fapengine.recognition.choice`)."""
     opens: Callable[[Path | None], StreamRecognizer] = RecognizerProcess.open
@@ -170,7 +170,7 @@ class Hearing:
         self._push(session, one, samples, rate_hz)
         if is_last and not one.ends:
             one.ends = True
-            one.ear.end()
+            one.recognizer.end()
 
     def on_sound(self, session: str, taker: Callable[[HeardSound], None]) -> Callable[[], None]:
         """Receive the audio that moves a session, and its place, until the returned function is called."""
@@ -181,7 +181,7 @@ class Hearing:
     @property
     def is_possible(self) -> bool:
         """Whether there may be a recognizer: it is installed, and allowed."""
-        return self.max_ears > 0 and is_installed(self.model)
+        return self.max_recognizers > 0 and is_installed(self.model)
 
     def listen(self, session: str, samples: NDArray[np.int16], rate_hz: int, *, source: Hashable = None) -> bool:
         """Add the next audio of a microphone, (N,) int16, as it comes; False if it was refused.
@@ -218,9 +218,9 @@ class Hearing:
         for session, one in list(self._sessions.items()):
             if one.is_endless and not one.ends and now_s - one.touched_s > QUIET_S:
                 one.ends = True
-                one.ear.end()
+                one.recognizer.end()
             try:
-                told = one.ear.poll()
+                told = one.recognizer.poll()
             except ResourceError as error:
                 log.error("%s: %s", session, error, extra={"session": session})
                 self.counts.ended += 1
@@ -232,7 +232,7 @@ class Hearing:
                 one.heard_s = heard.position_s
                 self._tell(session, one, heard, now_s)
             waits = one.utterance is not None and not one.utterance.is_begun
-            if waits and one.ear.is_ready and session in self.hub.engine:
+            if waits and one.recognizer.is_ready and session in self.hub.engine:
                 self._begin(session, one, now_s)  # with what has come so far
             if session not in self.hub.engine or now_s - one.touched_s > IDLE_S:
                 self._close(session, keep=session in self.hub.engine)
@@ -250,49 +250,51 @@ class Hearing:
         if self._spare is not None:
             self._spare.close()
             self._spare = None
-            self.counts.ears -= 1
+            self.counts.recognizers -= 1
 
-    # Ears
+    # Recognizers
 
     def _session(self, session: str, length_s: float) -> _Session:
         one = self._sessions.get(session)
         if one is None:
-            if len(self._sessions) >= self.max_ears:
+            if len(self._sessions) >= self.max_recognizers:
                 self.counts.refused_s += length_s
-                raise ResourceError(f"ears: got sound of one session more than {self.max_ears}")
-            ear, self._spare = self._spare, None
-            if ear is None:
+                raise ResourceError(
+                    f"recognizers: got audio of another session, expected {self.max_recognizers} at most"
+                )
+            recognizer, self._spare = self._spare, None
+            if recognizer is None:
                 try:
-                    ear = self.opens(self.model)
+                    recognizer = self.opens(self.model)
                 except FapEngineError:
                     self.counts.refused_s += length_s
                     raise
-                self.counts.ears += 1
-            one = self._sessions[session] = _Session(ear, self.hub.clock())
+                self.counts.recognizers += 1
+            one = self._sessions[session] = _Session(recognizer, self.hub.clock())
         one.touched_s = self.hub.clock()
         return one
 
     def _close(self, session: str, *, keep: bool) -> None:
         one = self._sessions.pop(session)
-        if keep and self._spare is None and one.ear.is_ready:
-            one.ear.begin()
-            self._spare = one.ear
+        if keep and self._spare is None and one.recognizer.is_ready:
+            one.recognizer.begin()
+            self._spare = one.recognizer
         else:
-            one.ear.close()
-            self.counts.ears -= 1
+            one.recognizer.close()
+            self.counts.recognizers -= 1
 
     def _begin_stream(self, one: _Session, rate_hz: int, *, is_endless: bool) -> None:
-        one.ear.begin()
+        one.recognizer.begin()
         one.stream += 1
         one.utterance, one.is_endless, one.rate_hz, one.ends = None, is_endless, rate_hz, False
         one.pushed_s = one.deaf_s = one.heard_s = 0.0
 
     def _push(self, session: str, one: _Session, samples: NDArray[np.int16], rate_hz: int) -> bool:
         length_s = len(samples) / rate_hz
-        if one.ear.waiting_s + length_s > MAX_WAITING_S:
+        if one.recognizer.waiting_s + length_s > MAX_WAITING_S:
             self.counts.refused_s += length_s
             samples = samples[:0]
-        one.ear.push(samples, rate_hz)
+        one.recognizer.push(samples, rate_hz)
         if len(samples):
             sound = HeardSound((one.stream, id(one)), samples, rate_hz, one.pushed_s, one.place, one.is_endless)
             for wanted, taker in tuple(self._takers):
@@ -403,4 +405,4 @@ class Hearing:
         if one.is_endless:
             one.deaf_s = one.pushed_s
         else:
-            one.ear.begin()
+            one.recognizer.begin()

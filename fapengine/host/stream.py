@@ -140,7 +140,7 @@ class StreamHost(Host, GestureMethods):
     rng : numpy.random.Generator
         Random numbers of blinks, glances and head motion.
     style : Style, optional
-    ear : StreamRecognizer, optional
+    recognizer : StreamRecognizer, optional
         Recognizes phones; without it only words move the mouth. The caller closes it.
     pronounce : callable, optional
         Turns words with times into phones; without it :meth:`words` does nothing.
@@ -161,14 +161,14 @@ class StreamHost(Host, GestureMethods):
         *,
         rng: np.random.Generator,
         style: Style | None = None,
-        ear: StreamRecognizer | None = None,
+        recognizer: StreamRecognizer | None = None,
         pronounce: Pronounce | None = None,
     ) -> None:
         super().__init__(Engine(profile, rng=rng, limits=replace(LIMITS, sessions=1), style=style), _FACE)
         self.engine.open(_FACE, 0.0)
         self._now_s = 0.0
         self.counts = StreamCounts()
-        self._ear, self._pronounce = ear, pronounce
+        self._recognizer, self._pronounce = recognizer, pronounce
         self._newest = 0
         self._queue: list[_Utterance] = []
         self._listening: tuple[_Utterance, Run] | None = None
@@ -233,8 +233,8 @@ class StreamHost(Host, GestureMethods):
         self._queue.clear()
         self._cues.clear()
         self.apply(Cancel(fade_s=_FADE_S), self._now_s)
-        if self._listening is not None and self._ear is not None:
-            self._ear.begin()
+        if self._listening is not None and self._recognizer is not None:
+            self._recognizer.begin()
         self._listening = None
 
     # What goes out ---------------------------------------------------------------------------------------------------
@@ -334,7 +334,7 @@ class StreamHost(Host, GestureMethods):
 
     def _known_s(self, utterance: _Utterance) -> float:
         """Time in an utterance up to which its phones are known."""
-        if self._ear is None or utterance.is_deaf:
+        if self._recognizer is None or utterance.is_deaf:
             return inf
         return max(utterance.heard_s, utterance.words.end_s)
 
@@ -381,24 +381,24 @@ class StreamHost(Host, GestureMethods):
 
     def _listen(self) -> None:
         """Send one run of audio after the other to the recognizer, and collect its phones."""
-        while self._ear is not None:
+        while self._recognizer is not None:
             if self._listening is None:
                 waiting = ((each, run) for each in self._queue for run in each.sound.runs if not run.is_heard)
                 self._listening = next(waiting, None)
                 if self._listening is None:
                     return
-                self._ear.begin()
+                self._recognizer.begin()
             utterance, run = self._listening
             samples = run.unheard()
             if len(samples):
-                self._ear.push(samples, run.rate_hz)
+                self._recognizer.push(samples, run.rate_hz)
             if run.is_over and not run.is_end_told:
-                self._ear.end()
+                self._recognizer.end()
                 run.is_end_told = True
             try:
-                told = self._ear.poll()
+                told = self._recognizer.poll()
             except ResourceError:
-                self._ear = self._listening = None
+                self._recognizer = self._listening = None
                 return
             for heard in told:
                 self._take(heard, utterance, run)
@@ -417,6 +417,6 @@ class StreamHost(Host, GestureMethods):
         utterance.is_deaf = True
         for run in utterance.sound.runs:
             run.is_heard = True
-        if self._listening is not None and self._listening[0] is utterance and self._ear is not None:
-            self._ear.begin()
+        if self._listening is not None and self._listening[0] is utterance and self._recognizer is not None:
+            self._recognizer.begin()
             self._listening = None

@@ -137,7 +137,7 @@ class Server:
         most = {"osc": limits.streams, "page": limits.connections, "metrics": limits.connections}
         self.doors = open_doors(most, limits.connections_per_address, raise_file_limit())
         recognizer = Path(config.sound.recognizer) if config.sound.recognizer else None
-        self.hearing = Hearing(self.hub, max_ears=limits.recognizers, model=recognizer)
+        self.hearing = Hearing(self.hub, max_recognizers=limits.recognizers, model=recognizer)
         self.studio = Studio(self.hub, self.hearing)
         self.sinks: list[Sink] = []
         """Open sinks."""

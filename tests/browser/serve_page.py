@@ -56,7 +56,7 @@ async def serve(
     def hear(now_s: float, due_s: float) -> None:
         """Let time stand still for a while where a recognizer is behind, as on a busy machine."""
         hearing.tick(now_s)
-        if any(one.ear.waiting_s > BEHIND_S for one in hearing._sessions.values()):
+        if any(one.recognizer.waiting_s > BEHIND_S for one in hearing._sessions.values()):
             clock.allow(hearing)
             loop.call_later(PAUSE_S, clock.free, hearing)
 

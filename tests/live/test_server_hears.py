@@ -149,13 +149,13 @@ def test_a_flood_of_sound_is_bounded_and_counted() -> None:
                     await asyncio.sleep(0.001)
             await until(lambda: server.hearing.counts.refused_s > 1)
             one = server.hearing._sessions["anna"]
-            assert one.ear.waiting_s <= MAX_WAITING_S
+            assert one.recognizer.waiting_s <= MAX_WAITING_S
             sender.tell("/fap/1/hello", "s", "bert")
             sender.socket.send(codec.encode(schema.Sound("bert", 0, 0, RATE_HZ, blob)))
             await until(lambda: any("ears" in message.arguments for message in sender.answers()))  # one too many
             assert server.hub.counts.frames > 10
             sender.tell("/fap/1/utt/cancel", "s", "anna")
-            await until(lambda: one.ear.waiting_s == 0)
+            await until(lambda: one.recognizer.waiting_s == 0)
             sender.close()
 
     on_a_loop(main)
@@ -167,14 +167,14 @@ def test_an_ear_that_is_killed_is_told_of_and_replaced() -> None:
             await ready(server)
             server.hub.open("anna")
             server.hearing.hear("anna", 1, np.zeros(PIECE, np.int16), RATE_HZ, is_placed=False)
-            killed = server.hearing._sessions["anna"].ear
+            killed = server.hearing._sessions["anna"].recognizer
             assert isinstance(killed, RecognizerProcess)
             killed.child.kill()
             await until(lambda: server.hearing.counts.ended == 1)
             heard_s = server.hearing.counts.heard_s
             server.hearing.hear("anna", 2, np.zeros(RATE_HZ, np.int16), RATE_HZ, is_placed=False)
             await until(lambda: server.hearing.counts.heard_s > heard_s)
-            process = server.hearing._sessions["anna"].ear
+            process = server.hearing._sessions["anna"].recognizer
             assert isinstance(process, RecognizerProcess)
         assert not process.child.is_alive  # it ends with the server
 

@@ -89,7 +89,7 @@ class Stage:
         self.hub = Hub(engine, clock=self.clock)
         self.hub.hold("anna")
         self.hub.listeners.on_command("anna", lambda _, command, at_s: self.told.append((at_s, command)))
-        self.hearing = Hearing(self.hub, max_ears=1, opens=self.open)
+        self.hearing = Hearing(self.hub, max_recognizers=1, opens=self.open)
 
     def open(self, model: Path | None) -> EarHere:
         self.ears.append(EarHere(self.clock))
@@ -235,7 +235,7 @@ def test_ears_are_bounded_and_given_back() -> None:
     silence = np.zeros(RATE_HZ, np.int16)
     stage.hub.open("bert")
     assert stage.hearing.listen("anna", silence, RATE_HZ)
-    with pytest.raises(ResourceError, match="ears: got sound of one session more than 1"):
+    with pytest.raises(ResourceError, match="recognizers: got audio of another session, expected 1 at most"):
         stage.hearing.listen("bert", silence, RATE_HZ)
     assert stage.hearing.counts.refused_s == 1.0
     stage.ears[0].waiting_s = MAX_WAITING_S
@@ -244,10 +244,10 @@ def test_ears_are_bounded_and_given_back() -> None:
     stage.clock.now_s += IDLE_S + 1
     stage.hearing.tick(stage.clock.now_s)
     assert stage.hearing.listen("bert", silence, RATE_HZ)
-    assert len(stage.ears) == stage.hearing.counts.ears == 1  # the same one
+    assert len(stage.ears) == stage.hearing.counts.recognizers == 1  # the same one
     stage.hearing.close()
     assert stage.ears[0].is_closed
-    assert stage.hearing.counts.ears == 0
+    assert stage.hearing.counts.recognizers == 0
 
 
 def test_a_session_that_is_closed_gives_its_ear_back() -> None:
@@ -257,7 +257,7 @@ def test_a_session_that_is_closed_gives_its_ear_back() -> None:
     stage.hub.close("bert")
     stage.run(0.1)
     assert stage.ears[0].is_closed
-    assert stage.hearing.counts.ears == 0
+    assert stage.hearing.counts.recognizers == 0
 
 
 def test_a_shout_reaches_the_face() -> None:

@@ -570,7 +570,7 @@ def test_sound_of_a_microphone_goes_to_the_ear_of_one_page_at_a_time(head: FaceM
 
     async def run() -> None:
         hub = Hub(Engine(english(), rng=np.random.default_rng(1), style=Style.still()), rate_hz=100.0)
-        hearing = Hearing(hub, max_ears=1)
+        hearing = Hearing(hub, max_recognizers=1)
         app = make_app(hub, head, hearing=hearing)
         async with asyncio.timeout(LIMIT_S), TestClient(TestServer(app)) as client:
             ticking = asyncio.create_task(hub.run(lambda now_s, due_s: hearing.tick(now_s)))
@@ -578,7 +578,7 @@ def test_sound_of_a_microphone_goes_to_the_ear_of_one_page_at_a_time(head: FaceM
                 async with client.ws_connect("/ws?session=anna") as one, client.ws_connect("/ws?session=anna") as other:
                     assert (await one.receive_json())["ear"]
                     await one.send_bytes(piece)
-                    while not hearing.counts.ears:
+                    while not hearing.counts.recognizers:
                         await asyncio.sleep(0.005)
                     await other.send_bytes(piece)
                     await other.send_bytes(piece)
