@@ -54,7 +54,8 @@ test: $(VENV)/.ready-dev detector
 
 # The codec is compiled once, before several processes would all do it. Of three processes one takes files that compute,
 # the others files that wait, the long ones first: tests/queues.py.
-PYTEST := $(BIN)/python -m pytest -n 3 --dist loadfile -q
+# One thread each for linear algebra: three processes with two threads each on two cores wait for each other.
+PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 3 --dist loadfile -q
 tests: $(VENV)/.ready-dev detector
 	$(BIN)/python -c "from fapengine.codec.warmup import warm_up; warm_up()"
 	$(PYTEST) -m "not nightly" --at-least $(TESTS_AT_LEAST)
