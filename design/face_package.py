@@ -53,7 +53,6 @@ def version() -> str:
 
 def arkit_table() -> dict[str, object]:
     """Gather what ``arkit.js`` needs of :mod:`fapengine.retarget`."""
-    openings, openers = arkit._openings()
     rows, one_way = moods._rows(ALL_MOODS)
     lengths = weights_mm()
     return {
@@ -62,9 +61,9 @@ def arkit_table() -> dict[str, object]:
         "upper": _map(moods.mood_map(ALL_MOODS), helpers=[]),
         "jaw": arkit.JAW,
         "close": arkit.CLOSE,
-        "opposites": arkit._opposites(),
-        "openings": _short(openings),
-        "openers": openers,
+        "opposites": arkit._OPPOSITES,
+        "openings": _short(arkit._shape_openings_mm()),
+        "openers": arkit._OPENERS,
         "inner": [[number, lengths[fap.column(number)]] for number in arkit.INNER_PAIRS[0]],
         "outer": [[number, lengths[fap.column(number)]] for number in arkit.OUTER_PAIRS[0]],
         "shut": arkit.SHUT_MM,

@@ -166,7 +166,7 @@ def test_what_cannot_be_rendered_is_told(
         (["say", "Hello", "--size", "511x512", "-o", "x.mp4"], 2, "even"),
         (["say", "Hello", "--camera", "under"], 2, "front"),
         (["say", "..."], 2, "nothing to speak"),
-        (["say", "Hello", "--rate", "5"], 2, "80..449"),
+        (["say", "Hello", "--rate", "5"], 2, "80 to 449"),
         (["say", "Hello", "--profile", "nobody"], 2, "grid_s1_en"),
         (["animate", "none.TextGrid"], 2, "cannot be read"),
         (["render", "none.fap", "-o", "x.avi"], 2, ".png"),

@@ -26,9 +26,10 @@ BLOCKS = 8
 GRID = 4
 """Rows and columns of the mean colours that a picture leaves."""
 NUMBER = re.compile(r"-?\d+\.\d+(?:[eE][-+]?\d+)?|-?\d+(?:[eE][-+]?\d+)?")
+AVATARS = (".glb", ".usda", ".usdc")
 SHA256 = re.compile(r"\b[0-9a-f]{64}\b")
 UNSTEADY = ("seconds", "total_s", "times_real_time", "drawn_hz", "drawn_per_s", "wall_s", "finished_at")
-"""Keys of results that say how long the work took. A GLB has other sizes on other processors: its JSON holds floats."""
+"""Keys of results that say how long the work took. Avatars hold floats as text: other processors, other sizes."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +109,7 @@ def _numbers(data: bytes) -> tuple[bytes, Near]:
 def leaves(value: Any, path: str = "") -> Iterable[tuple[str, Any]]:
     """Yield (path of keys, value) of a result in JSON; items of a list share a path."""
     if isinstance(value, Mapping):
-        unsteady = (*UNSTEADY, "bytes") if str(value.get("output")).endswith(".glb") else UNSTEADY
+        unsteady = (*UNSTEADY, "bytes") if str(value.get("output")).endswith(AVATARS) else UNSTEADY
         for key, item in value.items():
             if key not in unsteady:
                 yield from leaves(item, f"{path}.{key}")

@@ -272,10 +272,10 @@ def _row_and_kind(session: Path) -> tuple[Row, str, Digests]:
 @pytest.mark.parametrize(
     ("table", "kind", "told"),
     [
-        ("id,session\na,gone\n", "profile", "which is no folder"),
-        ("id,session,text\na,.,Hello.\n", "profile", "beside text, timings or audio"),
-        ("id,text\na,Hello.\n", "profile", "expected a folder of recordings"),
-        ("id,session\na,.\n", "fap", "expected a run to profiles"),
+        ("id,session\na,gone\n", "profile", "expected an existing folder"),
+        ("id,session,text\na,.,Hello.\n", "profile", "combined with text, timings or audio"),
+        ("id,text\na,Hello.\n", "profile", "needs a folder of recordings"),
+        ("id,session\na,.\n", "fap", "only a profile"),
         ("id,session,held_out\na,.,0.9\n", "profile", "held"),
     ],
 )

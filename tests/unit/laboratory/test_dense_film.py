@@ -93,7 +93,7 @@ def test_fit_puts_our_own_head_on_to_the_dense_face(tmp_path, monkeypatch):
     assert len(adapted.vertices_mm) > len(dense.vertices_mm)  # our whole head for FAPs, the dense face for takes
     assert set(adapted.feature_points) > set(dense.feature_points)  # eyes, teeth, tongue
     assert load_head_info(str(profile)).source == "fapengine's head on the dense face of S05"
-    face = load_dense(profile)
+    face, _ = load_dense(profile)
     made = replace(make_dense_head(face, build_head())[0], mesh=adapted)
     monkeypatch.setattr(adapt_file, "adapt_dense_face", lambda face, points: (made, Nearness((1.0, 0.5), None, 0)))
     assert "0.50 mm after; too few" in run("head", "import", profile, "--adapt", "-o", tmp_path / "ours")

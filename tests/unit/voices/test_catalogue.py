@@ -63,7 +63,7 @@ def test_a_speaker_behind_a_plus_sign() -> None:
     assert voices.find("fr+f3").identifier == "roa/fr+f3"
     assert voices.find("en_US+ANDY").identifier == "gmw/en-US+Andy"
     assert voices.find("fr+f3").code == voices.find("fr").code
-    with pytest.raises(UsageError, match=r"speaker behind the \+ such as .*f3"):
+    with pytest.raises(UsageError, match=r"speaker after the \+ such as .*f3"):
         voices.find("fr+f33")
     with pytest.raises(UsageError, match="language code"):
         voices.find("xx+f3")
