@@ -44,6 +44,11 @@ class SingleStream(StreamingPlanner):
         self.take(phones)
         plan_together([self])
 
+    def cancel(self, at_s: float, *, fade_s: float = 0.2) -> None:
+        """End speech, and plan."""
+        super().cancel(at_s, fade_s=fade_s)
+        plan_together([self])
+
     def path(self, times_s: ArrayLike) -> Array:
         """(T, K + axes): the path as planned so far; it settles nothing."""
         times = np.asarray(times_s, dtype=np.float64)

@@ -45,7 +45,7 @@ from fapengine.mpeg4.track import FapTrack
 Errors = Literal["strict", "resync"]
 Floats = NDArray[np.float64]
 HELD = 4
-"""Frames held back with ``errors="resync"``: so many wrong planes pass for right ones with probability 8**-4."""
+"""Frames held back with ``errors="resync"``: four wrong planes in a row decode with a probability of 8**-4."""
 DEFAULT_RATE = FrameRate(30)
 """Frame rate until one is sent (FBA section 10)."""
 AT_ONCE = 256
@@ -105,7 +105,8 @@ class Decoder:
         self._fresh = False
         """A start code was just read."""
         self._searching_from: int | None = None
-        self._trouble: DataError | None = None
+        self.trouble: DataError | None = None
+        """The error that the next call will raise."""
         self._number = 0
         self._anchor = (0, 0.0)
         """Frame number and time from which times count."""
@@ -138,8 +139,8 @@ class Decoder:
 
     def feed_planes(self, data: bytes) -> list[Planes]:
         """Like :meth:`feed`, but returns frames in blocks of arrays."""
-        if self._trouble is not None:
-            raise self._trouble
+        if self.trouble is not None:
+            raise self.trouble
         if not self.ended and data:
             self._bits = np.concatenate([self._bits, unpack(data)])
             self._run(final=False)
@@ -150,17 +151,11 @@ class Decoder:
 
     def close_planes(self) -> list[Planes]:
         """Like :meth:`close`, but returns frames in blocks of arrays."""
-        if self._trouble is None and not self.ended:
-            self._run(final=True)
-        if self._trouble is not None and not (self._out or self._safe):
-            raise self._trouble
+        self._run(final=True)
+        if self.trouble is not None and not (self._out or self._safe):
+            raise self.trouble
         self.ended = True
         return self._hand_out(everything=True)
-
-    @property
-    def trouble(self) -> DataError | None:
-        """The error that the next call will raise."""
-        return self._trouble
 
     @property
     def waiting_bits(self) -> int:
@@ -187,7 +182,7 @@ class Decoder:
 
     def _run(self, *, final: bool) -> None:
         """Decode until more bytes are needed; :class:`TruncatedError` says so."""
-        while not self.ended and self._trouble is None:
+        while not self.ended and self.trouble is None:
             try:
                 if self._searching_from is not None:
                     self._search(final=final)
@@ -208,7 +203,7 @@ class Decoder:
     def _lose(self, error: DataError) -> None:
         """Record an error; with resynchronisation, drop the frames held back and start a search."""
         if not self._resync:
-            self._trouble = error
+            self.trouble = error
             return
         start = self._origin + self._at
         if isinstance(error, TruncatedError):  # nothing is wrong with what was decoded
@@ -291,8 +286,7 @@ class Decoder:
 
     def _start_code(self, code: int) -> None:
         if code in (bits.PLANE_START, bits.OLD_PLANE_START):
-            self._at = (self._at // 8 + 1) * 8 + 32
-            self._fresh = True
+            self._at, self._fresh = (self._at // 8 + 1) * 8 + CODE_BITS, True
         elif 0xB0 <= code <= 0xBF:
             self.ended = True
         else:
@@ -303,8 +297,7 @@ class Decoder:
         reader = BitReader(self._bits, self._at + 1, self._origin)
         start = read_plane_start(reader)
         header = read_face_header(reader, start) if start.objects & FACE else None
-        before = None if self._state.ranges is None else self._state.ranges.copy()
-        costs = np.zeros_like(self.costs)
+        before, costs = self._state.ranges, np.zeros_like(self.costs)
         try:
             if header is not None:
                 self._state.begin_intra(header)
@@ -354,8 +347,7 @@ class Decoder:
             self._body.keep(intra)
             self.body_planes += 1
         extent = np.array([[self._origin + self._at, self._origin + end, skip]], np.int64)
-        self._at = end
-        self._fresh = False
+        self._at, self._fresh = end, False
         if header is None:
             self._number += skip + 1
             return
@@ -405,12 +397,9 @@ class Decoder:
         elif self._resync:
             done = min([done, *(int(part.extents[0, 0]) - self._origin for part in self._out[:1])])
         whole = max(done - CODE_BITS if self._resync else done, 0) // 8 * 8
-        if whole:
-            self._bits = self._bits[whole:]
-            self._origin += whole
-            self._at = max(self._at - whole, 0)
-            if self._searching_from is not None:
-                self._searching_from -= whole
+        self._bits, self._origin, self._at = self._bits[whole:], self._origin + whole, max(self._at - whole, 0)
+        if self._searching_from is not None:
+            self._searching_from -= whole
 
     def _where(self) -> str:
         return place(self._origin + self._at)

@@ -241,18 +241,16 @@ class Encoder:
         self._rate_sent = self._rate
         self._rate_hz = rate_hz
         self._mask = np.zeros(fap.FAP_COUNT, bool)
-        for number in faps:
-            self._mask[fap.column(number)] = True
+        self._mask[[fap.column(number) for number in faps]] = True
         self._writer = StreamWriter(clamp=True)
         self._window: list[Ints] = []
         self._group_bits = self._group_planes = self._spent_bits = self._spent_planes = 0
         self._since_intra = 0
         self._intra_wanted = True
         self.quant = self.options.quant if self.options.kbit_s is None else max(self.options.quant, FIRST_QUANT)
-        self._ranges_quant = self.quant
         if self.options.max_error_mm is not None and self.options.fapu is not None:
             self.quant = guaranteed_quant(self._mask[2:], self.options.fapu, self.options.max_error_mm)
-            self._ranges_quant = self.quant
+        self._ranges_quant = self.quant
 
     def request_intra(self) -> None:
         """Make the next frame an I plane with the frame rate, so that a new viewer can start with it."""
@@ -303,11 +301,10 @@ class Encoder:
             self._group_bits = self._group_planes = 0
         else:
             self._writer.predicted(row[None], flags[None], np.array([skip], np.int64))
+        bits, planes = self._writer.bits - before, 1 + skip
         self._since_intra += 1
-        self._group_bits += self._writer.bits - before
-        self._group_planes += 1 + skip
-        self._spent_bits += self._writer.bits - before
-        self._spent_planes += 1 + skip
+        self._group_bits, self._group_planes = self._group_bits + bits, self._group_planes + planes
+        self._spent_bits, self._spent_planes = self._spent_bits + bits, self._spent_planes + planes
         self._window = [*self._window, row][-max(2, round(WINDOW_S * self._rate_hz)) :]
         if self.options.plane_start_codes == "all":
             self._writer.align()

@@ -12,8 +12,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fapengine.codec.fields import FIELD_FAPS, GROUPS, LOW_LEVEL_COUNT, Bools, Ints, SentRanges, rows_of
+from fapengine.codec.fields import FIELD_FAPS, LOW_LEVEL_COUNT, Bools, Ints, SentRanges, rows_of
 from fapengine.codec.header import FACE, FrameRate, IntraHeader, TimeCode
+from fapengine.codec.words import Words, text_lines
 from fapengine.codec.writer import StreamWriter, check_selects
 from fapengine.errors import DataError, TruncatedError, UnsupportedError, UsageError
 from fapengine.mpeg4 import fap
@@ -80,7 +81,7 @@ class _Tags:
         )
         return PlaneOrder(frame=self.frame, header=header, skip=self.skip)
 
-    def read(self, tag: str, words: "_Words", line: int) -> None:
+    def read(self, tag: str, words: Words, line: int) -> None:
         """Read the numbers of one tag."""
         where = f"line {line}"
         if tag in BODY_TAGS:
@@ -89,11 +90,11 @@ class _Tags:
             self.mask, self.mask_types = _read_masks(words)
             return
         if tag in RANGE_TAGS:
-            self.bounds[tag] = words.numbers(LOW_LEVEL_COUNT, tag)
+            self.bounds[tag] = _numbers(words, LOW_LEVEL_COUNT, tag)
             return
         if tag not in COUNTS:
             raise DataError(f"got unknown tag {tag[:20]!r}", where=where, clause=".epf")
-        numbers = words.numbers(COUNTS[tag], tag, 0, LIMITS.get(tag, 2**31 - 1))
+        numbers = _numbers(words, COUNTS[tag], tag, 0, LIMITS.get(tag, 2**31 - 1))
         first = numbers[0]
         if tag == "FBM" and first != FACE:
             raise UnsupportedError(f"FBM: got {first}, body parameters", where=where, clause="FBA section 2")
@@ -110,56 +111,25 @@ class _Tags:
             raise DataError(str(error), where=where) from error
 
 
-class _Words:
-    """The words of a file, with their lines.
-
-    Stateful.
-    """
-
-    def __init__(self, data: bytes) -> None:
-        try:
-            text = data.decode("utf-8-sig")
-        except UnicodeDecodeError as error:
-            raise DataError("parameter file: is not UTF-8 text", where=f"byte {error.start}") from error
-        self._words = [
-            (word, number)
-            for number, line in enumerate(text.splitlines(), start=1)
-            if not line.lstrip().startswith("#")
-            for word in line.split()
-        ]
-        self._at = 0
-
-    def word(self) -> tuple[str, int] | None:
-        """Next word and its line; None at the end."""
-        if self._at == len(self._words):
-            return None
-        self._at += 1
-        return self._words[self._at - 1]
-
-    def numbers(self, count: int, what: str, low: int = -(2**31), high: int = 2**31) -> list[int]:
-        """Next ``count`` whole numbers from ``low`` to ``high``."""
-        words = self._words[self._at : self._at + count]
-        if len(words) < count:
-            line = self._words[min(self._at, len(self._words) - 1)][1]
-            raise TruncatedError(f"{what}: got {len(words)} numbers, expected {count}", where=f"line {line}")
-        numbers = []
-        for word, line in words:
-            if not word.lstrip("+-").isascii() or not word.lstrip("+-").isdigit() or len(word) > 11:
-                raise DataError(f"{what}: got {word[:20]!r}, expected a whole number", where=f"line {line}")
-            number = int(word) if word[1:].isdigit() or word.isdigit() else high + 1
-            if not low <= number <= high:
-                raise DataError(f"{what}: must be {low} to {high}, got {word[:20]}", where=f"line {line}")
-            numbers.append(number)
-        self._at += count
-        return numbers
+def _numbers(words: Words, count: int, what: str, low: int = -(2**31), high: int = 2**31) -> list[int]:
+    """Next ``count`` whole numbers from ``low`` to ``high``."""
+    numbers = []
+    for word, line in words.take(count, what):
+        if not word.lstrip("+-").isascii() or not word.lstrip("+-").isdigit() or len(word) > 11:
+            raise DataError(f"{what}: got {word[:20]!r}, expected a whole number", where=f"line {line}")
+        number = int(word) if word[1:].isdigit() or word.isdigit() else high + 1
+        if not low <= number <= high:
+            raise DataError(f"{what}: must be {low} to {high}, got {word[:20]}", where=f"line {line}")
+        numbers.append(number)
+    return numbers
 
 
 def parse_epf(data: bytes) -> tuple[PlaneOrder, ...]:
     """Read a parameter file."""
-    words, tags = _Words(data), _Tags()
+    words, tags = Words(text_lines(data, "parameter file")), _Tags()
     orders: list[PlaneOrder] = []
-    while (next_word := words.word()) is not None:
-        tag, line = next_word
+    while words.has(1):
+        ((tag, line),) = words.take(1, "tag")
         if tag == "FBM":
             if tags.line:
                 orders.append(tags.order())
@@ -172,14 +142,14 @@ def parse_epf(data: bytes) -> tuple[PlaneOrder, ...]:
     return (*orders, tags.order())
 
 
-def _read_masks(words: _Words) -> tuple[Bools, tuple[int, ...]]:
+def _read_masks(words: Words) -> tuple[Bools, tuple[int, ...]]:
     mask = np.zeros(fap.FAP_COUNT, bool)
     types = []
-    for index, group in enumerate(GROUPS, start=1):
-        (kind,) = words.numbers(1, f"FMT, type of group {index}", 0, 3)
-        digits = words.numbers(len(group), f"FMT, group {index}", 0, 1) if kind in (1, 2) else [kind == 3] * len(group)
-        for number, digit in zip(group, digits, strict=True):
-            mask[fap.column(number)] = digit
+    for index, group in enumerate(fap.GROUPS, start=1):
+        (kind,) = _numbers(words, 1, f"FMT, type of group {index}", 0, 3)
+        count = len(group)
+        digits = _numbers(words, count, f"FMT, group {index}", 0, 1) if kind in (1, 2) else [kind == 3] * count
+        mask[[fap.column(number) for number in group]] = digits
         types.append(kind)
     return mask, tuple(types)
 
@@ -203,7 +173,7 @@ def encode_orders(
         missing = orders[int(np.argmax(places))].frame
         raise UsageError(f"frame {missing}: the track ends at {track.frame_numbers[-1] if len(track) else 'nothing'}")
     values, flags = rows_of(track)
-    values *= track.mask[:, np.array(FIELD_FAPS) - 1]  # FAPs that the track lacks are coded as 0
+    values *= track.mask[:, np.array(FIELD_FAPS) - 1]  # FAPs that the track does not have are coded as 0
     flags *= track.mask[:, [0, 1, 1]]
     writer = StreamWriter(clamp=clamp)
     starts = [index for index, order in enumerate(orders) if order.header is not None]

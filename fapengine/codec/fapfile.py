@@ -5,14 +5,14 @@ as a single number each; 68 mask digits or 69. Numbers may be floats. Line break
 """
 
 from array import array
-from collections import deque
-from collections.abc import Iterator
 
 import numpy as np
 
+from fapengine.codec.words import Words, text_lines
 from fapengine.errors import DataError, TruncatedError, UsageError
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack
+from fapengine.mpeg4.visemes import FULL_WEIGHT
 
 VERSIONS = ("1.1", "2.0", "2.1", "2.2")
 """Their syntax is the same, as far as is known."""
@@ -20,8 +20,6 @@ VISEME_NUMBERS, EXPRESSION_NUMBERS = 4, 6
 WIDTHS = (1, VISEME_NUMBERS, EXPRESSION_NUMBERS)
 """Numbers of a frame before FAP 3: frame number, FAP 1, FAP 2."""
 MAX_VALUE = 2**31 - 1
-LINES_KEPT = 256
-"""Number of lines whose word counts are kept: the digits of a frame may be on one line each."""
 
 
 def format_fap(track: FapTrack, *, single_numbers: bool = False) -> str:
@@ -50,76 +48,33 @@ def format_fap(track: FapTrack, *, single_numbers: bool = False) -> str:
     return "\n".join(lines) + "\n"
 
 
-class _Tokens:
-    """The words after the header, with their line numbers. Lines are split when they are needed.
-
-    Stateful.
-    """
-
-    def __init__(self, lines: Iterator[tuple[int, str]]) -> None:
-        self._lines = lines
-        self._ready: deque[tuple[str, int]] = deque()
-        self._last_line = 1
-        self.per_line: dict[int, int] = {}
-        """Number of words in each of the last lines."""
-
-    def has(self, count: int) -> bool:
-        """Split lines until ``count`` words are ready; False at the end of the file."""
-        while len(self._ready) < count:
-            number, line = next(self._lines, (0, ""))
-            if not number:
-                return False
-            words = line.split()
-            self._ready.extend((word, number) for word in words)
-            self._last_line = number
-            self.per_line[number] = len(words)
-            if len(self.per_line) > LINES_KEPT:
-                del self.per_line[next(iter(self.per_line))]
-        return True
-
-    def line(self) -> int:
-        """Line of the next word."""
-        return self._ready[0][1] if self.has(1) else self._last_line
-
-    def take(self, count: int, what: str) -> list[tuple[str, int]]:
-        """Next ``count`` words and their lines."""
-        if not self.has(count):
-            where = f"line {self.line()}, the end"
-            raise TruncatedError(f"{what}: got {len(self._ready)} numbers, expected {count}", where=where)
-        return [self._ready.popleft() for _ in range(count)]
-
-    def integers(self, count: int, what: str) -> list[int]:
-        """Next ``count`` numbers, rounded."""
-        numbers = []
-        for word, line in self.take(count, what):
-            try:
-                value = float(word)
-            except ValueError as error:
-                raise DataError(f"got {word[:20]!r}, expected a number", where=f"line {line}") from error
-            if not abs(value) <= MAX_VALUE:
-                raise DataError(f"got {word[:20]}, expected a finite 32-bit number", where=f"line {line}")
-            numbers.append(round(value))
-        return numbers
+def _integers(words: Words, count: int, what: str) -> list[int]:
+    """Next ``count`` numbers, rounded."""
+    numbers = []
+    for word, line in words.take(count, what):
+        try:
+            value = float(word)
+        except ValueError as error:
+            raise DataError(f"got {word[:20]!r}, expected a number", where=f"line {line}") from error
+        if not abs(value) <= MAX_VALUE:
+            raise DataError(f"got {word[:20]}, expected a finite 32-bit number", where=f"line {line}")
+        numbers.append(round(value))
+    return numbers
 
 
 def parse_fap(data: bytes) -> FapTrack:
     """Read a ``.fap`` file."""
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise DataError("FAP file: is not UTF-8 text", where=f"byte {error.start}") from error
-    numbered = enumerate(text.splitlines(), start=1)
-    lines = ((number, line) for number, line in numbered if line.strip() and not line.lstrip().startswith("#"))
+    lines = text_lines(data, "FAP file")
     header = next(lines, None)
     if header is None:
         raise TruncatedError("FAP file: header is missing ('2.1 name rate frames')", where="line 1")
     name, rate_hz = _header(*header)
     masks, numbers = bytearray(), array("i")  # arrays: an hour as lists takes a gigabyte
-    count, tokens = 0, _Tokens(lines)
-    while tokens.has(1):
-        mask = _mask(tokens)
+    count, words = 0, Words(lines)
+    while words.has(1):
+        mask = _mask(words)
         masks.extend(mask)
-        numbers.extend(_numbers(tokens, mask))
+        numbers.extend(_numbers(words, mask))
         count += 1
     if not count:
         raise TruncatedError("FAP file: contains no frames", where=f"line {header[0]}")
@@ -153,24 +108,29 @@ def _header(number: int, line: str) -> tuple[str, float]:
     return " ".join(fields[1:-2]) or "unnamed", rate_hz
 
 
-def _numbers(tokens: _Tokens, mask: list[bool]) -> list[int]:
+def _numbers(words: Words, mask: list[bool]) -> list[int]:
     """Read the values of a frame: frame number, viseme, expression, and FAP 3 to 68; 0 where nothing is sent."""
-    line = tokens.line()
-    numbers = tokens.integers(1, "frame number")
+    line = words.line()
+    numbers = _integers(words, 1, "frame number")
     low_level = mask[fap.column(3) :]
-    is_single = tokens.per_line[line] == sum(mask) + 1 and (mask[0] or mask[1])
-    for is_sent, width, what in ((mask[0], VISEME_NUMBERS, "viseme"), (mask[1], EXPRESSION_NUMBERS, "expression")):
-        sent = tokens.integers(1 if is_single else width, what) if is_sent else []
-        numbers += sent + [0] * (width - len(sent))
-    values = iter(tokens.integers(sum(low_level), "FAP values"))
+    is_single = words.per_line[line] == sum(mask) + 1 and (mask[0] or mask[1])
+    for is_sent, width, weight, what in (
+        (mask[0], VISEME_NUMBERS, 2, "viseme"), (mask[1], EXPRESSION_NUMBERS, 1, "expression"),
+    ):  # fmt: skip
+        sent = _integers(words, 1 if is_single else width, what) if is_sent else []
+        sent += [0] * (width - len(sent))
+        if is_single and sent[0]:
+            sent[weight] = FULL_WEIGHT  # a single number is shown alone
+        numbers += sent
+    values = iter(_integers(words, sum(low_level), "FAP values"))
     return numbers + [next(values) if bit else 0 for bit in low_level]
 
 
-def _mask(tokens: _Tokens) -> list[bool]:
-    line = tokens.line()
-    digits = tokens.take(fap.FAP_COUNT, "mask")
-    if digits[-1][1] == line and tokens.per_line[line] == fap.FAP_COUNT + 1:
-        ((digit, _),) = tokens.take(1, "mask")
+def _mask(words: Words) -> list[bool]:
+    line = words.line()
+    digits = words.take(fap.FAP_COUNT, "mask")
+    if digits[-1][1] == line and words.per_line[line] == fap.FAP_COUNT + 1:
+        ((digit, _),) = words.take(1, "mask")
         if digit != "0":
             raise DataError(f"mask: got a 69th digit {digit!r}, expected 0", where=f"line {line}")
     for index, (digit, line) in enumerate(digits, start=1):

@@ -31,9 +31,6 @@ FIELD_NAMES: tuple[str, ...] = (
     *(row.name for row in fap.FAPS),
 )  # fmt: skip
 
-GROUPS = fap.GROUPS
-"""FAP numbers of the ten groups in which masks are sent (FBA section 4)."""
-
 
 def rows_of(track: FapTrack) -> tuple[Ints, Ints]:
     """Convert a track to fields.
@@ -128,9 +125,10 @@ def default_ranges(quant: int) -> Ints:
     return divided
 
 
-def apply_sent(ranges: Ints, sent: SentRanges, mask: Bools, quant: int) -> None:
-    """Replace the rows of ``ranges`` that are sent, for FAPs whose ``mask`` (66,) is on."""
-    for row, (magnitudes, sign) in enumerate(zip(sent, SIGNS, strict=True)):
+def apply_sent(ranges: Ints, sent: SentRanges, mask: Bools, quant: int) -> Ints:
+    """Return ranges, (4, 66), with the rows that are sent replaced, for FAPs with a ``mask`` (66,) that is on."""
+    ranges = ranges.copy()
+    for row, magnitudes, sign in zip(ranges, sent, SIGNS, strict=True):
         if magnitudes is not None:
-            bounds = sign * (UNIT * magnitudes // max(quant, 1))
-            ranges[row] = np.where(mask, bounds, ranges[row])
+            row[mask] = (sign * (UNIT * magnitudes // max(quant, 1)))[mask]
+    return ranges

@@ -7,7 +7,7 @@ from fractions import Fraction
 import numpy as np
 
 from fapengine.codec.bits import BitReader
-from fapengine.codec.fields import GROUPS, LISTS, Bools, SentRanges
+from fapengine.codec.fields import LISTS, Bools, SentRanges
 from fapengine.codec.kernels import SKIP_LIMIT
 from fapengine.errors import ConformanceError, UnsupportedError, UsageError
 from fapengine.mpeg4 import fap
@@ -108,7 +108,7 @@ class IntraHeader:
 def mask_types_of(mask: Bools, unsent: int = 1) -> tuple[int, ...]:
     """Return the shortest mask types: 3 for whole groups, 0 for empty ones (values kept), else ``unsent``."""
     types = []
-    for group in GROUPS:
+    for group in fap.GROUPS:
         coded = [bool(mask[fap.column(number)]) for number in group]
         types.append(3 if all(coded) else unsent if any(coded) or unsent == 2 else 0)
     return tuple(types)
@@ -127,7 +127,7 @@ def intra_header_bits(header: IntraHeader) -> list[int]:
     if header.skip > 0:  # 15 means that another number follows (FBA section 10)
         fields += [(15, 4)] * (header.skip // 15) + [(header.skip % 15, 4)]
     fields.append((header.quant, 5))
-    for group, kind in zip(GROUPS, header.mask_types, strict=True):
+    for group, kind in zip(fap.GROUPS, header.mask_types, strict=True):
         fields += [(1, 1), (kind, 2)]
         if kind in (1, 2):
             fields += [(mask[fap.column(number)], 1) for number in group]
@@ -135,7 +135,7 @@ def intra_header_bits(header: IntraHeader) -> list[int]:
     fields += [(magnitudes is not None, 1) for magnitudes in header.ranges]
     for magnitudes in header.ranges:
         if magnitudes is not None:
-            for number, has_marker in list_places(GROUPS[1:]):
+            for number, has_marker in list_places(fap.GROUPS[1:]):
                 fields += [(1, 1)] * has_marker + [(magnitudes[number - 3], 5)] * int(mask[fap.column(number)])
     return [int(value) >> shift & 1 for value, width in fields for shift in reversed(range(width))]
 
@@ -231,7 +231,7 @@ def read_parameter_fields(
 
 def read_face_header(reader: BitReader, start: PlaneStart) -> IntraHeader:
     """Read the fields of the face, up to the arithmetic data."""
-    read = read_parameter_fields(reader, GROUPS, GROUPS[1:])
+    read = read_parameter_fields(reader, fap.GROUPS, fap.GROUPS[1:])
     numbers = range(1, fap.FAP_COUNT + 1)
     ranges = SentRanges(
         *(None if sent is None else np.array([sent.get(number, 0) for number in numbers[2:]]) for sent in read.ranges)

@@ -1,7 +1,8 @@
-"""FAPs that are not sent: they keep their last value, or are filled from their partners (FBA section 9).
+"""FAPs that are not sent: they keep their last value, or are computed from others (FBA section 9).
 
 Deviation: the standard's formula for mask type 2 is not known here. The rules are: inner and outer lips replace each
-other, then left and right; the others keep their last value. The values of FIT tables are not used.
+other, then left and right; the others keep their last value. They are written as a FAP interpolation table
+(:mod:`.fit`), whose publishers name the same two uses. A table of one's own takes their place.
 """
 
 from dataclasses import replace
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.codec.decoder import Decoded
-from fapengine.codec.fields import GROUPS, LOW_LEVEL_COUNT, LOW_LEVEL_FIELDS, Bools, Ints
+from fapengine.codec.fit import Fit, Link, Polynomial, Term
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack
 
@@ -23,50 +24,77 @@ SIDE_PARTNERS = (
 """The value is copied unchanged: units and positive directions of each pair are mirror images."""
 INTERPOLATED = 2
 """Mask type of groups whose FAPs that are not sent are interpolated."""
+LOW_LEVEL = slice(fap.column(3), None)
+_COPY = ((Polynomial((Term(1, ((0, 1, 1),)),)), Polynomial()),)
+PARTNERS = Fit(
+    tuple((number,) for number in range(1, fap.FAP_COUNT + 1)),
+    tuple(
+        Link(fap.column(parent), fap.column(child), priority, _COPY)
+        for priority, pairs in ((1, LIP_PARTNERS), (2, SIDE_PARTNERS))
+        for pair in pairs
+        for parent, child in (pair, pair[::-1])
+    ),
+)
+"""The rules of mask type 2."""
 
-_PARTNERS: NDArray[np.int64] = np.full((2, LOW_LEVEL_COUNT), -1, np.int64)
-for _row, _pairs in enumerate((LIP_PARTNERS, SIDE_PARTNERS)):
-    for _one, _other in _pairs:
-        _PARTNERS[_row, _one - 3], _PARTNERS[_row, _other - 3] = _other - 3, _one - 3
-_GROUP_OF = np.array([next(k for k, group in enumerate(GROUPS) if number in group) for number in range(3, 69)])
 
-
-def fill(values: Ints, mask: Bools, mask_types: tuple[int, ...], shown: Ints) -> Ints:
-    """Low-level FAPs that a face shows in one frame.
+def fill(
+    values: NDArray[np.int32], known: NDArray[np.bool_], wanted: NDArray[np.bool_], table: Fit = PARTNERS
+) -> tuple[NDArray[np.int32], int]:
+    """Low-level FAPs that a face shows: computed by a table, else held.
 
     Parameters
     ----------
-    values : (66,) int64, FAPU
-        FAP 3 to 68; used where ``mask`` is on.
-    mask : (66,) bool
+    values : (T, 68) int32, FAPU
+        Used where known.
+    known : (T, 68) bool
         FAPs that were sent.
-    mask_types : (10,) int
-        Types in the I plane in force.
-    shown : (66,) int64, FAPU
-        The frame before; 0 at first.
+    wanted : (T, 68) bool
+        FAPs that the table may compute.
+    table : Fit
 
     Returns
     -------
-    (66,) int64, FAPU
+    values : (T, 68) int32, FAPU
+        What neither was sent nor follows from the table keeps its last value; 0 at first.
+    unreal : int
+        Values that the table gives no real number for.
     """
-    filled = np.where(mask, values, shown)
-    sent = mask.copy()
-    wanted = ~mask & (np.array(mask_types)[_GROUP_OF] == INTERPOLATED)
-    for partners in (*_PARTNERS, _PARTNERS[0]):  # lips, sides, and lips again: 7 may come from 6, then 54 from 7
-        take = wanted & ~sent & (partners >= 0) & sent[partners]
-        filled[take] = filled[partners[take]]
-        sent |= take
-    return filled
+    filled, known = values.astype(np.float64), known.copy()
+    unreal = table.fill(filled, known, wanted)
+    last = np.maximum.accumulate(np.where(known, np.arange(1, len(values) + 1)[:, None], 0), axis=0)
+    held = np.take_along_axis(filled, np.maximum(last - 1, 0), axis=0)
+    limits = np.iinfo(np.int32)
+    return np.where(last > 0, np.rint(held.clip(limits.min, limits.max)), 0).astype(np.int32), unreal
 
 
-def fill_track(decoded: Decoded) -> FapTrack:
-    """Return the track that a face shows: every low-level FAP of every frame, held or filled where it was not sent."""
-    low_level = slice(fap.column(3), None)
-    shown = [np.zeros(LOW_LEVEL_COUNT, np.int64)]
-    for part in decoded.planes:
-        mask, types = part.header.mask[low_level], part.header.mask_types
-        for row in part.values:
-            shown.append(fill(row[LOW_LEVEL_FIELDS], mask, types, shown[-1]))
-    values, mask = decoded.track.values.copy(), decoded.track.mask.copy()
-    values[:, low_level], mask[:, low_level] = shown[1:], True
-    return replace(decoded.track, values=values, mask=mask)
+def fill_track(decoded: Decoded, track: FapTrack | None = None, table: Fit | None = None) -> tuple[FapTrack, int]:
+    """Return the track that a face shows: every low-level FAP of every frame.
+
+    Parameters
+    ----------
+    decoded : Decoded
+        Its mask types say which FAPs are interpolated.
+    track : FapTrack, optional
+        Its track, after FAP 1 and 2 were replaced by what they show; by default as it was sent.
+    table : Fit, optional
+        Computes FAPs of all groups that were not sent; by default :data:`PARTNERS` computes those of type 2.
+
+    Returns
+    -------
+    FapTrack
+    unreal : int
+        As :func:`fill`.
+    """
+    track = track or decoded.track
+    wanted = np.ones_like(track.mask)
+    if table is None:
+        group_of = [next(k for k, group in enumerate(fap.GROUPS) if number in group) for number in range(3, 69)]
+        types = [
+            np.broadcast_to(np.array(part.header.mask_types)[group_of], (len(part), 66)) for part in decoded.planes
+        ]
+        wanted[:, LOW_LEVEL] = np.concatenate(types) == INTERPOLATED
+    values, unreal = fill(track.values, track.mask, wanted, table or PARTNERS)
+    mask = track.mask.copy()
+    mask[:, LOW_LEVEL] = True
+    return replace(track, values=values, mask=mask), unreal

@@ -12,7 +12,6 @@ Invariants: ``low <= V <= high``; the tree of every model contains the prefix su
 after a whole plane was decoded, so that an incomplete plane can be decoded again.
 
 With Numba (``fapengine[fast]``) these functions are compiled and cached on disk; without it they run as Python.
-:func:`~fapengine.codec.warmup.warm_up` loads or compiles all of them, so that no live stream waits.
 """
 
 from collections.abc import Callable
@@ -20,7 +19,7 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from fapengine.codec.fields import EXPRESSION_FIELDS, FIELD_COUNT, GROUPS, VISEME_FIELDS
+from fapengine.codec.fields import EXPRESSION_FIELDS, FIELD_COUNT, VISEME_FIELDS
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -33,11 +32,11 @@ except ImportError:
     COMPILED = False
 
 
-def _compiled(function: F) -> F:
+def compiled(function: F) -> F:
+    """Compile a function with Numba, if it is installed."""
     if not COMPILED:
         return function
-    compiled: Any = _njit(cache=True, nogil=True)(function)
-    return cast(F, compiled)
+    return cast(F, _njit(cache=True, nogil=True)(function))
 
 
 HALF, QUARTER, THREE_QUARTERS, TOP = 32768, 16384, 49152, 65535
@@ -53,7 +52,6 @@ MIN_PLANE_BITS = 5
 LOOK_AHEAD = 14
 """Number of data bits that the decoder has read too far at the end of a segment."""
 
-GROUP_SIZES = tuple(len(group) for group in GROUPS)
 A_END, B_END = VISEME_FIELDS.stop, EXPRESSION_FIELDS.stop
 
 ON, STEP, I_MIN, I_COUNT, P_MIN, P_COUNT, MIN_VALUE, MAX_VALUE = range(8)
@@ -68,7 +66,7 @@ BAD_MASK, BAD_STUFFING, BAD_VALUE, WITH_BODY, BAD_SKIP = 5, 6, 7, 8, 9
 """Reasons why a decoding loop stopped."""
 
 
-@_compiled
+@compiled
 def reset_models(fields: Any, base: Any, counts: Any, tree: Any, totals: Any) -> None:
     """Make the P models of all coded fields uniform (FBA section 8)."""
     for field in range(fields.shape[0]):
@@ -80,7 +78,7 @@ def reset_models(fields: Any, base: Any, counts: Any, tree: Any, totals: Any) ->
             tree[start + i] = i & -i
 
 
-@_compiled
+@compiled
 def _count(field: int, rank: int, fields: Any, base: Any, counts: Any, tree: Any, totals: Any) -> None:
     size = fields[field, P_COUNT]
     start = base[field]
@@ -103,7 +101,7 @@ def _count(field: int, rank: int, fields: Any, base: Any, counts: Any, tree: Any
         i += i & -i
 
 
-@_compiled
+@compiled
 def _prefix(start: int, rank: int, tree: Any) -> int:
     total = 0
     while rank > 0:
@@ -112,7 +110,7 @@ def _prefix(start: int, rank: int, tree: Any) -> int:
     return total
 
 
-@_compiled
+@compiled
 def _put(bit: int, out: Any, at: int, coder: Any) -> int:
     if coder[ZEROS] == ZERO_RUN:
         out[at] = 1
@@ -123,7 +121,7 @@ def _put(bit: int, out: Any, at: int, coder: Any) -> int:
     return at + 1
 
 
-@_compiled
+@compiled
 def _emit(bit: int, out: Any, at: int, coder: Any) -> int:
     at = _put(bit, out, at, coder)
     for _ in range(coder[PENDING]):
@@ -132,7 +130,7 @@ def _emit(bit: int, out: Any, at: int, coder: Any) -> int:
     return at
 
 
-@_compiled
+@compiled
 def _encode_symbol(under: int, over: int, total: int, out: Any, at: int, coder: Any) -> int:
     low, high = coder[LOW], coder[HIGH]
     length = high - low + 1
@@ -157,7 +155,7 @@ def _encode_symbol(under: int, over: int, total: int, out: Any, at: int, coder: 
     return at
 
 
-@_compiled
+@compiled
 def _flush(out: Any, at: int, coder: Any) -> int:
     coder[PENDING] += 1
     at = _emit(0 if coder[LOW] < QUARTER else 1, out, at, coder)
@@ -165,7 +163,7 @@ def _flush(out: Any, at: int, coder: Any) -> int:
     return at
 
 
-@_compiled
+@compiled
 def encode_plane(
     intra: bool, target: Any, flags: Any, fields: Any, previous: Any, models: Any, clamp: bool, out: Any, at: int
 ) -> int:
@@ -229,7 +227,7 @@ def encode_plane(
     return _flush(out, at, coder)
 
 
-@_compiled
+@compiled
 def encode_predicted(
     targets: Any, flags: Any, skips: Any, fields: Any, previous: Any, models: Any, clamp: bool, out: Any, at: int
 ) -> int:
@@ -251,12 +249,12 @@ def encode_predicted(
     return at
 
 
-@_compiled
+@compiled
 def _raw(bits: Any, position: int, pad: int) -> int:
     return bits[position] if position < bits.shape[0] else pad
 
 
-@_compiled
+@compiled
 def _take(bits: Any, pad: int, coder: Any, positions: Any) -> int:
     position = coder[READ]
     if coder[ZEROS] == ZERO_RUN:
@@ -273,7 +271,7 @@ def _take(bits: Any, pad: int, coder: Any, positions: Any) -> int:
     return bit
 
 
-@_compiled
+@compiled
 def _open_segment(bits: Any, position: int, pad: int, coder: Any, positions: Any) -> None:
     coder[LOW], coder[HIGH], coder[VALUE] = 0, TOP, 0
     coder[READ], coder[TAKEN], coder[ZEROS], coder[BAD] = position, 0, 0, -1
@@ -281,7 +279,7 @@ def _open_segment(bits: Any, position: int, pad: int, coder: Any, positions: Any
         coder[VALUE] = 2 * coder[VALUE] + _take(bits, pad, coder, positions)
 
 
-@_compiled
+@compiled
 def _close_segment(coder: Any, positions: Any) -> int:
     end = coder[TAKEN] - LOOK_AHEAD
     if 0 <= coder[BAD] < end:
@@ -289,7 +287,7 @@ def _close_segment(coder: Any, positions: Any) -> int:
     return int(positions[(end - 1) & 15])
 
 
-@_compiled
+@compiled
 def _narrow(under: int, over: int, total: int, bits: Any, pad: int, coder: Any, positions: Any) -> None:
     low, high, value = coder[LOW], coder[HIGH], coder[VALUE]
     length = high - low + 1
@@ -310,7 +308,7 @@ def _narrow(under: int, over: int, total: int, bits: Any, pad: int, coder: Any, 
     coder[LOW], coder[HIGH], coder[VALUE] = low, high, value
 
 
-@_compiled
+@compiled
 def decode_plane(
     intra: bool, bits: Any, at: int, pad: int, fields: Any, previous: Any, models: Any, found: Any, flags: Any,
     costs: Any,
@@ -386,7 +384,7 @@ def decode_plane(
     return DONE, at, max(furthest, at)
 
 
-@_compiled
+@compiled
 def keep_plane(intra: bool, found: Any, fields: Any, previous: Any, models: Any) -> None:
     """Keep a decoded plane: the next one is predicted from it, and its symbols are counted."""
     for field in range(fields.shape[0]):
@@ -396,7 +394,7 @@ def keep_plane(intra: bool, found: Any, fields: Any, previous: Any, models: Any)
                 _count(field, found[1, field], fields, models[0], models[1], models[2], models[3])
 
 
-@_compiled
+@compiled
 def code_after(bits: Any, at: int) -> int:
     """Look for a start code after a plane (FBA section 3): at the next byte boundary, one byte later if already there.
 
@@ -426,7 +424,7 @@ def code_after(bits: Any, at: int) -> int:
     return code
 
 
-@_compiled
+@compiled
 def decode_settled(
     intra: bool, bits: Any, at: int, fields: Any, previous: Any, models: Any, found: Any, flags: Any, costs: Any
 ) -> tuple[int, int]:  # fmt: skip
@@ -455,7 +453,7 @@ def decode_settled(
     return DONE, end
 
 
-@_compiled
+@compiled
 def decode_predicted(
     bits: Any, at: int, fresh: bool, final: bool, fields: Any, previous: Any, models: Any, found: Any, flags: Any,
     costs: Any, values: Any, value_flags: Any, extents: Any,
@@ -486,7 +484,7 @@ def decode_predicted(
             return count, at, INTRA_NEXT, at
         if bits[at + 1] or not bits[at + 2]:
             status = NEED_MORE if code == -2 else WITH_BODY if bits[at + 1] else BAD_MASK
-            return count, at, status, 2 * bits[at + 1] + bits[at + 2]
+            return count, at, status, at
         data = at + 4
         skip = 0
         more = bits[at + 3] == 1
@@ -511,43 +509,3 @@ def decode_predicted(
         at = end
         count += 1
     return count, at, FULL, at
-
-
-@_compiled
-def find_intra(bits: Any, start: int, bodies: bool) -> int:
-    """Find the next bit at which the fixed bits of an I plane header are right; -1 if there is none.
-
-    Headers cut off by the end do not count. Planes may have a body only if ``bodies`` is on.
-    """
-    n = bits.shape[0]
-    for first in range(start, n - 40):
-        if not bits[first] or (bits[first + 1] and not bodies) or not bits[first + 2]:
-            continue
-        at = first + 3
-        at += 14 if bits[at] else 1
-        if at < n and bits[at]:
-            if at + 12 >= n or not bits[at + 12]:
-                continue
-            at += 18
-        at += 1
-        if at < n and bits[at]:
-            more = True
-            at += 1
-            while more and at + 4 <= n:
-                more = bits[at] + bits[at + 1] + bits[at + 2] + bits[at + 3] == 4
-                at += 4
-        else:
-            at += 1
-        at += 5
-        good = True
-        for group in range(10):
-            if at + 3 > n or not bits[at]:
-                good = False
-                break
-            kind = 2 * bits[at + 1] + bits[at + 2]
-            at += 3
-            if kind == 1 or kind == 2:
-                at += GROUP_SIZES[group]
-        if good and at + 6 <= n and not bits[at + 1]:
-            return first
-    return -1

@@ -133,9 +133,8 @@ class PlaneState(FieldState):
         # Deviation: a decoder of the reference family loads the table again when FAP 4's I range was set to 0..0; here
         # ranges once set persist, and our encoder never sends 0..0 for FAP 4.
 
-        if self.ranges is None:
-            self.ranges = default_ranges(header.quant)
-        apply_sent(self.ranges, header.ranges, header.mask[2:], header.quant)
+        before = default_ranges(header.quant) if self.ranges is None else self.ranges
+        self.ranges = apply_sent(before, header.ranges, header.mask[2:], header.quant)
         self.mask, self.quant = header.mask, header.quant
         f = self.fields
         f[:, k.ON] = header.mask[np.array(FIELD_FAPS) - 1]
@@ -242,7 +241,7 @@ class Loss:
 
     start_bit: int
     end_bit: int | None
-    """First bit that could be decoded again; None while the search goes on."""
+    """First bit that could be decoded again; None while the search continues."""
     frames_dropped: int
     """Frames that had been decoded and were discarded, since damage is detected late."""
     reason: str

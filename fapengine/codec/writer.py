@@ -92,7 +92,7 @@ class StreamWriter:
         if end < 0:
             column = np.atleast_2d(targets)[:, -1 - end]
             raise UsageError(
-                f"{self.state.names[-1 - end]}: got values {column.min()}..{column.max()}, which leave the symbol"
+                f"{self.state.names[-1 - end]}: values {column.min()} to {column.max()} are outside the symbol"
                 " range; send wider ranges, clamp, or raise the quantiser"
             )
         self._stuffed = False

@@ -19,9 +19,10 @@ from fapengine.codec.bits import OBJECT_START, SEQUENCE_START, code
 from fapengine.codec.decoder import Decoded, Errors, decode
 from fapengine.codec.elementary import AccessUnit, visual_headers
 from fapengine.codec.epf import PlaneOrder, parse_epf
+from fapengine.codec.fit import Fit, parse_fit
 from fapengine.errors import DataError
 from fapengine.files.paths import is_mp4, naming, read_bytes
-from fapengine.files.video import av, mux, reading, writing
+from fapengine.files.video import av, decodable, mux, reading, writing
 
 SIDE = 16
 """Width and height stated by the track; the format requires some."""
@@ -81,7 +82,7 @@ def read_fba_film(path: Path) -> bytes | None:
         If the file cannot be read as a video.
     """
     with reading(path, "read as an MP4 file") as container:
-        for stream in container.streams.video:
+        for stream in decodable(container):
             if stream.codec.name != "mpeg4":
                 continue
             data = b"".join(bytes(packet) for packet in container.demux(stream))
@@ -136,3 +137,9 @@ def load_epf(path: Path) -> tuple[PlaneOrder, ...]:
     """
     with naming(path):
         return parse_epf(read_bytes(path))
+
+
+def load_fit(path: Path) -> Fit:
+    """Read a FAP interpolation table (``.fit``); errors as :func:`load_epf`."""
+    with naming(path):
+        return parse_fit(read_bytes(path))

@@ -1,5 +1,6 @@
 """Hand-checked streams, and every way in which a stream can be wrong."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 
 from fapengine.codec import bits
 from fapengine.codec.decoder import Decoder, decode
+from fapengine.codec.encoder import encode
 from fapengine.codec.epf import PlaneOrder, encode_orders, parse_epf
 from fapengine.codec.fapfile import parse_fap
 from fapengine.codec.fields import SentRanges, default_ranges
@@ -191,6 +193,14 @@ def test_header_values_are_checked() -> None:
     assert FrameRate.nearest(12.5) == FrameRate(12, 8)
 
 
+def test_ranges_to_send_are_whole_numbers() -> None:
+    bounds = [[120] * 66, [-61] * 66, None, [0] * 66]
+    sent = SentRanges.covering(*bounds)
+    assert [None if row is None else (row.dtype, set(row.tolist())) for row in sent] == [
+        (np.int64, {2}), (np.int64, {2}), None, (np.int64, {0})
+    ]  # fmt: skip
+
+
 def test_default_ranges_are_rounded_and_divided() -> None:
     assert default_ranges(1)[:, 0].tolist() == [1080, -1080, 360, -360]
     assert default_ranges(1)[:, 60].tolist()[:2] == [720, -720]  # FAP 63: 680 in the table
@@ -284,3 +294,45 @@ def test_the_committed_corpus_still_reads() -> None:
     whole = [path for path in corpus if path.name != "intra.fba"]  # three hits in that one
     assert [len(decode(path.read_bytes()).track) for path in whole] == [6, 6, 6, 6, 3, 3, 3]
     assert len(decode((corpus[0].parent / "intra.fba").read_bytes(), errors="resync").track) == 2
+
+
+def test_a_new_frame_rate_counts_from_its_plane() -> None:
+    epf = EXAMPLE_EPF.replace(b"FFR 1 ISI 0", b"FFR 1 ISI 1 FRR 50 0 0")
+    planes = decode(encode_orders(parse_epf(epf), example_track())).planes
+    assert np.concatenate([part.times_s for part in planes]) == pytest.approx([0.0, 1 / 25, 1 / 25 + 1 / 50])
+
+
+@pytest.mark.parametrize(("sent", "numbers", "flags"), [(2, "1 20 2 30 1 1", [0, 1, 1]), (3, "0", [0, 0, 0])])
+def test_flags_of_a_fap_that_the_track_does_not_have_are_0(sent: int, numbers: str, flags: list[int]) -> None:
+    mask = " ".join("1" if number == sent else "0" for number in range(1, 69))
+    track = parse_fap(f"2.1 a 25 1\n{mask}\n0 {numbers}\n".encode())
+    track = replace(track, expressions=[[1, 20, 2, 30, 1, 1]])
+    (planes,) = decode(encode_orders(parse_epf(b"FBM 1 FFR 0 ISI 1 FMT 1 0 1" + b" 0" * 9), track)).planes
+    assert planes.flags.tolist() == [flags]
+
+
+def test_values_outside_their_range_are_named_with_their_field() -> None:
+    values = np.zeros((1, 68), int)
+    values[0, [2, 3]] = 7, 20_000
+    epf = b"FBM 1 FFR 0 ISI 1 FMT 0" + b" 3" * 9
+    message = r"FAP 4 \(lower_t_midlip\): values 20000 to 20000 are outside"
+    with pytest.raises(UsageError, match=message):
+        encode_orders(parse_epf(epf), FapTrack.of(values, rate_hz=25.0))
+
+
+def test_zeros_at_the_end_may_be_the_start_of_a_code_even_if_they_are_a_wrong_plane() -> None:
+    """A P plane of zeros would set a viseme above 14; but the two last bytes may begin a start code."""
+    mask = np.arange(68)[None] == 0
+    found = 0
+    for blend in range(64):
+        track = replace(
+            FapTrack.of(np.zeros((2, 68), int), rate_hz=25.0), mask=np.repeat(mask, 2, axis=0),
+            visemes=[[3, 4, 0, 0], [5, 6, blend, 0]],
+        )  # fmt: skip
+        stream = encode(track)
+        end = int(decode(stream).planes[-1].extents[-1, 1])
+        if end % 8 == 0:
+            found += 1
+            with pytest.raises(TruncatedError, match="ends without its end code"):
+                decode(stream[: end // 8] + bytes([0x20, 0, 0]))
+    assert found >= 3

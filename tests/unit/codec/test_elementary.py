@@ -31,6 +31,8 @@ def test_access_units_join_to_the_stream_and_begin_with_start_codes() -> None:
     assert [(unit.frame, unit.intra) for unit in units] == [(n, n % 3 == 0) for n in range(7)]
     with pytest.raises(DataError, match="share bytes"):
         access_units(encode(noise(7, 50)))
+    single = encode(noise(1, 50))
+    assert [(unit.data, unit.frame, unit.intra) for unit in access_units(single)] == [(single, 0, True)]
 
 
 def test_levels_bound_the_bits_of_a_second_and_the_frame_rate() -> None:
@@ -58,20 +60,28 @@ def test_the_error_of_a_fap_moves_its_point_by_its_lever(number: int) -> None:
     np.testing.assert_allclose(point_errors_mm(errors, FACE), np.where(same, moved, 0.0))
 
 
+def test_partners_have_the_same_names_but_for_their_side_or_their_edge() -> None:
+    names = {row.number: row.name for row in fap.FAPS}
+    for left, right in SIDE_PARTNERS:
+        assert names[left].replace("_l_", "_r_").replace("_lm", "_rm") == names[right] != names[left]
+    for inner, outer in LIP_PARTNERS:
+        assert f"{names[inner]}_o" == names[outer]
+
+
 @pytest.mark.parametrize(("one", "other"), SIDE_PARTNERS + LIP_PARTNERS)
 def test_each_partner_fills_the_other(one: int, other: int) -> None:
     for sent, filled in ((one, other), (other, one)):
-        values, mask = np.zeros(66, np.int64), np.zeros(66, bool)
-        values[sent - 3], mask[sent - 3] = 17, True
-        assert fill(values, mask, (2,) * 10, np.zeros(66, np.int64))[filled - 3] == 17
+        values, mask = np.zeros((1, 68), np.int32), np.zeros((1, 68), bool)
+        values[0, sent - 1], mask[0, sent - 1] = 17, True
+        assert fill(values, mask, np.ones_like(mask))[0][0, filled - 1] == 17
 
 
 @pytest.mark.parametrize(("one", "other"), [(6, 7), (8, 9), (10, 11), (12, 13)])
 def test_the_other_side_comes_before_the_other_contour_of_that_side(one: int, other: int) -> None:
-    values, mask = np.zeros(66, np.int64), np.zeros(66, bool)
+    values, mask = np.zeros((1, 68), np.int32), np.zeros((1, 68), bool)
     for number, value in ((one, 17), (dict(LIP_PARTNERS)[one], 5)):
-        values[number - 3], mask[number - 3] = value, True
-    assert fill(values, mask, (2,) * 10, np.zeros(66, np.int64))[other - 3] == 17
+        values[0, number - 1], mask[0, number - 1] = value, True
+    assert fill(values, mask, np.ones_like(mask))[0][0, other - 1] == 17
 
 
 def test_bounds_of_a_parameter_file_have_32_bits() -> None:

@@ -3,13 +3,19 @@
 import numpy as np
 import pytest
 
-from fapengine.codec import kernels
-from fapengine.codec.choices import coarsest_quant, fit_ranges, guaranteed_quant, point_errors_mm, quantise
+from fapengine.codec.choices import (
+    coarsest_quant,
+    fit_ranges,
+    guaranteed_quant,
+    point_errors_mm,
+    quantise,
+    table_ranges,
+)
 from fapengine.codec.decoder import Decoder, decode
-from fapengine.codec.encoder import Encoder, EncoderOptions, encode
+from fapengine.codec.encoder import FIRST_QUANT, Encoder, EncoderOptions, encode
+from fapengine.codec.fields import SentRanges
 from fapengine.codec.interpolate import fill
 from fapengine.codec.kernels import SKIP_LIMIT
-from fapengine.codec.warmup import warm_up
 from fapengine.errors import UsageError
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import Fapu
@@ -205,15 +211,16 @@ def test_bad_frames_are_refused() -> None:
 
 @pytest.mark.conformance
 def test_what_is_not_sent_is_held_or_taken_from_its_partner() -> None:
-    values, mask = np.zeros(66, np.int64), np.zeros(66, bool)
+    values, mask = np.zeros((2, 68), np.int32), np.zeros((2, 68), bool)
     for number, value in ((4, 11), (6, 22), (19, 33)):
-        values[number - 3], mask[number - 3] = value, True
-    shown = fill(values, mask, (2,) * 10, np.zeros(66, np.int64))
+        values[0, number - 1], mask[:, number - 1] = value, True
+    wanted = np.array([[True], [False]]) & np.ones_like(mask)
+    (shown, held), unreal = fill(values, mask, wanted)
     expected = {4: 11, 51: 11, 6: 22, 53: 22, 7: 22, 54: 22, 19: 33, 20: 33, 3: 0, 31: 0}
-    assert {number: int(shown[number - 3]) for number in expected} == expected
-    held = fill(values * 0, mask, (1,) * 10, shown)
-    assert held[51 - 3] == 11
-    assert held[4 - 3] == 0
+    assert {number: int(shown[number - 1]) for number in expected} == expected
+    assert held[51 - 1] == 11
+    assert held[4 - 1] == 0
+    assert unreal == 0
 
 
 def test_ranges_never_say_zero_for_fap_4() -> None:
@@ -223,8 +230,7 @@ def test_ranges_never_say_zero_for_fap_4() -> None:
     assert ranges.i_max.sum() == 1
 
 
-def test_warm_up_says_whether_the_loops_are_compiled() -> None:
-    assert warm_up() is kernels.COMPILED
+def test_more_than_an_hour_may_be_skipped() -> None:
     assert SKIP_LIMIT > 3600 * 25
 
 
@@ -238,3 +244,40 @@ def test_a_sudden_motion_after_rest_is_followed_at_once(options: EncoderOptions)
     decoded = decode(stream)
     assert (np.abs(decoded.track.values - track.values)[70:] <= 2).all()
     assert 70 in [int(part.numbers[0]) for part in decoded.planes if part.intra]
+
+
+def test_a_face_without_an_error_bound_changes_nothing() -> None:
+    track = talking(2.0)
+    assert encode(track, EncoderOptions(fapu=FACE)) == encode(track)
+    live = [Encoder(rate_hz=RATE_HZ, options=options) for options in (EncoderOptions(fapu=FACE), EncoderOptions())]
+    assert live[0].frame(track.values[0]) == live[1].frame(track.values[0])
+
+
+def test_live_ranges_of_the_table_are_not_sent() -> None:
+    encoder = Encoder(rate_hz=RATE_HZ, options=EncoderOptions(intra_every=5))
+    stream = b"".join(encoder.frame(row) for row in talking(1.0).values) + encoder.finish()
+    headers = [part.header for part in decode(stream).planes if part.intra]
+    assert len(headers) == 5
+    assert all(header.ranges == SentRanges() for header in headers)
+
+
+def test_a_live_group_near_its_target_does_not_end_early() -> None:
+    """With the bits that its quantiser takes as the target; with a tenth of them it does."""
+    rows = talking(9.0).values
+    plain = Encoder(rate_hz=RATE_HZ, options=EncoderOptions(quant=FIRST_QUANT))
+    kbit_s = 8 * len(b"".join(plain.frame(row) for row in rows)) / 9.0 / 1000
+    for share, early in ((1.0, False), (0.1, True)):
+        encoder = Encoder(rate_hz=RATE_HZ, options=EncoderOptions(kbit_s=share * kbit_s))
+        stream = b"".join(encoder.frame(row) for row in rows) + encoder.finish()
+        assert (len([part for part in decode(stream).planes if part.intra]) > 1) == early, share
+
+
+def test_after_fitted_ranges_those_of_the_table_are_tried_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    tried = []
+    monkeypatch.setattr("fapengine.codec.encoder.table_ranges", lambda: tried.append(True) or table_ranges())
+    planes = decode(encode(talking(4.0), EncoderOptions(ranges="fitted", intra_every=50))).planes
+    assert planes[0].header.ranges.p_max is not None
+    assert tried
+    tried.clear()
+    encode(talking(4.0), EncoderOptions(intra_every=50))
+    assert not tried  # they are in force

@@ -71,8 +71,8 @@ def test_visemes_and_expressions_in_both_forms() -> None:
     assert standard.visemes.tolist() == [[3, 4, 40, 1]]
     assert standard.expressions.tolist() == [[1, 50, 2, 20, 0, 1]]
     single = parse_fap(f"2.1 a 25 1\n{mask}\n7 3 1 99\n".encode())
-    assert single.visemes.tolist() == [[3, 0, 0, 0]]
-    assert single.expressions.tolist() == [[1, 0, 0, 0, 0, 0]]
+    assert single.visemes.tolist() == [[3, 0, 63, 0]]
+    assert single.expressions.tolist() == [[1, 63, 0, 0, 0, 0]]
     assert single.values[0, 2] == standard.values[0, 2] == 99
 
 
@@ -149,3 +149,12 @@ def test_memory_is_that_of_the_text_and_the_track() -> None:
     finally:
         tracemalloc.stop()
     assert peak < 10 * len(data)
+
+
+@pytest.mark.parametrize(("first", "second"), [(True, False), (False, True)])
+def test_one_single_number_is_read(first: bool, second: bool) -> None:
+    mask = f"{int(first)} {int(second)} 1 " + "0 " * 65
+    single = parse_fap(f"2.1 a 25 1\n{mask}\n7 3 99\n".encode())
+    assert single.visemes.tolist() == [[3 * first, 0, 63 * first, 0]]
+    assert single.expressions.tolist() == [[3 * second, 63 * second, 0, 0, 0, 0]]
+    assert single.values[0, 2] == 99

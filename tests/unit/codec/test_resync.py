@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
+from fapengine.codec import resync
 from fapengine.codec.bits import unpack
 from fapengine.codec.decoder import HELD, Decoder, decode
 from fapengine.codec.encoder import EncoderOptions, encode
+from fapengine.codec.header import IntraHeader, intra_header_bits, mask_types_of
 from fapengine.codec.planes import PlaneState
 from fapengine.codec.resync import find_intact_intra
 from fapengine.errors import DataError
@@ -105,3 +107,22 @@ def test_a_long_live_stream_needs_no_more_memory(errors: str) -> None:
         longest = max(longest, decoder.waiting_bits)
     assert frames + len(decoder.close()) == 1500
     assert longest < 8 * 2000  # an I plane, the frames held back, a piece
+
+
+def find_intra(stream_bits: np.ndarray) -> int:
+    """Search in Python, which checks every index, and compiled: both find the same."""
+    found = resync._find_intra(stream_bits, 0, False)
+    assert getattr(resync._find_intra, "py_func", resync._find_intra)(stream_bits, 0, False) == found
+    return found
+
+
+@pytest.mark.parametrize("skip", [0, 1, 14, 15, 16, 30, 40])
+def test_headers_with_skipped_frames_are_found(skip: int) -> None:
+    mask = np.ones(68, bool)
+    header = intra_header_bits(IntraHeader(1, mask, mask_types_of(mask), skip=skip))
+    assert find_intra(np.array([0, 0, *header, *[0] * 60], np.uint8)) == 2
+
+
+def test_nothing_is_found_where_nothing_is() -> None:
+    assert find_intra(np.zeros(200, np.uint8)) == -1
+    assert find_intra(np.zeros(3, np.uint8)) == -1

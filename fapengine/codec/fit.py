@@ -1,0 +1,252 @@
+"""FAP interpolation tables (FIT): FAPs that were not sent, computed from those that were.
+
+A table is a graph. A node is a list of FAPs; a link says how each FAP of its child follows from the FAPs of its parent,
+as a quotient of polynomials with rational exponents. A node is computed from its parent of the lowest priority number
+whose FAPs are all known. A FAP that was sent is never replaced.
+
+The text format (``.fit``) is that of the reference software of ISO/IEC 14496-5, ``video/snhc/FIT``: integers, separated
+by white space::
+
+    nodes      then per node:  count  fap ...
+    links      then per link:  from  to  priority, and per FAP of node "to" a numerator and a denominator
+    polynomial:  terms, and if there are any: divisor, then per term
+                 sign (0 plus, 1 minus)  coefficient  factors, then per factor
+                 index in node "from"  exponent's numerator  exponent's denominator
+
+Deviation: the format's text says that priorities are greater than 1, its example has 1; 1 is accepted. A polynomial
+without terms is read as 0 in a numerator and as 1 in a denominator, as the example seems to mean. Where a value is not
+real or not finite, the FAP stays unknown. FAP 1 and 2 are not single numbers: a node that has one of them is never
+known and never computed.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine.errors import DataError, TruncatedError, UsageError
+from fapengine.mpeg4 import fap
+
+Array = NDArray[np.float64]
+MAX_NUMBER = 2**31 - 1
+FIRST_LOW_LEVEL = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Term:
+    """A coefficient times powers of the parent's FAPs."""
+
+    coefficient: int
+    powers: tuple[tuple[int, int, int], ...] = ()
+    """Index in the parent node, and numerator and denominator of the exponent."""
+
+
+@dataclass(frozen=True, slots=True)
+class Polynomial:
+    """A sum of terms over a divisor."""
+
+    terms: tuple[Term, ...] = ()
+    divisor: int = 1
+
+    def __call__(self, values: Array, empty: float) -> Array:
+        """Evaluate for (N, P) values of the parent's FAPs; ``empty`` is the value of a polynomial without terms."""
+        if not self.terms:
+            return np.full(len(values), empty)
+        total = np.zeros(len(values))
+        for term in self.terms:
+            product = np.full(len(values), float(term.coefficient))
+            for index, numerator, denominator in term.powers:
+                product *= values[:, index] ** (numerator / denominator)
+            total += product
+        return total / self.divisor
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """How the FAPs of a child node follow from those of its parent."""
+
+    parent: int
+    child: int
+    priority: int
+    """1 is tried first."""
+    quotients: tuple[tuple[Polynomial, Polynomial], ...]
+    """Numerator and denominator of each FAP of the child."""
+
+    def evaluate(self, values: Array) -> Array:
+        """Compute the child's FAPs, (N, C) float64, from the parent's, (N, P) float64; NaN where there is no value."""
+        with np.errstate(all="ignore"):
+            columns = [above(values, 0.0) / below(values, 1.0) for above, below in self.quotients]
+        computed = np.stack(columns, axis=1)
+        return np.where(np.isfinite(computed), computed, np.nan)
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """A FAP interpolation table."""
+
+    nodes: tuple[tuple[int, ...], ...]
+    """FAP numbers of each node, 1..68."""
+    links: tuple[Link, ...]
+
+    def __post_init__(self) -> None:
+        if not all(self.nodes):
+            raise UsageError("FIT: got a node without FAPs, expected at least one")
+        for number in (number for node in self.nodes for number in node):
+            if not 1 <= number <= fap.FAP_COUNT:
+                raise UsageError(f"FIT: got FAP {number}, expected 1..{fap.FAP_COUNT}")
+        for link in self.links:
+            for end in (link.parent, link.child):
+                if not 0 <= end < len(self.nodes):
+                    raise UsageError(f"FIT: got a link to node {end}, expected 0..{len(self.nodes) - 1}")
+            if len(link.quotients) != len(self.nodes[link.child]):
+                counts = f"{len(link.quotients)} quotients for {len(self.nodes[link.child])} FAPs"
+                raise UsageError(f"FIT: got {counts} of node {link.child}, expected one each")
+            parents = len(self.nodes[link.parent])
+            factors = [
+                power for pair in link.quotients for side in pair for term in side.terms for power in term.powers
+            ]
+            if any(not 0 <= index < parents for index, _, _ in factors):
+                raise UsageError(f"FIT: got an index outside node {link.parent}, which has {parents} FAPs")
+
+    def fill(self, values: Array, known: NDArray[np.bool_], wanted: NDArray[np.bool_]) -> int:
+        """Compute what is wanted and not known, in place, until nothing more follows.
+
+        Parameters
+        ----------
+        values : (T, 68) float64, FAPU
+            Used where known; computed values are written here.
+        known : (T, 68) bool
+            Values that were sent, or are known otherwise; set for what is computed.
+        wanted : (T, 68) bool
+            What may be computed.
+
+        Returns
+        -------
+        int
+            Values that could not be computed because they are not real numbers.
+        """
+        links = [
+            (link, _columns(self.nodes[link.parent]), _columns(self.nodes[link.child]))
+            for link in sorted(self.links, key=lambda link: link.priority)
+            if min(self.nodes[link.parent] + self.nodes[link.child]) >= FIRST_LOW_LEVEL
+        ]
+        unreal = np.zeros_like(known)
+        while True:
+            before = known.sum()
+            for link, parent, child in links:
+                open_ = wanted[:, child] & ~known[:, child]
+                rows = np.flatnonzero(known[:, parent].all(axis=1) & open_.any(axis=1))
+                if not len(rows):
+                    continue
+                computed = link.evaluate(values[rows[:, None], parent])
+                real = open_[rows] & np.isfinite(computed)
+                at = rows[:, None], child
+                values[at] = np.where(real, computed, values[at])
+                known[at] |= real
+                unreal[at] |= open_[rows] & ~real
+            if known.sum() == before:
+                return int((unreal & ~known).sum())
+
+
+def _columns(node: tuple[int, ...]) -> NDArray[np.intp]:
+    return np.array([fap.column(number) for number in node])
+
+
+def parse_fit(data: bytes) -> Fit:
+    """Parse the text of a ``.fit`` file.
+
+    Raises
+    ------
+    DataError
+        If it is not such a table; the message says at which number.
+    """
+    numbers = _Numbers(data)
+    nodes = tuple(
+        tuple(numbers.take("a FAP", 1, fap.FAP_COUNT) for _ in range(numbers.count("FAPs")))
+        for _ in numbers.each("nodes")
+    )
+    links = tuple(_link(numbers, nodes) for _ in numbers.each("links"))
+    if numbers.left():
+        raise DataError(f"{numbers.left()} numbers follow the last link", where=numbers.where)
+    return Fit(nodes, links)
+
+
+class _Numbers:
+    """The integers of a file, one after the other. Stateful."""
+
+    def __init__(self, data: bytes) -> None:
+        self._words = data.split()
+        self._at = 0
+
+    @property
+    def where(self) -> str:
+        return f"number {self._at + 1}"
+
+    def left(self) -> int:
+        return len(self._words) - self._at
+
+    def take(self, what: str, low: int, high: int = MAX_NUMBER) -> int:
+        if not self.left():
+            raise TruncatedError(f"the table ends where {what} is expected", where=self.where)
+        word = self._words[self._at]
+        if not (word.isdigit() and len(word) <= len(str(MAX_NUMBER)) and low <= int(word) <= high):
+            shown = word[:20].decode("ascii", "replace")
+            raise DataError(f"{what}: got {shown!r}, expected an integer {low}..{high}", where=self.where)
+        self._at += 1
+        return int(word)
+
+    def count(self, what: str, low: int = 1) -> int:
+        return self.take(f"the number of {what}", low)
+
+    def each(self, what: str) -> Iterator[int]:
+        """Go through as many things as the next number says."""
+        return iter(range(self.count(what, 0)))
+
+
+def _link(numbers: _Numbers, nodes: tuple[tuple[int, ...], ...]) -> Link:
+    parent, child = (
+        numbers.take(f"the node that a link {what}", 0, len(nodes) - 1) for what in ("comes from", "leads to")
+    )
+    priority = numbers.take("a priority", 1)
+    quotients = tuple(
+        (_polynomial(numbers, len(nodes[parent])), _polynomial(numbers, len(nodes[parent]))) for _ in nodes[child]
+    )
+    return Link(parent, child, priority, quotients)
+
+
+def _polynomial(numbers: _Numbers, parents: int) -> Polynomial:
+    terms: list[Term] = []
+    count = numbers.count("terms", 0)
+    if not count:
+        return Polynomial()
+    divisor = numbers.take("a divisor", 1)
+    for _ in range(count):
+        sign = 1 - 2 * numbers.take("a sign", 0, 1)
+        coefficient = sign * numbers.take("a coefficient", 0)
+        powers = tuple(
+            (
+                numbers.take("an index of a FAP", 0, parents - 1),
+                numbers.take("an exponent", 0),
+                numbers.take("an exponent's denominator", 1),
+            )
+            for _ in numbers.each("factors")
+        )
+        terms.append(Term(coefficient, powers))
+    return Polynomial(tuple(terms), divisor)
+
+
+def format_fit(table: Fit) -> bytes:
+    """Write the text of a ``.fit`` file; :func:`parse_fit` reads it back."""
+    lines = [[len(table.nodes)], *([len(node), *node] for node in table.nodes), [len(table.links)]]
+    for link in table.links:
+        lines.append([link.parent, link.child, link.priority])
+        for polynomial in (side for pair in link.quotients for side in pair):
+            line = [len(polynomial.terms)]
+            if polynomial.terms:
+                line.append(polynomial.divisor)
+            for term in polynomial.terms:
+                line += [int(term.coefficient < 0), abs(term.coefficient), len(term.powers)]
+                line += [number for power in term.powers for number in power]
+            lines.append(line)
+    return "".join(" ".join(map(str, line)) + "\n" for line in lines).encode()
