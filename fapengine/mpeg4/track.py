@@ -1,19 +1,20 @@
 """``FapTrack``: FAP values over time, the type that all parts of fapengine exchange."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fapengine._arrays import frozen
+from fapengine._arrays import Rebuilt, frozen
+from fapengine._strict_toml import check_value, checked
 from fapengine.errors import UsageError
 from fapengine.mpeg4 import fap
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class FapTrack:
+class FapTrack(Rebuilt):
     """FAP values over time, in FAPU; independent of any face. Arrays are read-only.
 
     Build one from low-level values with :meth:`of`; the constructor takes every field.
@@ -54,6 +55,7 @@ class FapTrack:
             raise UsageError("values: columns of FAP 1 and 2 must be 0; their values go into visemes and expressions")
 
     @classmethod
+    @checked
     def of(cls, values: ArrayLike, *, rate_hz: float, name: str = "fapengine") -> "FapTrack":
         """Make a track of the 66 low-level FAPs, all sent, without visemes and expressions.
 
@@ -79,6 +81,7 @@ class FapTrack:
         )
 
     @classmethod
+    @checked
     def pose(cls, *, rate_hz: float = 25.0, **faps: int) -> "FapTrack":
         """Make a track of one frame from FAPs by name; all others are 0.
 
@@ -101,11 +104,78 @@ class FapTrack:
         """
         values = np.zeros((1, fap.FAP_COUNT), np.int32)
         for name, value in faps.items():
+            check_value(name, value, int)
             values[0, fap.column(fap.by_name(name).number)] = value
         return cls.of(values, rate_hz=rate_hz)
 
     def __len__(self) -> int:
         return len(self.values)
+
+    def __repr__(self) -> str:
+        return f"FapTrack({len(self)} frames, {self.duration_s:.2f} s at {self.rate_hz:g} Hz, {self.name!r})"
+
+    def __getitem__(self, frames: slice) -> "FapTrack":
+        """Return some frames, as ``track[10:20]``: those of these rows. The first becomes frame 0."""
+        check_value("frames", frames, slice)
+        if frames.step not in (None, 1):
+            raise UsageError(f"frames: got a step of {frames.step}, expected 1")
+        try:
+            numbers = self.frame_numbers[frames]
+        except TypeError as error:
+            raise UsageError(f"frames: got {frames}, expected whole numbers; cut() takes seconds") from error
+        return replace(
+            self, values=self.values[frames], mask=self.mask[frames], visemes=self.visemes[frames],
+            expressions=self.expressions[frames], frame_numbers=numbers - numbers[:1].sum(),
+        )  # fmt: skip
+
+    @checked
+    def cut(self, start_s: float, end_s: float) -> "FapTrack":
+        """Return the frames that are shown from one time until before another."""
+        if not 0 <= start_s < end_s:
+            raise UsageError(f"start_s, end_s: got {start_s} and {end_s} s, expected 0 <= start_s < end_s")
+        first, last = np.searchsorted(self.times_s, (start_s - 1e-9, end_s - 1e-9))
+        return self[int(first) : int(last)]
+
+    def __add__(self, after: "FapTrack") -> "FapTrack":
+        """Join two tracks of one rate: the second begins a frame after the last of the first."""
+        check_value("+", after, FapTrack)
+        if after.rate_hz != self.rate_hz:
+            raise UsageError(f"+: got {self.rate_hz:g} and {after.rate_hz:g} Hz, expected one rate")
+        begins = self.frame_numbers[-1:].sum() + (len(self) > 0)
+        joined: dict[str, Any] = {
+            name: np.concatenate([getattr(self, name), getattr(after, name)])
+            for name in ("values", "mask", "visemes", "expressions")
+        }
+        numbers = np.concatenate([self.frame_numbers, after.frame_numbers - after.frame_numbers[:1].sum() + begins])
+        return replace(self, frame_numbers=numbers, **joined)
+
+    def __mul__(self, factor: float) -> "FapTrack":
+        """Scale the low-level FAPs; they are rounded, and limited as :func:`to_codable` does."""
+        check_value("*", factor, float)
+        return replace(self, values=to_codable(np.asarray(self.values * float(factor), np.float64)))
+
+    __rmul__ = __mul__
+
+    @checked
+    def blend(self, other: "FapTrack", weight: float) -> "FapTrack":
+        """Mix with a track of as many frames: its low-level FAPs count ``weight``, 0..1, and these the rest."""
+        if len(other) != len(self) or other.rate_hz != self.rate_hz:
+            raise UsageError(f"other: got {other!r}, expected {len(self)} frames at {self.rate_hz:g} Hz")
+        if not 0 <= weight <= 1:
+            raise UsageError(f"weight: got {weight}, expected 0..1")
+        mixed = to_codable((1 - weight) * self.values + weight * other.values)
+        return replace(self, values=mixed, mask=self.mask | other.mask)
+
+    @checked
+    def column(self, name: str) -> NDArray[np.int32]:
+        """(T,) int32, FAPU: values of a FAP by the name of Table C.1, such as ``"open_jaw"``."""
+        values: NDArray[np.int32] = self.values[:, fap.column(fap.by_name(name).number)]
+        return values
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the first frame to the end of the last."""
+        return float(self.frame_numbers[-1] - self.frame_numbers[0] + 1) / self.rate_hz if len(self) else 0.0
 
     @property
     def times_s(self) -> NDArray[np.float64]:

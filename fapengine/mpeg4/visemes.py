@@ -35,5 +35,7 @@ VISEMES: tuple[Viseme, ...] = (
 )
 # fmt: on
 
+FULL_WEIGHT = 63
+"""Blend of a viseme, or intensity of an expression, that is shown alone."""
 FAP_2_EXPRESSIONS = ("neutral", "joy", "sadness", "anger", "fear", "disgust", "surprise")
-"""Expressions of FAP 2 by their numbers; 0 is none."""
+"""Expressions of FAP 2 by their numbers; 0 is no expression."""

@@ -8,8 +8,8 @@ import pytest
 
 from fapengine.errors import UsageError
 from fapengine.mpeg4 import fap
-from fapengine.mpeg4.fapu import AU_RAD, Fapu
-from fapengine.mpeg4.feature_points import FEATURE_POINT_NAMES, FEATURE_POINTS, Side
+from fapengine.mpeg4.fapu import AU_RAD, Fapu, faps_of_displacements, measure_distances
+from fapengine.mpeg4.feature_points import FEATURE_POINT_NAMES, FEATURE_POINTS
 from fapengine.mpeg4.track import FapTrack
 from fapengine.mpeg4.visemes import VISEMES
 
@@ -54,8 +54,8 @@ def test_column_is_the_one_place_that_subtracts() -> None:
 
 def test_feature_points_are_84_and_paired() -> None:
     assert len(FEATURE_POINTS) == len(set(FEATURE_POINT_NAMES)) == 84
-    sides = [point.side for point in FEATURE_POINTS]
-    assert sides.count(Side.LEFT) == sides.count(Side.RIGHT)
+    sides = [point.place.split()[-1] for point in FEATURE_POINTS]
+    assert sides.count("left") == sides.count("right") > 20
     assert {row.point for row in fap.FAPS} <= set(FEATURE_POINT_NAMES)
 
 
@@ -84,6 +84,21 @@ def test_fapu_is_measured_from_feature_points() -> None:
     assert [getattr(face, name) for name in face.__slots__] == pytest.approx([10.24, 61.44, 51.2, 20.48, 51.2])
     with pytest.raises(UsageError, match=r"missing feature points \['8.4'\]"):
         Fapu.measure({name: point for name, point in points.items() if name != "8.4"})
+    assert measure_distances({}) == {}
+    some = {name: points[name] for name in ("3.2", "3.4", "3.5", "3.6", "8.3", "8.4")}
+    assert measure_distances(some) == pytest.approx({"irisd0_mm": 10.24, "es0_mm": 61.44, "mw0_mm": 51.2})
+
+
+def test_displaced_points_become_faps_in_their_units() -> None:
+    moved = np.array([[0.4, -1.0, 0.2], [0.0, 0.5, 0.0]])
+    faps = faps_of_displacements({"2.1": moved, "2.10": moved + np.array([0.0, 0.3, 0.0]), "3.5": moved}, FACE)
+    unit = FACE.unit(fap.FapUnit.MNS)
+    assert faps[:, fap.column(3)] == pytest.approx(np.array([1.0, -0.5]) / unit)  # down
+    assert faps[:, fap.column(14)] == pytest.approx(np.array([0.2, 0.0]) / unit)
+    assert faps[:, fap.column(18)] == pytest.approx(0.3 / unit)  # against the jaw
+    assert not faps[:, [fap.column(number) for number in (4, 23, 25, 29)]].any()  # other points, angles, pupils
+    alone = faps_of_displacements({"2.10": moved}, FACE)
+    assert alone[:, fap.column(18)] == pytest.approx(moved[:, 1] / unit)
 
 
 @pytest.mark.parametrize("length", [0.0, -1.0, float("nan"), float("inf")])
