@@ -189,8 +189,8 @@ class _Reader:
                 self._plain, self._ssml = before[2], self._ssml[: before[1]]
         self._text(text[last:])
         plain = self._plain.strip() if is_changed else text
-        if not plain and not self._is_ssml:
-            return MarkedText(text)  # nothing would be left to say, so it is text
+        if not plain and not self._is_ssml and any(letter.isalnum() for letter in text):
+            return MarkedText(text)  # words in brackets alone are meant to be said
         voice = self._ssml.strip() if self._is_for_voice else None
         marks = tuple(Mark(min(mark.at, len(plain)), mark.act) for mark in self._marks)
         return MarkedText(plain, marks, voice, tuple(dict.fromkeys(self._unknown)))

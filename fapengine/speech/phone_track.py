@@ -8,6 +8,7 @@ from collections import Counter
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import inf
+from numbers import Real
 from typing import Literal
 
 from fapengine.errors import UsageError
@@ -36,14 +37,20 @@ class UnknownPhone:
 class Reading:
     """Interpretation of a track's labels."""
 
-    alphabet: str
-    """One of :data:`fapengine.speech.alphabets.convert.ALPHABETS`."""
+    alphabet: str = ""
+    """One of :data:`fapengine.speech.alphabets.convert.ALPHABETS`; empty for IPA from the start, and for words."""
     guessed: bool = False
     """True where neither the format nor the caller named the alphabet."""
     others: tuple[str, ...] = ()
     """Alphabets that explain as many of the labels, and read some of them differently."""
     doubtful: tuple[UnknownPhone, ...] = ()
     """Labels outside the alphabet, which are read character by character."""
+    language: str = ""
+    """Language of the words, as the file spells it: a code or a name; empty if it names none."""
+    voice: str = ""
+    """Sentence about the voice that pronounced the words, if the caller named none."""
+    remarks: tuple[str, ...] = ()
+    """What looks wrong, what was assumed, and how to override it."""
 
     def __str__(self) -> str:
         how = " (guessed)" if self.guessed else ""
@@ -77,6 +84,9 @@ class Phone:
     """Relative to the speaker's usual loudness, -12 (whispered) to 8 (shouted); 0 if it was not measured."""
 
     def __post_init__(self) -> None:
+        if not (isinstance(self.label, str) and isinstance(self.start_s, Real) and isinstance(self.end_s, Real)):
+            got = f"({self.label!r:.20}, {self.start_s!r:.20}, {self.end_s!r:.20})"
+            raise UsageError(f"label, start_s, end_s: got {got}, expected a text and two times in s")
         if not 0 <= self.start_s < self.end_s < inf:  # which no NaN is
             raise UsageError(f"phone {self.label!r}: got {self.start_s} s .. {self.end_s} s, expected 0 <= start < end")
         if not 0 <= self.confidence <= 1:
@@ -107,8 +117,8 @@ class PhoneTrack:
     """Unit of the times; anything but phones gives less precise animation."""
     spelled: bool = False
     """True if the labels are written words, which must be pronounced before they can be shown."""
-    reading: Reading | None = None
-    """Alphabet of the labels; None for labels that were IPA from the start, and for words."""
+    reading: Reading = Reading()
+    """How the labels of a file were understood."""
 
     def __post_init__(self) -> None:
         for before, after in pairwise(self.phones):
@@ -126,7 +136,7 @@ class PhoneTrack:
         tolerance_s: float = 1e-3,
         level: Level = "phone",
         spelled: bool = False,
-        reading: Reading | None = None,
+        reading: Reading = Reading(),
     ) -> "PhoneTrack":
         """Make a track: gaps become silence, and neighbouring silences are joined.
 
@@ -136,7 +146,7 @@ class PhoneTrack:
             In time order.
         tolerance_s : float
             Gaps and overlaps up to this length are rounding of the file; the later start is moved.
-        level, spelled, reading : Level, bool, Reading or None
+        level, spelled, reading : Level, bool, Reading
             See :class:`PhoneTrack`.
 
         Raises
@@ -166,6 +176,10 @@ class PhoneTrack:
                 now_s = phone.end_s
         return cls(tuple(filled), level, spelled, reading)
 
+    def __repr__(self) -> str:
+        labels = " ".join(phone.label for phone in self.phones[:12]) + (" ..." if len(self.phones) > 12 else "")
+        return f"PhoneTrack({len(self.phones)} {self.level}s, {self.duration_s:.2f} s: {labels})"
+
     @property
     def duration_s(self) -> float:
         """End of the last phone, in seconds; 0 for an empty track."""
@@ -184,5 +198,4 @@ def find_unknown(track: PhoneTrack) -> tuple[UnknownPhone, ...]:
     first_s = {phone.label: phone.start_s for phone in reversed(unknown)}
     counts = Counter(phone.label for phone in unknown)
     found = [UnknownPhone(label, count, first_s[label]) for label, count in counts.items()]
-    doubtful = track.reading.doubtful if track.reading else ()
-    return tuple(sorted((*found, *doubtful), key=lambda each: each.first_s))
+    return tuple(sorted((*found, *track.reading.doubtful), key=lambda each: each.first_s))

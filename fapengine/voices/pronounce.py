@@ -107,7 +107,7 @@ class Pronouncer:
                     phones.append(Phone(SILENCE, word.start_s, word.end_s))
                 else:
                     phones += _fitted(next(parts), word) or [word]
-        return PhoneTrack.of(phones, tolerance_s=MIN_PHONE_S, level=track.level)
+        return PhoneTrack.of(phones, tolerance_s=MIN_PHONE_S, level=track.level, reading=track.reading)
 
     def words(self, words: Sequence[tuple[str, float, float]]) -> list[Phone]:
         """Turn words with times, as a TTS gives them with its audio, into phones.

@@ -1,12 +1,12 @@
 """The interface of voices: text in, audio and timed phones out."""
 
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine._arrays import frozen
+from fapengine._arrays import as_sound
 from fapengine.errors import UsageError
 from fapengine.speech.marks import MarkedText, TimedMark, timed_marks, with_loudness, words_of
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
@@ -20,7 +20,7 @@ class Speech:
     """One spoken utterance."""
 
     samples: NDArray[np.int16]
-    """(N,) int16, mono."""
+    """(N,) int16, mono, read-only. Other forms of sound are converted: :func:`fapengine._arrays.as_sound`."""
     sample_rate_hz: int
     phones: PhoneTrack
     """IPA; covers the whole audio, silence included."""
@@ -32,9 +32,9 @@ class Speech:
     """Inline cues of the text (:mod:`fapengine.speech.marks`), in the time of the audio."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "samples", frozen(self.samples, "samples", ("N",), np.int16))
-        if self.sample_rate_hz <= 0:
-            raise UsageError(f"sample_rate_hz: must be a positive number, got {self.sample_rate_hz}")
+        samples, rate_hz = as_sound((self.samples, self.sample_rate_hz), "samples")
+        object.__setattr__(self, "samples", samples)
+        object.__setattr__(self, "sample_rate_hz", rate_hz)
 
     @property
     def duration_s(self) -> float:
@@ -70,6 +70,7 @@ class Speech:
         return replace(self, phones=phones, text=text.text, marks=marks, remarks=(*self.remarks, *unknown))
 
 
+@runtime_checkable
 class Voice(Protocol):
     """Anything that speaks a text and gives the times of its phones."""
 

@@ -10,6 +10,7 @@ from fapengine.speech.formats.registry import FORMATS, parse_timings
 from fapengine.speech.phone_track import PhoneTrack
 
 from ..unit.speech.samples import SAMPLES
+from ..unit.speech.timing_corpus import CORPUS, Case
 
 ODD = ("", "-", "1e999", "-1", "NaN", "1e300", "99999999999", '"', "\n", "\0", "é", "{", "[[", "null", "0", "\t", "x y")
 """Cut out; or put in: signs, numbers nobody meant, other types."""
@@ -33,6 +34,13 @@ def test_damaged_files(name: str, data: st.DataObject) -> None:
     raw = text.encode(data.draw(st.sampled_from(["utf-8", "utf-16", "utf-16-le", "latin-1"])), "replace")
     is_total(raw, name.split()[0])
     is_total(raw[: data.draw(st.integers(0, len(raw)))], None)
+
+
+@given(st.sampled_from(CORPUS), st.data())
+def test_damaged_files_of_public_tools(case: Case, data: st.DataObject) -> None:
+    text = str(case.data)
+    at, width = data.draw(st.integers(0, len(text) - 1)), data.draw(st.integers(0, 6))
+    is_total((text[:at] + data.draw(st.sampled_from((*ODD, ",", "0,5"))) + text[at + width :]).encode(), None)
 
 
 @given(st.sampled_from(sorted(FORMATS)), st.binary(max_size=60) | st.text(max_size=60).map(str.encode))

@@ -4,6 +4,7 @@
 format       line                           source
 ============ ============================== ==========================================================
 HTK          ``start end label [score]``    HTK Book 3.4, section 6.2.1; 100 ns; seconds if with a point
+Audacity     the same, with TABs            Audacity manual, "Importing and Exporting Labels"; seconds
 Festival     ``end colour label``           ESPS xlabel, after a line ``#``; seconds
 MARY         the same, colour 125           MaryTTS 5.2, REALISED_DURATIONS; SAMPA
 GRID         ``start end word``             GRID corpus, ``.align``; samples at 25 kHz
@@ -27,7 +28,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from fapengine.errors import DataError, UnsupportedError
-from fapengine.speech.formats.documents import Node, decode_text, number_of, parse_document, walk
+from fapengine.speech.alphabets.guess import guess
+from fapengine.speech.formats.documents import NUMBER, Node, decode_text, number_of, parse_document, walk
 from fapengine.speech.formats.entries import Entry, in_sequence, track_of, until_next, with_words, without_overlaps
 from fapengine.speech.formats.table import parse_columns
 from fapengine.speech.formats.textgrid import PHONE_TIERS, WORD_TIERS, Tier, choose_tier
@@ -37,27 +39,54 @@ from fapengine.speech.phone_track import PhoneTrack
 HTK_HZ, GRID_HZ, TIMIT_HZ = 1e7, 25_000, 16_000
 MAX_SAMPLES = 1_000_000
 """Largest whole number that is too small for HTK's units: 0.1 s."""
+_STATE = re.compile(r"(.+)\[(\d{1,2})\]")
 _FULL_CONTEXT = re.compile(r"^[^-]*\^?[^-]*-([^+]+)\+")
-_ONE_WORD = "one word a line"
 
 
 def rows_of(data: bytes, what: str, fields: int) -> list[tuple[str, list[str]]]:
-    """Split into the lines with content and their places; each line has at least ``fields`` fields."""
+    """Split into the lines with content and their places; each line has at least ``fields`` fields.
+
+    Between TABs a field may have blanks, and the last one may be empty, as in Audacity's labels.
+    """
     rows: list[tuple[str, list[str]]] = []
     for number, line in enumerate(decode_text(data, what).splitlines(), start=1):
-        row, where = line.split(None, fields), f"line {number}"
+        row, where = [field.strip() for field in line.split("\t")], f"line {number}"
+        if len(row) < fields or not all(row[: fields - 1]):
+            row = line.split(None, fields)
         if row and len(row) < fields:
             raise DataError(f"{what}: got {' '.join(row)[:40]!r}, expected {fields} fields", where=where)
         rows += [(where, row)] if row else []
     return rows
 
 
-def _three_columns(data: bytes, what: str, rate_hz: float) -> list[Entry]:
-    """Lines of start, end and label; times in units of ``1 / rate_hz``."""
+def _three_columns(rows: Sequence[tuple[str, list[str]]], rate_hz: float) -> list[Entry]:
+    """Rows of start, end and label; times in units of ``1 / rate_hz``."""
     return [
         Entry(number_of(start, "time", where) / rate_hz, number_of(end, "time", where) / rate_hz, label, where)
-        for where, (start, end, label, *_) in rows_of(data, what, 3)
+        for where, (start, end, label, *_) in rows
     ]
+
+
+def joined_states(entries: Sequence[Entry]) -> list[Entry]:
+    """Join the states of a model (``a[2]``, ``a[3]``, ...) to one phone: same label, rising number, no gap.
+
+    Examples
+    --------
+    >>> states = [Entry(0, 1, "a[2]", ""), Entry(1, 2, "a[3]", ""), Entry(2, 3, "a[2]", ""), Entry(3, 4, "b", "")]
+    >>> [(entry.label, entry.start_s, entry.end_s) for entry in joined_states(states)]
+    [('a', 0, 2), ('a', 2, 3), ('b', 3, 4)]
+    """
+    joined: list[Entry] = []
+    before = 0
+    for entry in entries:
+        match = _STATE.fullmatch(entry.label)
+        label, state = (match[1], int(match[2])) if match else (entry.label, 0)
+        if 0 < before < state and (joined[-1].label, joined[-1].end_s) == (label, entry.start_s):
+            joined[-1] = replace(joined[-1], end_s=entry.end_s)
+        else:
+            joined.append(replace(entry, label=label))
+        before = state
+    return joined
 
 
 def _from_ends(ends: Sequence[tuple[float, str, str]]) -> list[Entry]:
@@ -79,17 +108,23 @@ def parse_htk(data: bytes, *, alphabet: str | None = None, columns: str | None =
         ``hz=`` and the rate of the samples that whole numbers count; by default they are units of 100 ns.
     """
     rate_hz = parse_columns(columns).rate_hz
-    rows = rows_of(data, ".lab", 3)
-    whole = not any("." in row[0] + row[1] for _, row in rows)
+    rows = rows_of(re.sub(r"(?m)^\\\t.*$", "", decode_text(data, ".lab")).encode(), ".lab", 3)
+    whole = not any(re.search("[.,]", row[0] + row[1]) for _, row in rows)
     longest = max((number_of(row[1], "time", where) for where, row in rows), default=0.0)
     if whole and rate_hz is None and len(rows) > 1 and 1000 < longest < MAX_SAMPLES:
         raise DataError(
             f".lab: got whole numbers up to {longest:g}, {1000 * longest / HTK_HZ:.0f} ms in HTK's units of 100 ns;"
             " are they samples? say their rate with columns='hz=16000'"
         )
+    entries = _three_columns(rows, (rate_hz or HTK_HZ) if whole else 1.0)
+    if guess(entry.label for entry in entries).words:  # behind a word there may be more of a phrase, or a score
+        entries = [
+            replace(entry, label=" ".join(row[2:])) if row[3:] and not re.match(NUMBER, row[3]) else entry
+            for entry, (_, row) in zip(entries, rows, strict=True)
+        ]
     entries = [
         replace(entry, label=context[1] if (context := _FULL_CONTEXT.match(entry.label)) else entry.label)
-        for entry in _three_columns(data, ".lab", (rate_hz or HTK_HZ) if whole else 1.0)
+        for entry in joined_states(entries)
     ]
     if len(entries) > 1 and all(entry.start_s == entry.end_s for entry in entries):
         entries = until_next([(entry.start_s, entry.label, entry.where) for entry in entries])
@@ -114,7 +149,7 @@ def parse_xlabel(data: bytes, *, alphabet: str | None = None) -> PhoneTrack:
 
 def parse_align(data: bytes) -> PhoneTrack:
     """Read a GRID alignment: words, in samples at 25 kHz."""
-    return track_of(_three_columns(data, ".align", GRID_HZ), ".align", level="word", spelled=True)
+    return track_of(_three_columns(rows_of(data, ".align", 3), GRID_HZ), ".align", level="word", spelled=True)
 
 
 def parse_flite(data: bytes, *, alphabet: str | None = None) -> PhoneTrack:
@@ -174,13 +209,13 @@ def parse_ctm(data: bytes, *, tier: str | None = None, alphabet: str | None = No
             entries.append(Entry(start_s, start_s + length_s, row[4], where))
     if entries and all(re.fullmatch(r"\d+", entry.label) for entry in entries):
         raise UnsupportedError("CTM: got numbers of phones, expected labels; map them with phones.txt (int2sym.pl)")
-    return labelled_track(entries, "CTM", alphabet, hint=_ONE_WORD)
+    return labelled_track(entries, "CTM", alphabet)
 
 
 def parse_timit(data: bytes, *, alphabet: str | None = None) -> PhoneTrack:
     """Read the phones or words of a TIMIT sentence."""
-    entries = _three_columns(data, "TIMIT", TIMIT_HZ)
-    return labelled_track(entries, "TIMIT", alphabet, default="arpabet", hint=_ONE_WORD)
+    entries = _three_columns(rows_of(data, "TIMIT", 3), TIMIT_HZ)
+    return labelled_track(entries, "TIMIT", alphabet, default="arpabet")
 
 
 def parse_mfa_json(data: bytes, *, tier: str | None = None, alphabet: str | None = None) -> PhoneTrack:

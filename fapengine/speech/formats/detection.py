@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from fapengine.errors import DataError
 from fapengine.speech.alphabets.guess import MIN_EXPLAINED, guess
 from fapengine.speech.formats import services
-from fapengine.speech.formats.documents import Node, decode_text, parse_document, walk
-from fapengine.speech.formats.synthesizers import LIST_KEYS
-from fapengine.speech.formats.table import header_of, is_row
+from fapengine.speech.formats.documents import NUMBER, Node, decode_text, parse_document, walk
+from fapengine.speech.formats.synthesizers import LIST_KEYS, LISTS
+from fapengine.speech.formats.table import header_of, is_row, list_in
 from fapengine.speech.formats.word_lists import CUE, WordList, is_word_list
 
 _ROWS = 50
@@ -38,7 +38,6 @@ class Sample:
         return self.document is None and bool(self.rows) and all(re.fullmatch(pattern, row) for row in self.rows)
 
 
-NUMBER = r"[-+]?\d+(\.\d+)?([eE][-+]?\d+)?"
 MAX_PHO_LABEL = 8
 """Longest name of a phone in a .pho file; recordings have longer names."""
 GRID_WORDS = frozenset((
@@ -53,12 +52,12 @@ MAX_GRID_SAMPLES = 1_000_000
 
 def is_three_columns(sample: Sample) -> bool:
     """Return whether each row is two numbers and a label."""
-    return sample.every_row(rf"\s*{NUMBER}\s+{NUMBER}\s+\S.*")
+    return sample.every_row(rf"\s*{NUMBER}\s+{NUMBER}(\s+\S.*|\t\s*)|\\\t.*")
 
 
 def _sampled_labels(sample: Sample) -> list[str]:
     """Labels of three columns with times in samples; empty for other files."""
-    if not is_three_columns(sample) or any("." in "".join(row.split()[:2]) for row in sample.rows):
+    if not sample.every_row(r"\s*\d+\s+\d+\s+\S.*"):
         return []
     if max(float(row.split()[1]) for row in sample.rows) >= MAX_GRID_SAMPLES:
         return []
@@ -95,7 +94,7 @@ def is_pho(sample: Sample) -> bool:
         return False
     for row in sample.rows:
         name, *numbers = row.split(";", 1)[0].split() or [""]
-        points = [float(number) for number in numbers[1::2] if re.fullmatch(NUMBER, number)]
+        points = [float(number.replace(",", ".")) for number in numbers[1::2] if re.fullmatch(NUMBER, number)]
         if len(name) > MAX_PHO_LABEL or (len(points) > 1 and points != sorted(points)):
             return False
     return True
@@ -108,9 +107,10 @@ def any_event_has(*keys: str) -> Callable[[Sample], bool]:
     )
 
 
-def has_list(*keys: str) -> Callable[[Sample], bool]:
-    """Test for a list of objects under any of some keys of the first object."""
-    return lambda sample: any(list(walk(sample.first(), f"{key}[]")) for key in keys)
+def is_phone_list(sample: Sample) -> bool:
+    """Return whether there is a list of phones with times without a unit."""
+    items = (next(walk(sample.first(), f"{key}[]"), Node(None)) for key in LISTS)
+    return any(item.has("start", "end") or item.has("offset", "duration") for item in items)
 
 
 def has_words(kind: WordList) -> Callable[[Sample], bool]:
@@ -137,11 +137,10 @@ def is_table(sample: Sample) -> bool:
     """Return whether there is a list with columns of usual names."""
     if sample.document is None:
         return bool(header_of(sample.rows))
-    node = sample.document
-    if isinstance(node.value, dict):
-        lists = [each for each in node.value.values() if isinstance(each, list) and each and isinstance(each[0], dict)]
-        return len(lists) == 1 and is_row(Node(lists[0][0]))
-    return is_row(sample.first())
+    try:
+        return is_row(next(list_in(sample.document).items(), Node(None)))
+    except DataError:
+        return False
 
 
 def has(*keys: str) -> Callable[[Sample], bool]:

@@ -13,6 +13,8 @@ from fapengine.errors import DataError, TruncatedError
 
 MAX_BYTES = 64 << 20
 """An hour of speech is a few megabytes."""
+NUMBER = r"[-+]?\d+([.,]\d+)?([eE][-+]?\d+)?"
+"""Pattern of a number in a line."""
 _NUMBER = re.compile(r"[-+]?\d+(\.\d*)?([eE][-+]?\d+)?", re.ASCII)
 
 
@@ -29,7 +31,7 @@ def decode_text(data: bytes, what: str) -> str:
 
 
 def number_of(text: str, what: str, where: str, low: float = -1e300, high: float = 1e300) -> float:
-    """Read a finite number, ``low`` to ``high``, from a text field.
+    """Read a finite number, ``low`` to ``high``, from a text field; its decimal sign may be a comma.
 
     Examples
     --------
@@ -37,7 +39,7 @@ def number_of(text: str, what: str, where: str, low: float = -1e300, high: float
     1000.0
     """
     try:
-        value = float(text)
+        value = float(text.replace(",", "."))
     except ValueError:
         value = math.nan
     if not low <= value <= high:

@@ -1,6 +1,7 @@
 """Timed labels of a file, and the :class:`PhoneTrack` made of them: the checks that every reader shares."""
 
 import math
+import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -12,6 +13,7 @@ from fapengine.speech.alphabets import convert as alphabets
 from fapengine.speech.alphabets.guess import guess, is_doubtful
 from fapengine.speech.alphabets.japanese import JAPANESE, in_japanese
 from fapengine.speech.phone_track import SILENCE, Level, Phone, PhoneTrack, Reading, UnknownPhone
+from fapengine.speech.plausible import dropped_remarks
 
 MAX_TIME_S = 86_400.0
 """A day: later times are a mistake of unit, not speech."""
@@ -115,9 +117,15 @@ def join_closures(entries: Sequence[Entry]) -> list[Entry]:
 
 
 def track_of(
-    entries: Iterable[Entry], what: str, *, alphabet: str | None = None, level: Level = "phone", spelled: bool = False
+    entries: Iterable[Entry],
+    what: str,
+    *,
+    alphabet: str | None = None,
+    level: Level = "phone",
+    spelled: bool = False,
+    remarks: tuple[str, ...] = (),
 ) -> PhoneTrack:
-    """Make a track of entries; those without length are dropped, gaps become silence.
+    """Make a track of entries; those without length are dropped with a remark, gaps become silence.
 
     Parameters
     ----------
@@ -129,15 +137,29 @@ def track_of(
         One of :data:`fapengine.speech.alphabets.convert.ALPHABETS`; by default guessed. Words have none.
     level, spelled : Level, bool
         See :class:`PhoneTrack`.
+    remarks : tuple of str
+        What the format assumed.
+
+    Raises
+    ------
+    DataError
+        If times are wrong, or nothing but silence has a length.
     """
     entries = list(entries)
     if not entries:
         raise DataError(f"{what}: contains no timed label")
     timed: list[Entry] = []
+    dropped: list[tuple[str, float, str]] = []
     for entry in entries:
         _check(entry, timed[-1].end_s if timed else 0.0)
         if entry.end_s > entry.start_s:
             timed.append(replace(entry, label=entry.label.strip()))
+        elif not alphabets.is_silence(entry.label, spelled=spelled):
+            dropped.append((entry.label, entry.start_s, entry.where))
+    if all(alphabets.is_silence(entry.label, spelled=spelled) for entry in timed):
+        got = f"{len(dropped)} labels without length" if dropped else f"{len(entries)} silences"
+        raise DataError(f"{what}: got {got}, expected phones or words with times", where=entries[0].where)
+    remarks += dropped_remarks(dropped)
     _check_length(timed, what)
     if spelled:
         words = [
@@ -146,8 +168,8 @@ def track_of(
             else Phone(entry.label, entry.start_s, entry.end_s, 0, entry.label)
             for entry in timed
         ]
-        return PhoneTrack.of(words, tolerance_s=OVERLAP_S, level=level, spelled=True)
-    reading = _reading_of(timed, alphabet)
+        return PhoneTrack.of(words, tolerance_s=OVERLAP_S, level=level, spelled=True, reading=Reading(remarks=remarks))
+    reading = replace(_reading_of(timed, alphabet), remarks=remarks)
     if reading.alphabet == "arpabet":
         timed = join_closures(timed)
     phones = [_phone(entry, reading.alphabet) for entry in timed]
@@ -181,7 +203,15 @@ def _check_length(timed: Sequence[Entry], what: str) -> None:
 
 
 def _reading_of(entries: Sequence[Entry], alphabet: str | None) -> Reading:
-    """Alphabet of the labels, and those of them that are doubtful."""
+    """Alphabet of the labels, and those of them that are doubtful; numbers are refused, for they can be any."""
+    if alphabet is None and all(
+        re.fullmatch(r"\d*", entry.label) or alphabets.is_silence(entry.label) for entry in entries
+    ):
+        raise DataError(
+            f"labels: got numbers such as {entries[0].label!r}, expected phones; ids of Azure's visemes need"
+            " alphabet=azure-visemes",
+            where=entries[0].where,
+        )
     guessed = guess(entry.label for entry in entries) if alphabet is None else None
     name = guessed.alphabet if guessed else alphabet or ""
     first_s = {entry.label: entry.start_s for entry in reversed(entries)}

@@ -1,13 +1,15 @@
 """The table of timing formats; a file's format is found from its content."""
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 
 from fapengine.errors import DataError, UsageError
 from fapengine.speech.formats import animation, corpora, detection, services, singing, synthesizers
-from fapengine.speech.formats.detection import NUMBER, Sample, has
-from fapengine.speech.formats.table import parse_table
+from fapengine.speech.formats.detection import Sample, has
+from fapengine.speech.formats.documents import NUMBER
+from fapengine.speech.formats.languages import language_of
+from fapengine.speech.formats.table import parse_columns, parse_table
 from fapengine.speech.formats.textgrid import parse_textgrid
 from fapengine.speech.formats.word_lists import WORD_LISTS, parse_subtitles, parse_word_list
 from fapengine.speech.phone_track import PhoneTrack
@@ -60,14 +62,14 @@ FORMATS: dict[str, Format] = {each.name: each for each in (
     Format("fish", "Fish Audio", services.parse_fish,
            lambda s: s.document is not None and services.is_fish(s.document)),
     Format("diffsinger", "DiffSinger", singing.parse_diffsinger, has("ph_seq"), (".ds",), _ALPHABET),
-    Format("phone-list", "PocketSphinx, others", synthesizers.parse_phone_list, detection.has_list(*synthesizers.LISTS),
-           (), _ALPHABET),
+    Format("phone-list", "PocketSphinx, others", synthesizers.parse_phone_list, detection.is_phone_list, (), _ALPHABET),
     *(Format(kind.name, kind.tool, partial(parse_word_list, kind=kind), detection.has_words(kind), (),
              ("tier",) if kind.name == "deepgram" else (), ("elevenlabs",) if kind.name == "assemblyai" else ())
       for kind in WORD_LISTS),
     Format("espeak-json", "espeak-ng", synthesizers.parse_espeak_events, detection.is_espeak, (), _ALPHABET),
     Format("polly", "Amazon Polly speech marks", services.parse_polly, has("time", "type", "value")),
-    Format("azure", "Azure Speech visemes", services.parse_azure, lambda s: services.is_event(s.first())),
+    Format("azure", "Azure Speech visemes", services.parse_azure,
+           lambda s: s.document is not None and bool(services.azure_events(s.document)), (), ("columns",)),
     Format("elevenlabs", "ElevenLabs alignments", services.parse_elevenlabs, detection.is_elevenlabs),
     Format("cartesia", "Cartesia timestamps", services.parse_cartesia, detection.any_event_has(*services.TIMESTAMPS)),
     Format("voicevox", "VOICEVOX audio queries", synthesizers.parse_voicevox, has("accent_phrases")),
@@ -136,18 +138,20 @@ def parse_timings(
     """
     options = options or ParseOptions()
     if file_format is not None and file_format not in FORMATS:
-        raise UsageError(f"file_format: unknown value {file_format!r}; use one of {', '.join(FORMATS)}")
+        raise UsageError(f"format: unknown value {file_format!r}; use one of {', '.join(FORMATS)}")
+    if file_format is None and parse_columns(options.columns).names:
+        file_format = "table"
     fitting = [FORMATS[file_format]] if file_format else _fitting(data, ending)
     if not fitting:
         raise DataError(
-            f"timings: got {data[:24]!r}.., expected a known format; choose one with file_format=NAME:"
-            f" {', '.join(FORMATS)}"
+            f"timings: got {data[:24]!r}.., expected a known format; choose one with format=NAME: {', '.join(FORMATS)}"
         )
     if len(fitting) > 1:
         readings = " and ".join(f"{each.name} ({each.tool})" for each in fitting)
-        raise DataError(f"timings: {readings} read different times from this content; choose with file_format=NAME")
+        raise DataError(f"timings: {readings} read different times from this content; choose with format=NAME")
     chosen = fitting[0]
     for name, value in asdict(options).items():
         if value is not None and name not in chosen.takes:
             raise UsageError(f"{name}: got {value!r}, but the format {chosen.name} has no such option")
-    return chosen.parse(data, **{name: getattr(options, name) for name in chosen.takes})
+    track = chosen.parse(data, **{name: getattr(options, name) for name in chosen.takes})
+    return replace(track, reading=replace(track.reading, language=language_of(data))) if track.spelled else track

@@ -1,6 +1,7 @@
 """Timings of text-to-speech services: Azure, Amazon Polly, ElevenLabs, Cartesia, Inworld, Fish Audio.
 
-Azure Speech viseme events (SDK ``VisemeReceived``): onset in ticks of 100 ns and one of 22 ids, as JSON (lines).
+Azure Speech viseme events (SDK ``VisemeReceived``): onset in ticks of 100 ns, or in another unit by the program that
+stored it, and one of 22 ids, as JSON (lines).
 
 Amazon Polly speech marks: JSON lines ``{"time": ms, "type", "value"}``; each lasts until the next of its kind.
 
@@ -12,39 +13,82 @@ Inworld TTS 1.5: ``timestampInfo.wordAlignment``, parallel lists, with ``phoneti
 Fish Audio: events with ``alignment.segments``, snapshots that replace each other, and the offset of their chunk.
 """
 
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 
 from fapengine.errors import DataError, UnsupportedError
 from fapengine.speech.formats.documents import Node, parse_document, rows_of_lists, walk
 from fapengine.speech.formats.entries import OVERLAP_S, Entry, track_of, until_next, with_words, without_overlaps
+from fapengine.speech.formats.table import UNITS, list_in, parse_columns, plain_name, unit_in
 from fapengine.speech.formats.word_lists import words_track
 from fapengine.speech.phone_track import PhoneTrack
+from fapengine.speech.plausible import likely_unit
 
 TICKS_HZ = 1e7
 """Ticks of Azure's offsets per second."""
-OFFSETS = ("audio_offset", "AudioOffset", "audioOffset", "privAudioOffset", "Offset", "offset")
-IDS = ("viseme_id", "VisemeId", "visemeId", "privVisemeId")
-"""Spellings of the Python, C#, JavaScript SDKs and of the REST batch result."""
+OFFSETS = ("audiooffset", "privaudiooffset", "offset", "time", "timestamp", "start")
+IDS = ("visemeid", "privvisemeid", "viseme", "id")
+"""Keys of the SDKs for Python, C#, JavaScript, of the REST batch result, and of programs that store the events; spelled
+as :func:`.table.plain_name` does."""
+MAX_ID = 21
+_OTHER_KEYS = frozenset({"end", "text", "word", "phoneme", "phone", "label"})
 
 
-def is_event(node: Node) -> bool:
-    """Return whether a value looks like an event of Azure, visemes or blend shapes."""
-    return any(node.has(key) for key in (*IDS, "BlendShapes"))
+def azure_keys(event: Node) -> tuple[str, str] | None:
+    """Keys of the offset and the viseme of an event of Azure; None for anything else."""
+    if not isinstance(event.value, dict):
+        return None
+    keys = {plain_name(str(key)): str(key) for key in reversed(event.value)}
+    offset, viseme = (next((keys[name] for name in names if name in keys), None) for names in (OFFSETS, IDS))
+    if offset is None or viseme is None or not _OTHER_KEYS.isdisjoint(keys):
+        return None
+    numbered = re.fullmatch(r"\d{1,2}(\.0)?", str(event[viseme].value))
+    return (offset, viseme) if numbered and float(numbered[0]) <= MAX_ID else None
 
 
-def parse_azure(data: bytes) -> PhoneTrack:
-    """Read the viseme events; each lasts until the next."""
-    events = parse_document(data, "Azure visemes").entries()
+def azure_events(document: Node) -> list[Node]:
+    """Events of a document, in the list that it is or contains, or alone; empty for documents of other tools."""
+    alone = isinstance(document.value, dict) and (document.has("BlendShapes") or azure_keys(document))
+    try:
+        events = [document] if alone else list(list_in(document).items())
+    except DataError:
+        return []
+    return events if events and (events[0].has("BlendShapes") or azure_keys(events[0])) else []
+
+
+def parse_azure(data: bytes, *, columns: str | None = None) -> PhoneTrack:
+    """Read the viseme events; each lasts until the next.
+
+    The SDK counts ticks of 100 ns, but programs mostly store milliseconds. ``columns`` says which (``unit=ms``), or the
+    key does (``offset_ms``); otherwise the distances tell.
+    """
+    events = azure_events(parse_document(data, "Azure visemes"))
     if any(event.has("BlendShapes") for event in events):
         raise UnsupportedError(
             "Azure: got blend-shape frames (55 weights at 60 Hz), expected viseme events; frames are a motion, not"
             " phones: `fapengine render` and `convert` take them"
         )
+    if not events:
+        raise DataError(
+            "Azure visemes: contains no event with an offset (audio_offset) and an id of 0 to 21 (viseme_id)"
+        )
+    offset, viseme = azure_keys(events[0]) or ("", "")
+    times = [event.first(offset).number() for event in events]
+    unit_s = parse_columns(columns).unit_s or unit_in(offset)
+    remarks: tuple[str, ...] = ()
+    if unit_s is None:
+        whole = all(time == int(time) for time in times)
+        unit = likely_unit(times, {name: UNITS[name] for name in ("ticks", "ms", "s")[0 if whole else 1 :]})
+        unit_s = UNITS[unit]
+        if unit != "ticks":
+            remarks = (f"Azure visemes: {offset!r} read in {unit}, by its distances; the SDK's unit is 100 ns:"
+                       f" columns='unit=ticks', or columns='unit={unit}' if {unit} is right",)  # fmt: skip
     onsets = [
-        (event.first(*OFFSETS).number() / TICKS_HZ, f"{event.first(*IDS).number():g}", event.where) for event in events
+        (time * unit_s, f"{event.first(viseme).number():g}", event.where)
+        for time, event in zip(times, events, strict=True)
     ]
-    return track_of(until_next(onsets), "Azure visemes", alphabet="azure-visemes", level="viseme")
+    return track_of(until_next(onsets), "Azure visemes", alphabet="azure-visemes", level="viseme", remarks=remarks)
 
 
 def parse_polly(data: bytes) -> PhoneTrack:

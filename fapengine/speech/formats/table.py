@@ -6,29 +6,29 @@ are whole numbers and no unit is given, seconds and milliseconds are both possib
 """
 
 import csv
-import io
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from fapengine.errors import DataError, UsageError
 from fapengine.speech.formats.documents import Node, decode_text, parse_document
-from fapengine.speech.formats.entries import Entry
+from fapengine.speech.formats.entries import LAST_S, Entry
 from fapengine.speech.formats.word_lists import labelled_track, words_track
 from fapengine.speech.phone_track import PhoneTrack
 
 NAMES: dict[str, tuple[str, ...]] = {
-    "start": ("start", "begin", "onset", "xmin", "start_time", "begin_time", "starttime", "tmin", "from", "t0"),
-    "end": ("end", "stop", "offset", "xmax", "end_time", "endtime", "stop_time", "tmax", "to", "t1"),
+    "start": ("start", "begin", "onset", "xmin", "starttime", "begintime", "starttimestamp", "tmin", "from", "t0",
+              "time", "timestamp", "offset"),
+    "end": ("end", "stop", "xmax", "endtime", "stoptime", "endtimestamp", "tmax", "to", "t1", "offset"),
     "length": ("duration", "length", "dur", "len"),
     "label": ("phone", "phoneme", "label", "segment", "text", "word", "symbol", "viseme", "value", "token"),
     "word": ("word",),
-}
-"""Usual names of columns, the best first, in small letters and without a unit."""
+}  # fmt: skip
+"""Usual names of columns, as :func:`plain_name` writes them, the best first."""
 UNITS = {"s": 1.0, "sec": 1.0, "secs": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3, "milliseconds": 1e-3,
-         "us": 1e-6, "ticks": 1e-7, "samples": None, "frames": None}  # fmt: skip
-"""Lengths of units in s; samples and frames need ``hz`` or ``fps``."""
-_UNIT_AT_THE_END = re.compile(r"[_ ]?\(?(seconds|secs|sec|s|milliseconds|msec|ms|us)\)?$", re.IGNORECASE)
+         "us": 1e-6, "ticks": 1e-7}  # fmt: skip
+"""Lengths of units in s."""
+_UNIT_AT_THE_END = re.compile(rf"(?<=.)[_ ]?\(?({'|'.join(sorted(UNITS, key=len, reverse=True))})\)?$", re.IGNORECASE)
 MAX_COLUMNS = 100
 """Columns of a list without names, at most."""
 _WORDS = frozenset({"word", "text", "token"})
@@ -60,7 +60,7 @@ def parse_columns(text: str | None) -> Columns:
         key, equals, value = (part.strip() for part in piece.partition("="))
         if key in NAMES and equals and value:
             names[key] = value
-        elif key == "unit" and UNITS.get(value.lower()) is not None:
+        elif key == "unit" and value.lower() in UNITS:
             unit_s = UNITS[value.lower()]
         elif key in ("fps", "hz") and re.fullmatch(r"\d{1,7}(\.\d{1,6})?", value) and float(value) > 0:
             rate_hz = float(value)
@@ -73,94 +73,118 @@ def parse_columns(text: str | None) -> Columns:
     return Columns(names, unit_s, rate_hz)
 
 
-def header_of(rows: tuple[str, ...]) -> list[str]:
-    """Names in the first row of a CSV or TSV; empty if it has no start and label."""
-    if not rows:
-        return []
-    names = next(csv.reader([rows[0]], delimiter=_delimiter(rows[0])), [])
-    return names if _is_whole(_found(names, Columns({}))) else []
+def plain_name(name: str) -> str:
+    """Name of a column in small letters, without separators and unit.
+
+    Examples
+    --------
+    >>> [plain_name(name) for name in ("start_time_ms", "Audio Offset", "visemeId", "endMs", "duration (s)")]
+    ['starttime', 'audiooffset', 'visemeid', 'end', 'duration']
+    """
+    return re.sub("[-_ ]", "", _UNIT_AT_THE_END.sub("", name.strip())).lower()
+
+
+def unit_in(name: str) -> float | None:
+    """Length in s of the unit in a column's name, if any."""
+    match = _UNIT_AT_THE_END.search(name.strip())
+    return UNITS[match[1].lower()] if match else None
+
+
+def header_of(rows: Sequence[str]) -> list[str]:
+    """Names in the first row of a CSV or TSV that is no comment; empty if it has no start and label."""
+    first = next((row for row in rows if not row.startswith("#")), "")
+    names = next(csv.reader([first], delimiter=_delimiter(first), skipinitialspace=True), [])
+    return names if {"start", "label"} <= _found(names, Columns({})).keys() else []
 
 
 def _delimiter(row: str) -> str:
-    return max(",\t;", key=row.count)
+    return max(",\t; ", key=lambda sign: (sign != " " and row.count(sign), sign == " "))
 
 
 def _found(names: list[str], said: Columns) -> dict[str, str]:
-    """Name of each column that there is."""
-    plain = {_UNIT_AT_THE_END.sub("", name.strip()).lower().replace(" ", "_"): name for name in reversed(names)}
-    found: dict[str, str] = {}
+    """Name of the column of each kind that there is; a column is of one kind, but the label may be the word."""
+    found = dict(said.names)
+    for what, name in found.items():
+        if name not in names:
+            raise DataError(f"columns: got {what}={name}, but the file has {names}")
     for what, usual in NAMES.items():
-        if what in said.names:
-            if said.names[what] not in names:
-                raise DataError(f"columns: got {what}={said.names[what]}, but the file has {names}")
-            found[what] = said.names[what]
-        elif name := next((plain[each] for each in usual if each in plain), ""):
+        free = [name for name in names if what == "word" or name not in found.values()]
+        plain = {plain_name(name): name for name in reversed(free)}
+        if what not in found and (name := next((plain[each] for each in usual if each in plain), "")):
             found[what] = name
     return found
 
 
 def is_row(node: Node) -> bool:
-    """Whether a JSON object is a row with start, end or length, and label, by usual names."""
+    """Whether a JSON object is a row with start and label, by usual names."""
     if not isinstance(node.value, dict):
         return False
-    return _is_whole(_found([str(key) for key in node.value], Columns({})))
-
-
-def _is_whole(found: dict[str, str]) -> bool:
-    return {"start", "label"} <= found.keys() and not found.keys().isdisjoint(("end", "length"))
+    return {"start", "label"} <= _found([str(key) for key in node.value], Columns({})).keys()
 
 
 def parse_table(data: bytes, *, columns: str | None = None, alphabet: str | None = None) -> PhoneTrack:
-    """Read a list; words if its label column is named word or text, or if its labels look like words."""
+    """Read a list; words if its label column is named word or text, or if its labels look like words.
+
+    A row without an end lasts until the next one.
+    """
     said = parse_columns(columns)
     text = decode_text(data, "table")
     is_json = text.lstrip()[:1] in ("{", "[")
     numbered = bool(said.names) and all(name.isdigit() for name in said.names.values())
     rows = _json_rows(data) if is_json else _csv_rows(text, numbered)
-    names = list(next(iter(rows.values()), {}))
+    names = list(dict.fromkeys(name for row in rows.values() for name in row))
     found = _found(names, said)
-    if not _is_whole(found):
+    if not {"start", "label"} <= found.keys():
         raise DataError(
-            f"table: got the columns {names[:12]}, expected start, end and label;"
-            " name them with columns='start=NAME,end=NAME,label=NAME'"
+            f"table: got the columns {names[:12]}, expected start and label; name them with"
+            " columns='start=NAME,end=NAME,label=NAME'"
         )
-    unit_s = said.unit_s or _unit_s(rows.values(), found)
+    units_s = _units_s(rows.values(), found, said)
     entries: list[Entry] = []
-    for where, row in rows.items():
-        start_s = _time(row, found["start"], where) * unit_s
-        ends = "end" if "end" in found else "length"
-        end_s = _time(row, found[ends], where) * unit_s + (0.0 if ends == "end" else start_s)
+    for where, row in reversed(rows.items()):
+        start_s = _time(row, found["start"], where) * units_s["start"]
+        ends = next((what for what in ("end", "length") if what in found and row.get(found[what], "").strip()), "")
+        if ends:
+            end_s = _time(row, found[ends], where) * units_s[ends] + (0.0 if ends == "end" else start_s)
+        else:
+            end_s = entries[-1].start_s if entries else start_s + LAST_S
         word = row.get(found.get("word", ""), "")
         entries.append(Entry(start_s, end_s, row.get(found["label"], ""), where, word))
-    if alphabet is None and _UNIT_AT_THE_END.sub("", found["label"]).lower() in _WORDS:
+    entries.reverse()
+    if alphabet is None and plain_name(found["label"]) in _WORDS:
         return words_track(entries, "table", "one word a row")
-    return labelled_track(entries, "table", alphabet, hint="one word a row")
+    return labelled_track(entries, "table", alphabet, row="row")
 
 
 def _csv_rows(text: str, numbered: bool) -> dict[str, dict[str, str]]:
     """Rows by their places; columns by the names in the first line, or by their numbers, from 1."""
-    lines = [line for line in text.splitlines() if line.strip()]
+    lines = [line for line in text.splitlines() if line.strip(" \t,;") and not line.startswith("#")]
     names = [str(number) for number in range(1, MAX_COLUMNS)] if numbered else None
     try:
-        rows = list(csv.DictReader(io.StringIO("\n".join(lines)), names, delimiter=_delimiter("".join(lines[:1]))))
+        rows = csv.DictReader(lines, names, delimiter=_delimiter("".join(lines[:1])), skipinitialspace=True)
+        read = [{str(key): value for key, value in row.items() if isinstance(value, str)} for row in rows]
     except csv.Error as error:
         raise DataError(f"table: {error}") from error
-    return {
-        f"row {number}": {str(key): value for key, value in row.items() if isinstance(value, str)}
-        for number, row in enumerate(rows, start=1)
-    }
+    return {f"row {number}": row for number, row in enumerate(read, start=1)}
+
+
+def list_in(document: Node) -> Node:
+    """Return the list of objects that a document is, or the only one that it contains."""
+    lists = [document] if isinstance(document.value, list) else []
+    found = [document] if isinstance(document.value, dict) else []
+    while found and not lists:
+        nodes = [node[str(key)] for node in found if isinstance(node.value, dict) for key in node.value]
+        lists = [node for node in nodes if isinstance(node.value, list) and node.value
+                 and isinstance(node.value[0], dict)]  # fmt: skip
+        found = nodes
+    if len(lists) != 1:
+        raise DataError(f"table: got {len(lists)} lists of objects, expected one", where="the top")
+    return lists[0]
 
 
 def _json_rows(data: bytes) -> dict[str, dict[str, str]]:
-    document = parse_document(data, "table")
-    if isinstance(document.value, dict):
-        lists = [document[str(key)] for key, value in document.value.items() if isinstance(value, list) and value
-                 and isinstance(value[0], dict)]  # fmt: skip
-        if len(lists) != 1:
-            raise DataError(f"table: got {len(lists)} lists of objects, expected one", where="the top")
-        document = lists[0]
     rows: dict[str, dict[str, str]] = {}
-    for item in document.items():
+    for item in list_in(parse_document(data, "table")).items():
         if not isinstance(item.value, dict):
             raise DataError(f"row: got {ascii(item.value)[:40]}, expected an object", where=item.where)
         rows[item.where] = {str(key): value if isinstance(value, str) else repr(value)
@@ -169,18 +193,17 @@ def _json_rows(data: bytes) -> dict[str, dict[str, str]]:
     return rows
 
 
-def _unit_s(rows: Iterable[dict[str, str]], found: dict[str, str]) -> float:
-    named = [match[1].lower() for name in (found["start"], found.get("end", found.get("length", "")))
-             if (match := _UNIT_AT_THE_END.search(name)) and match.start() > 0]  # fmt: skip
-    if named and UNITS[named[0]] is not None and len({UNITS[name] for name in named}) == 1:
-        return UNITS[named[0]] or 1.0
-    times = [row.get(found[what], "") for row in rows for what in ("start", "end", "length") if what in found]
-    if all(re.fullmatch(r"\s*\d+\s*", time) for time in times):
+def _units_s(rows: Iterable[dict[str, str]], found: dict[str, str], said: Columns) -> dict[str, float]:
+    """Length in s of the unit of each column of times: declared, in its name, or in that of another column."""
+    timed = {what: name for what, name in found.items() if what in ("start", "end", "length")}
+    own = {what: said.unit_s or unit_in(name) for what, name in timed.items()}
+    named = [unit_s for unit_s in own.values() if unit_s]
+    if not named and all(re.fullmatch(r"\s*\d*\s*", row.get(name, "")) for row in rows for name in timed.values()):
         raise DataError(
             "table: got whole numbers for times, which may be seconds or milliseconds; say which with"
             " columns='unit=s' or columns='unit=ms'"
         )
-    return 1.0
+    return {what: unit_s or (named[0] if named else 1.0) for what, unit_s in own.items()}
 
 
 def _time(row: dict[str, str], name: str, where: str) -> float:

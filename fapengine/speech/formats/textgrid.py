@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 from fapengine.errors import DataError, TruncatedError, UnsupportedError
 from fapengine.speech.alphabets.guess import guess
+from fapengine.speech.alphabets.praat import from_trigraphs
 from fapengine.speech.formats.documents import decode_text
 from fapengine.speech.formats.entries import Entry, track_of, with_words
 from fapengine.speech.phone_track import PhoneTrack
@@ -304,6 +305,6 @@ def _last_part(name: str) -> str:
 
 def _entries(tier: Tier) -> list[Entry]:
     return [
-        Entry(start_s, end_s, label.strip(), f"tier {tier.name!r}, interval {number}")
+        Entry(start_s, end_s, from_trigraphs(label.strip()), f"tier {tier.name!r}, interval {number}")
         for number, (start_s, end_s, label) in enumerate(tier.intervals, start=1)
     ]

@@ -224,16 +224,15 @@ def words_track(entries: Sequence[Entry] | Sequence[Entry | tuple[str, str]], wh
 
 
 def labelled_track(
-    entries: Sequence[Entry], what: str, alphabet: str | None, *, default: str | None = None, hint: str = ""
+    entries: Sequence[Entry], what: str, alphabet: str | None, *, default: str | None = None, row: str = "line"
 ) -> PhoneTrack:
     """Make a track of labels that may be phones or words.
 
-    They are words if no alphabet is given and they look like words. With a ``hint``, words are treated as by
-    :func:`timed_words`. ``default`` is the alphabet of phones without ``alphabet``; by default it is guessed.
+    They are words if no alphabet is given and they look like words. ``default`` is the alphabet of phones without
+    ``alphabet``; by default it is guessed. ``row`` is what the file has for each word.
     """
     if alphabet is None and guess(entry.label for entry in entries).words:
-        words = timed_words(entries, what, hint) if hint else entries
-        return track_of(words, what, level="word", spelled=True)
+        return words_track(entries, what, f"one word a {row}")
     return track_of(entries, what, alphabet=alphabet or default)
 
 

@@ -204,7 +204,7 @@ def test_refusals_say_what_and_where(name: str, old: str, new: str, error: type[
         ("cartesia", lines({"a": 1}, {"b": 2}), DataError, "no message with"),
         ("polly", '{"a": 1}\n{"b"}', DataError, "line 2"),
         ("htk", "0 1 a", UsageError, "tier: got"),
-        (None, "once upon a time", DataError, "expected a known format; choose one with file_format=NAME"),
+        (None, "once upon a time", DataError, "expected a known format; choose one with format=NAME"),
         ("docx", "", UsageError, "use one of textgrid"),
     ],
 )  # fmt: skip

@@ -42,7 +42,7 @@ PLAIN: list[tuple[str, str, list[tuple[int, Act]]]] = [
     ("A train 🚂 stays.", "A train 🚂 stays.", []),
     ('Look <mark name="look:left"/>here.', "Look here.", [(5, Gesture("left"))]),
     ('<mark name="surprise:0.5"/>Oh.', "Oh.", [(0, Feel(SURPRISE, 0.5))]),
-    ("😀", "😀", []),
+    ("😀", "", [(0, Feel(JOY, 0.7, is_brief=True))]),
     ("one too many </expr> here", "one too many here", []),
     ('<break time="1s"/> stays', '<break time="1s"/> stays', []),
 ]  # fmt: skip

@@ -26,7 +26,9 @@ class Parrot:
         for place, letter in enumerate(text.replace(" ", ""), start=1):
             phones.append(Phone(letter, now_s, now_s + place / 10, 1))
             now_s = phones[-1].end_s
-        return Speech(samples=np.zeros(10, np.int16), sample_rate_hz=10, phones=PhoneTrack.of(phones, tolerance_s=0.0))
+        return Speech(
+            samples=np.zeros(1000, np.int16), sample_rate_hz=1000, phones=PhoneTrack.of(phones, tolerance_s=0.0)
+        )
 
 
 class Reader:
@@ -39,7 +41,7 @@ class Reader:
         if text not in self.spellings:
             raise UsageError("nothing to speak")
         phones = [Phone(label, index / 10, (index + 1) / 10) for index, label in enumerate(self.spellings[text])]
-        return Speech(samples=np.zeros(10, np.int16), sample_rate_hz=10, phones=PhoneTrack.of(phones))
+        return Speech(samples=np.zeros(1000, np.int16), sample_rate_hz=1000, phones=PhoneTrack.of(phones))
 
 
 def spelled(*words: str) -> PhoneTrack:
