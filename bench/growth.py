@@ -1,8 +1,17 @@
-"""Input for every reader of :mod:`tests.fuzz.readers`, as long as one likes."""
+"""Input that grows: for every reader of :mod:`tests.fuzz.readers`, and for the engine as commands at their limits.
+
+    python -m bench.growth
+
+prints the longest frame of an engine under each of :data:`CROWDS`. Exits 1 where one takes more than :data:`MOST_MS` of
+CPU time.
+"""
 
 import json
 import re
+import sys
+import time
 from collections.abc import Callable, Iterator
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -13,8 +22,27 @@ from fapengine.capture.marker_track import MarkerTrack
 from fapengine.capture.table import format_table, format_trc
 from fapengine.codec.encoder import encode
 from fapengine.codec.fapfile import format_fap
+from fapengine.engine.commands import (
+    Append,
+    Audio,
+    Begin,
+    Blink,
+    Cancel,
+    Command,
+    End,
+    Express,
+    Look,
+    Pause,
+    Resume,
+    Seek,
+    SetParameter,
+    TurnHead,
+)
+from fapengine.engine.engine import Engine
+from fapengine.expressions import Expression
 from fapengine.mpeg4.track import FapTrack
 from fapengine.retarget.blend_tracks import format_blend_csv
+from fapengine.speech.phone_track import Phone
 from tests.fuzz.readers import Reader
 
 LABELS = ("m", "a", "b", "i")
@@ -192,3 +220,111 @@ def grown(reader: Reader, n: int) -> bytes:
     good = max(reader.good, key=len) if reader.name == "timings, any" else reader.good[0]
     times = max(1, 32 * n // len(good))
     return (longer_json(good, times) if reader.name.startswith("timings") else None) or good * times
+
+
+MOST_MS = 5.0
+"""CPU time that one frame of one session may take, in ms."""
+FRAME_HZ = 60
+Commands = Iterator[list[Command]]
+"""Commands before each frame."""
+
+
+def utterance(number: int, count: int, each_s: float, labels: tuple[str, ...] = LABELS) -> list[Command]:
+    """Make an utterance of many phones, 64 in a piece as senders send them."""
+    phones = [Phone(labels[n % len(labels)], n * each_s, (n + 1) * each_s, stress=1) for n in range(count)]
+    pieces = [Append(number, n, tuple(phones[n : n + 64])) for n in range(0, count, 64)]
+    return [Begin(number), *pieces, End(number, count, count * each_s)]
+
+
+def _queue(count: int, phones: int, each_s: float, labels: tuple[str, ...] = LABELS) -> Commands:
+    yield [command for number in range(count) for command in utterance(number, phones, each_s, labels)]
+
+
+def _pieces(each_s: float, order: Callable[[int], int], count: int = 15_000) -> Commands:
+    """Yield phones one by one, 50 before each frame."""
+    yield [Begin(0)]
+    for first in range(0, count, 50):
+        indices = (order(n) for n in range(first, first + 50))
+        yield [Append(0, n, (Phone(LABELS[n % 4], n * each_s, (n + 1) * each_s),)) for n in indices]
+
+
+def _again(first: list[Command], *commands: Callable[[int], Command], times: int = 100) -> Commands:
+    """Yield the same commands many times before each frame."""
+    yield first
+    for frame in range(120):
+        yield [command(frame * times + n) for n in range(times) for command in commands]
+
+
+def _soon(n: int) -> Command:
+    return Express(Expression.JOY, n % 2, 2.0 + 1e-6 * n, 0.01, 0.0, 0.01)
+
+
+LONG = utterance(0, 15_000, 0.04)
+CROWDS: dict[str, Callable[[], Commands]] = {
+    "normal speech": lambda: _queue(3, 40, 0.1),
+    "32 x 400 phones of 20 ms": lambda: _queue(32, 400, 0.02),
+    "32 x 400 phones of 1 ms": lambda: _queue(32, 400, 0.001),
+    "32 x 600 labels of 15 characters": lambda: _queue(32, 600, 0.02, ("ptkbdgfsaiuaiua",)),
+    "phones one by one": lambda: _pieces(0.02, lambda n: n),
+    "phones backwards": lambda: _pieces(0.0001, lambda n: 14_999 - n),
+    "every second phone, then the others": lambda: _pieces(0.002, lambda n: 2 * n % 15_000 + n // 7_500),
+    "a gap of 15,000 phones": lambda: iter([[Begin(0), LONG[1], Append(0, 14_999, (Phone("a", 0.1, 9.0),))]]),
+    "an hour late": lambda: iter([[Begin(0, "at", -100.0), *LONG[1:]]]),
+    "ends without phones": lambda: iter([[c for n in range(32) for c in (Begin(n), End(n, 20_000, 0.0))]]),
+    "seek": lambda: _again(LONG, lambda n: Seek(0, n * 7.9 % 590)),
+    "seek among 31 queued": lambda: _again(list(*_queue(32, 600, 0.02)), lambda n: Seek(0, n * 0.79 % 11)),
+    "pause, resume": lambda: _again(LONG, lambda n: Pause(), lambda n: Resume()),
+    "jumps of the sound": lambda: _again(LONG, lambda n: Audio(0, n / 6000, n * 7.9 % 590)),
+    "speak, cancel": lambda: _again([], Begin, lambda n: Append(n, 0, (Phone("m", 0.1, 0.2),)), lambda n: Cancel()),
+    "revise": lambda: _again(LONG, lambda n: Append(0, n, (Phone("m", 0.1 * n, 0.1 * n + 0.1),), n), times=20),
+    "cancel over 10 s": lambda: _again(LONG, lambda n: Cancel(fade_s=10.0)),
+    "parameters": lambda: _again([], lambda n: SetParameter("jaw", n % 3), lambda n: SetParameter("gaze", n % 2)),
+    "turns, looks, blinks": lambda: _again(
+        [], lambda n: TurnHead(roll_rad=0, pitch_rad=n % 2, yaw_rad=0), lambda n: Look(n % 2, 0), lambda n: Blink()
+    ),
+    "expressions at one moment": lambda: _again([], _soon, times=9),
+}
+"""Commands to one session, each kind at its limits."""
+
+
+def crowded(name: str, frame: Callable[[Engine, float], object], profile: Any, seconds: float = 4.0) -> Engine:
+    """Drive an engine under one of :data:`CROWDS`: ``frame`` makes each of its frames."""
+    engine, crowd = Engine(profile, rng=np.random.default_rng(1)), CROWDS[name]()
+    engine.open("anna", 0.0)
+    for number in range(round(seconds * FRAME_HZ)):
+        for command in next(crowd, ()):
+            engine.apply("anna", command, number / FRAME_HZ)
+        frame(engine, number / FRAME_HZ)
+        engine.events()
+    return engine
+
+
+def longest_ms(name: str, profile: Any) -> float:
+    """CPU time of the longest frame of a crowd in ms: of two runs the less, because other work adds to it."""
+
+    def timed(engine: Engine, now_s: float) -> None:
+        start = time.thread_time()
+        engine.frame(now_s)
+        took.append(time.thread_time() - start)
+
+    longest = inf
+    for _ in range(2):
+        took: list[float] = []
+        crowded(name, timed, profile)
+        longest = min(longest, 1e3 * max(took))
+    return longest
+
+
+def main() -> int:
+    """Print a line for each crowd."""
+    from tests.english import english
+
+    longest = {}
+    for name in CROWDS:
+        longest[name] = longest_ms(name, english())
+        print(f"{longest[name]:8.1f} ms  {name}", flush=True)
+    return int(max(longest.values()) > MOST_MS)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

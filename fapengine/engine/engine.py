@@ -187,8 +187,13 @@ class Engine:
         """
         self._gestures.end(self._batch.row(self._session(session).number), at_s, max(now_s, self._shown_s))
 
-    def apply(self, session: str, command: Command, now_s: float) -> None:
+    def apply(self, session: str, command: Command, now_s: float) -> str:
         """Apply a command to a session. One that is out of range or cannot be used is counted (:meth:`counters`).
+
+        Returns
+        -------
+        str
+            Why it was refused; empty if it was not.
 
         Raises
         ------
@@ -197,14 +202,16 @@ class Engine:
         """
         target = self._session(session)
         target.wake_s = -inf
-        answer = _ANSWERS.get(type(command), Session.gesture)
+        answer, refusal = _ANSWERS.get(type(command), Session.gesture), ""
         try:
             answer(target, checked(command), max(now_s, self._shown_s))
-        except UsageError:
+        except UsageError as error:
             target.counters.refused += 1
+            refusal = str(error)
         self.touched_s[session] = now_s
         for listener in tuple(self.command_listeners):
             listener(session, command, now_s)
+        return refusal
 
     def frame(self, now_s: float) -> EngineFrame:
         """Make one frame of every session. A session that fails is ended (:meth:`faults`); the others continue.

@@ -3,6 +3,7 @@
 from abc import ABC, abstractmethod
 from math import inf
 
+from fapengine._strict_toml import checked
 from fapengine.engine.command_table import Command
 from fapengine.engine.commands import Blink, Express, Look, SetParameter, TurnHead, expression_named
 from fapengine.errors import DataError, UsageError
@@ -16,6 +17,7 @@ class GestureMethods(ABC):
     def tell(self, command: Command) -> None:
         """Send a command of :mod:`fapengine.engine.commands` to the face."""
 
+    @checked
     def express(
         self,
         name: str | Expression,
@@ -50,10 +52,12 @@ class GestureMethods(ABC):
                 raise UsageError(str(error)) from error
         self.tell(Express(name, level, None, attack_s, inf if hold_s is None else hold_s, release_s))
 
+    @checked
     def look(self, yaw_rad: float, pitch_rad: float, *, over_s: float = 0.1) -> None:
         """Turn the eyes, to the subject's left and down."""
         self.tell(Look(yaw_rad, pitch_rad, over_s))
 
+    @checked
     def turn_head(
         self, *, pitch_rad: float = 0.0, yaw_rad: float = 0.0, roll_rad: float = 0.0, over_s: float = 0.4
     ) -> None:

@@ -31,6 +31,8 @@ NOD_RAD, SHAKE_RAD, GLANCE_RAD = 0.14, 0.13, 0.3
 """Angles of inline cues that are visible without being exaggerated; chosen by eye."""
 NOD_S, SHAKE_S, GLANCE_S = 0.2, 0.22, 0.8
 """Duration of the downward nod, of each turn of a shake, of a glance."""
+PAST_S = 60.0
+"""Age beyond which gestures that were never shown are dropped."""
 MIN_HOLD_S = 0.3
 _GLANCES = {"left": (GLANCE_RAD, 0.0), "right": (-GLANCE_RAD, 0.0), "up": (0.0, -GLANCE_RAD), "down": (0.0, GLANCE_RAD)}
 
@@ -179,9 +181,9 @@ class BatchGestures:
         self._due_s[row] = generator.due_s
 
     def draw(self, row: int, now_s: float) -> None:
-        """Draw the gestures that have become due."""
+        """Draw the gestures that have become due; after a sleep of the machine, the last ones."""
         generator = self._generators[row]
-        self._ramps.send(row, generator.draw(now_s))
+        self._ramps.send(row, [ramp for ramp in generator.draw(now_s) if ramp.at_s > now_s - PAST_S])
         self._due_s[row] = generator.due_s
 
     def overlay(self, now_s: float) -> Overlay:

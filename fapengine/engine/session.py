@@ -7,13 +7,16 @@ slows it down, by at most :data:`SLEW`. Each utterance gets a place in stream ti
 go to the session's planner. Pausing, seeking and audio that jumps take the phones back, fade the face to neutral and
 give the utterance another zero. :data:`.utterance.TRANSITIONS` lists the states of an utterance.
 
+Phones are sent to the planner a few at a time (:data:`TAKEN_LETTERS`), so that no frame takes long, however many wait.
+
 Nothing runs per frame: a session says when it must be woken (:attr:`Session.wake_s`), and every command wakes it.
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import groupby
+from heapq import merge
+from itertools import accumulate, groupby
 from math import inf, nextafter
 from operator import itemgetter
 from typing import Any, Literal
@@ -22,6 +25,7 @@ from fapengine._counters import Counts
 from fapengine.engine.commands import Append, Audio, Begin, Cancel, Command, End, Pause, Resume, Seek, SetParameter
 from fapengine.engine.gestures import BatchGestures
 from fapengine.engine.utterance import Step, StreamClock, Utterance
+from fapengine.errors import UsageError
 from fapengine.speaking import GENERATORS
 from fapengine.speech.phone_track import SILENCE, Phone
 from fapengine.trajectory.batch import BatchPlanner
@@ -38,6 +42,10 @@ JUMP_S = 0.08
 JUMP_FADE_S = 0.15
 PLAN_EARLY_S = 0.1
 """Phones are planned this long before they first affect a frame."""
+TAKEN_LETTERS = 64
+"""Characters of the labels of phones that are planned at a time: some 5 s of speech, planned in 1 ms."""
+TAKEN_S = 5.0
+"""Phones are taken this early; the first few that the planner looks ahead to, however early."""
 GATHER_S, URGENT_S = 0.05, 0.3
 """A clause arrives in several datagrams. Its first phones wait this long for the others, unless they are due within the
 second time."""
@@ -57,7 +65,7 @@ class Limits:
     utterances: int = 32
     """Unfinished utterances per session."""
     phones: int = 20_000
-    """Phones per utterance."""
+    """Phones of all unfinished utterances of a session, half an hour of speech."""
     queued_s: float = 600.0
     """Longest utterance, and how far ahead one may be scheduled."""
     silence_s: float = 2.0
@@ -167,9 +175,10 @@ class Session:
 
     def begin(self, command: Begin, now_s: float) -> None:
         """Open an utterance."""
-        if command.anchor == "at" and command.at_s > now_s + self.limits.queued_s:
-            self.counters.refused += 1  # all later utterances would wait for it
-            return
+        if command.anchor == "at" and command.at_s > now_s + self.limits.queued_s:  # all later ones would wait for it
+            raise UsageError(
+                f"utterance: begins in {command.at_s - now_s:g} s, expected {self.limits.queued_s:g} at most"
+            )
         utterance = self._open(command.utterance, command.revision, now_s)
         if utterance is None:
             return
@@ -181,11 +190,14 @@ class Session:
 
     def append(self, command: Append, now_s: float) -> None:
         """Add phones to an utterance."""
-        last = command.first_index + len(command.phones)
-        is_valid = command.phones and command.first_index >= 0 and last <= self.limits.phones
-        if not is_valid or max(phone.end_s for phone in command.phones) > self.limits.queued_s:
-            self.counters.refused += 1
-            return
+        if not command.phones or command.first_index < 0:
+            raise UsageError("phones: got none, or an index below 0")
+        end_s = max(phone.end_s for phone in command.phones)
+        if end_s > self.limits.queued_s:
+            raise UsageError(f"phones: end at {end_s:g} s, expected {self.limits.queued_s:g} s at most")
+        others = sum(utterance.size for utterance in self.queue if utterance.number != command.utterance)
+        if others + command.first_index + len(command.phones) > self.limits.phones:
+            raise UsageError(f"phones: got more than the {self.limits.phones} that may wait in a session")
         utterance = self._open(command.utterance, command.revision, now_s)
         if utterance is None:
             return
@@ -195,11 +207,8 @@ class Session:
         if command.revision > utterance.revision:
             self._revise(utterance, command.revision, now_s)
         utterance.latest_s = now_s
-        new = utterance.add(command)
-        if new:
-            utterance.is_dry = False
-        if utterance.state.is_placed:
-            self._feed(utterance, new, now_s)
+        self._feed(utterance, utterance.add(command), now_s)
+        self._take(now_s)
 
     def end(self, command: End, now_s: float) -> None:
         """Set the length of an utterance."""
@@ -207,8 +216,7 @@ class Session:
         if utterance is None or command.revision != utterance.revision or utterance.phone_count is not None:
             return
         if command.phone_count > self.limits.phones or not 0 <= command.duration_s <= self.limits.queued_s:
-            self.counters.refused += 1
-            return
+            raise UsageError(f"end: got {command.phone_count} phones in {command.duration_s:g} s, more than may wait")
         utterance.latest_s = now_s
         utterance.phone_count, utterance.duration_s = command.phone_count, command.duration_s
         self._settle(now_s)
@@ -217,8 +225,8 @@ class Session:
         """Stop utterances, now or at a time."""
         if command.at_s is not None and command.at_s > now_s:
             if len(self.cancels) == self.limits.utterances:
-                self.counters.refused += 1
-            elif (command.at_s, command) not in self.cancels:
+                raise UsageError(f"cancel: got one more than the {self.limits.utterances} that may wait")
+            if (command.at_s, command) not in self.cancels:
                 self.cancels.append((command.at_s, command))
             return
         stopped = [utterance for utterance in self.queue if command.means(utterance.number)]
@@ -331,14 +339,20 @@ class Session:
         self.batch.retime(self.number, self.clock.begins_s)
 
     def flush(self, now_s: float) -> None:
-        """Send the phones that have arrived to the planner, and report those that came late."""
+        """Send the first of the phones that were taken to the planner, and report those that came late."""
+        self._take(now_s)
+        letters = accumulate(len(phone.label) for _, phone in self.fresh)
+        count = sum(1 for so_far in letters if so_far <= TAKEN_LETTERS) or 1
         late: Counter[int | None] = Counter()
-        for number, phones in groupby(self.fresh, key=itemgetter(0)):
+        for number, phones in groupby(self.fresh[:count], key=itemgetter(0)):
             late[number] += self.batch.feed(self.number, [phone for _, phone in phones], is_counted=number is not None)
-        self.fresh = []
+        del self.fresh[:count]
         for utterance in self.queue:
             if late[utterance.number]:
                 self._tell(utterance, "late", now_s, late[utterance.number])
+        self._take(now_s)
+        if self.fresh:
+            self.wake_s = -inf
 
     def plan_by_s(self) -> tuple[float, float]:
         """Engine times by which fresh phones must be planned, and should be; in between more may arrive."""
@@ -364,7 +378,7 @@ class Session:
         if at_s >= 0 and not utterance.state.has_started:
             utterance.step(Step.START)
             self._tell(utterance, "started", now_s)
-        gap = utterance.gap() if len(utterance.phones) != utterance.next_index else None
+        gap = utterance.gap()
         if gap and gap[0].end_s <= at_s + CONCEAL_S:
             self._conceal(utterance, gap[0], gap[1], gap[2], now_s)
         if utterance.phone_count is not None:
@@ -385,7 +399,7 @@ class Session:
         if utterance.zero_s is None:
             return utterance.latest_s + self.limits.wait_s
         due_s = 0.0 if not utterance.state.has_started else inf
-        gap = utterance.gap() if len(utterance.phones) != utterance.next_index else None
+        gap = utterance.gap()
         if gap:
             due_s = min(due_s, gap[0].end_s - CONCEAL_S)
         if utterance.phone_count is not None:
@@ -417,28 +431,43 @@ class Session:
                 ):
                     self._put(utterance, max(before.zero_s + before.end_s, self.clock.stream_s(now_s)), now_s)
             before = utterance
+        self._take(now_s)
 
     def _put(self, utterance: Utterance, zero_s: float, now_s: float) -> None:
-        utterance.place(zero_s)
         skips = utterance.state.has_started or utterance.anchor != "at"
-        self._feed(utterance, utterance.phones.values(), now_s, self.clock.stream_s(now_s) if skips else 0.0)
+        utterance.place(zero_s, self.clock.stream_s(now_s) if skips else 0.0)
 
-    def _feed(
-        self,
-        utterance: Utterance,
-        phones: Iterable[Phone],
-        now_s: float,
-        from_s: float = 0.0,
-        *,
-        is_counted: bool = True,
-    ) -> None:
-        shifted = utterance.in_stream(phones, from_s)
+    def _take(self, now_s: float, utterances: Sequence[Utterance] | None = None) -> None:
+        """Take the phones that are said next, as many as are planned at a time."""
+        room = TAKEN_LETTERS - sum(len(phone.label) for _, phone in self.fresh)
+        count, soon_s = len(self.fresh), self.clock.stream_s(now_s) + TAKEN_S
+        taken: dict[int, list[Phone]] = {}
+        coming = merge(
+            *(utterance.coming() for utterance in utterances or self.queue if utterance.zero_s is not None),
+            key=lambda item: item[0].start_s,
+        )
+        while room > 0 and (following := next(coming, None)):
+            phone, utterance, utterance_taken = following
+            if phone.start_s > soon_s and count > AHEAD_PHONES:
+                break
+            utterance.taken = utterance_taken
+            taken.setdefault(utterance.number, []).append(phone)
+            room, count = room - len(phone.label), count + 1
+        for number, phones in taken.items():
+            self._prepare(number, phones, now_s)
+
+    def _feed(self, utterance: Utterance, phones: Iterable[Phone], now_s: float, *, is_counted: bool = True) -> None:
+        """Take phones of an utterance out of turn, if it has a place."""
+        self._prepare(utterance.number if is_counted else None, utterance.in_stream(phones), now_s)
+
+    def _prepare(self, number: int | None, phones: list[Phone], now_s: float) -> None:
+        if not phones:
+            return
         if not self.fresh:
             self.fresh_since_s = now_s
-        self.fresh += [(utterance.number if is_counted else None, phone) for phone in shifted]
+        self.fresh += [(number, phone) for phone in phones]
         begins_s = self.clock.begins_s
-        if shifted:
-            self.gestures.hear(self._row, [(phone.start_s + begins_s, phone) for phone in shifted], now_s)
+        self.gestures.hear(self._row, [(phone.start_s + begins_s, phone) for phone in phones], now_s)
 
     @property
     def _row(self) -> int:
@@ -453,8 +482,7 @@ class Session:
             self.counters.ignored += 1
             return None
         if len(self.queue) == self.limits.utterances:
-            self.counters.refused += 1
-            return None
+            raise UsageError(f"utterance {number}: got one more than the {self.limits.utterances} that may wait")
         utterance = Utterance(number, self.clock, revision=revision, latest_s=now_s)
         self.counters.utterances += 1
         self.queue.append(utterance)
@@ -469,7 +497,7 @@ class Session:
             self.gestures.hush(self._row, now_s)
 
     def _conceal(self, utterance: Utterance, before: Phone, after: Phone, between: range, now_s: float) -> None:
-        utterance.concealed.update(between)
+        utterance.bridge(between)
         self.counters.concealed += len(between)
         self._tell(utterance, "concealed", now_s, len(between))
         if not before.is_silence and after.start_s > before.end_s:
@@ -486,6 +514,7 @@ class Session:
         self._silence(now_s, JUMP_FADE_S)
         self.slew_left_s = 0.0
         self._put(utterance, self.clock.stream_s(now_s) - position_s, now_s)
+        self._take(now_s, [utterance])  # the others' phones take precedence
         self._replace_rest(now_s, utterance.zero_s or 0.0, beside=utterance)
 
     def _replace_rest(self, now_s: float, from_s: float, beside: Utterance | None = None) -> None:
@@ -496,15 +525,14 @@ class Session:
             if utterance.anchor == "now" and not utterance.state.has_started:
                 utterance.unplace()
             else:
-                self._feed(utterance, utterance.phones.values(), now_s, self.clock.stream_s(now_s))
+                utterance.take_again(self.clock.stream_s(now_s))
         first = next((utterance for utterance in self.queue if utterance.zero_s is None), None)
         if first is not None and first is self.queue[0] and first.anchor == "now" and not self.is_paused:
             self._put(first, max(from_s, self.clock.stream_s(now_s)), now_s)
         self._settle(now_s)
 
     def _finish(self, utterance: Utterance, now_s: float) -> None:
-        missing = {index for start, stop in utterance.missing() for index in range(start, stop)}
-        self.counters.lost += len(missing - utterance.concealed)
+        self.counters.lost += utterance.lost
         self.counters.finished += 1
         self._close(utterance, "finished", now_s)
 

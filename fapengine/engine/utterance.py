@@ -13,10 +13,10 @@ engine: the session that meets it ends as a :class:`.engine.Fault`.
     any of them ──close──> over
 """
 
-from collections.abc import Iterable
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from itertools import pairwise
 from math import inf
 from types import MappingProxyType
 
@@ -125,21 +125,25 @@ class Utterance:
     """Stream time of its start, for ``"at"``."""
     revision: int = 0
     phones: dict[int, Phone] = field(default_factory=dict)
+    order: list[int] = field(default_factory=list)
+    """Their indices, rising. That of a later index is said later."""
+    taken: int = 0
+    """Number of these that have been sent to the planner."""
+    known: list[int] = field(default_factory=list)
+    """Indices of phones that have arrived or were bridged, rising."""
+    from_s: float = 0.0
+    """Stream time from which it is spoken; what was to be said before is left out."""
     phone_count: int | None = None
     """Number of its phones; None before its ``End``."""
     duration_s: float | None = None
     zero_s: float | None = None
     """Stream time of its start, while it has a place."""
-    next_index: int = 0
-    """All phones below this index have arrived."""
     latest_s: float = -inf
     """Engine time of the last message about it."""
     is_dry: bool = False
     """Whether its last phone is over and more should come."""
     resume_s: float | None = None
     """Position in its own time, while it is stopped."""
-    concealed: set[int] = field(default_factory=set)
-    """Indices of phones that were bridged."""
     last_s: float = 0.0
     """End of its last phone."""
     _newest_s: float = inf
@@ -164,10 +168,11 @@ class Utterance:
         self.anchor, self.at_s = command.anchor, self.clock.stream_s(command.at_s)
         self.revision = max(self.revision, command.revision)
 
-    def place(self, zero_s: float) -> None:
-        """Give it a place: stream time of its start."""
+    def place(self, zero_s: float, from_s: float = 0.0) -> None:
+        """Give it a place: stream time of its start, and stream time from which it is spoken."""
         self.step(Step.PLACE)
         self.zero_s, self.resume_s = zero_s, None
+        self.take_again(from_s)
 
     def unplace(self) -> None:
         """Take its place away."""
@@ -193,46 +198,75 @@ class Utterance:
         """Time by which the latest phones arrived early; negative if late."""
         return self._newest_s - self.position_s(now_s)
 
-    def missing(self) -> list[tuple[int, int]]:
-        """Gaps as (first index, index after the last), with the tail once the end is known."""
-        return gaps(self.phones, self.next_index, self.phone_count)
+    @property
+    def size(self) -> int:
+        """One more than the highest index that has arrived."""
+        return self.order[-1] + 1 if self.order else 0
+
+    @property
+    def lost(self) -> int:
+        """Number of phones that have neither arrived nor been bridged, once the end is known."""
+        return 0 if self.phone_count is None else self.phone_count - bisect_left(self.known, self.phone_count)
 
     def add(self, command: Append) -> list[Phone]:
-        """Add phones; return those that are new."""
-        new = []
+        """Add phones; return those that come before one that was taken."""
+        late, newest_s = [], inf
         for index, phone in enumerate(command.phones, command.first_index):
-            if index not in self.phones and (self.phone_count is None or index < self.phone_count):
-                self.phones[index] = phone
-                self.last_s = max(self.last_s, phone.end_s)
-                new.append(phone)
-        while self.next_index in self.phones:
-            self.next_index += 1
-        if new:
-            self._newest_s = min(phone.start_s for phone in new)
-        return new
+            if index in self.phones or (self.phone_count is not None and index >= self.phone_count):
+                continue
+            self.phones[index] = phone
+            self.last_s = max(self.last_s, phone.end_s)
+            newest_s, self.is_dry = min(newest_s, phone.start_s), False
+            place = bisect_left(self.order, index)
+            self.order.insert(place, index)
+            if place < self.taken:
+                self.taken += 1
+                late.append(phone)
+            place = bisect_left(self.known, index)
+            if self.known[place : place + 1] != [index]:
+                self.known.insert(place, index)
+        if newest_s < inf:
+            self._newest_s = newest_s
+        return late
 
     def revise(self, revision: int, from_s: float) -> None:
         """Drop its end and the phones that start at or after ``from_s``; new ones will come."""
         self.revision = revision
+        spoken = set(self.order[: self.taken])
         self.phones = {index: phone for index, phone in self.phones.items() if phone.start_s < from_s}
         self.last_s = max((phone.end_s for phone in self.phones.values()), default=0.0)
         self.phone_count = self.duration_s = None
         self.is_dry = False
-        self.next_index = 0
-        while self.next_index in self.phones:
-            self.next_index += 1
-        last = max(self.phones, default=0)
-        self.concealed = {index for index in self.concealed if index < last}
+        self.order = sorted(self.phones)
+        self.taken = len(spoken & self.phones.keys())
+        self.known = [index for index in self.known if index in self.phones or index < self.size]
 
     def gap(self) -> tuple[Phone, Phone, range] | None:
         """First gap that is not bridged: the phones on both sides, and the indices between them."""
-        indices = sorted(self.phones)
-        for before, after in pairwise(indices):
-            if after > before + 1 and not self.concealed.issuperset(range(before + 1, after)):
-                return self.phones[before], self.phones[after], range(before + 1, after)
-        return None
+        known = self.known
+        if not known or known[-1] - known[0] == len(known) - 1:
+            return None
+        place = bisect_right(range(len(known)), known[0], key=lambda place: known[place] - place)
+        before, after = known[place - 1], known[place]
+        return self.phones[before], self.phones[after], range(before + 1, after)
 
-    def in_stream(self, phones: Iterable[Phone], from_s: float) -> list[Phone]:
+    def bridge(self, gap: range) -> None:
+        """Close a gap."""
+        place = bisect_left(self.known, gap.stop)
+        self.known[place:place] = gap
+
+    def take_again(self, from_s: float) -> None:
+        """Let phones be taken again that end after ``from_s``, in stream time."""
+        self.from_s, since_s = from_s, from_s - (self.zero_s or 0.0)
+        self.taken = bisect_right(self.order, since_s, key=lambda index: self.phones[index].end_s)
+
+    def coming(self) -> Iterator[tuple[Phone, "Utterance", int]]:
+        """Phones that were not taken, in stream time, and the value of ``taken`` after each."""
+        for place in range(self.taken, len(self.order)):
+            for phone in self.in_stream([self.phones[self.order[place]]], self.from_s):
+                yield phone, self, place + 1
+
+    def in_stream(self, phones: Iterable[Phone], from_s: float = 0.0) -> list[Phone]:
         """Shift phones into stream time; drop what is before ``from_s`` there."""
         if self.zero_s is None:
             return []
@@ -242,12 +276,3 @@ class Utterance:
             if end_s > start_s:
                 shifted.append(replace(phone, start_s=start_s, end_s=end_s))
         return shifted
-
-
-def gaps(known: Iterable[int], first: int, stop: int | None) -> list[tuple[int, int]]:
-    """Return what is missing in ``known`` from ``first`` on, as (first index, index after the last)."""
-    stops = sorted(index for index in known if index >= first and (stop is None or index < stop))
-    if stop is not None:
-        stops.append(stop)
-    starts = [first, *(index + 1 for index in stops)]
-    return [(start, end) for start, end in zip(starts, stops, strict=False) if start < end]

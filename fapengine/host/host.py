@@ -106,22 +106,24 @@ class Host:
         Raises
         ------
         UsageError
-            If the session is not open, the utterance was ended, or the phones are before those that came.
+            If the session is not open, the utterance was ended, the phones are before those that came, or more of them
+            would wait than may.
         """
         utterance = self.engine.utterance(self.session, number)
         if utterance is None:
             return
         if utterance.phone_count is not None:
-            raise UsageError(f"utterance {number}: it was ended, and takes no more")
+            raise UsageError(f"utterance {number}: has ended, accepts no more phones")
         if phones and phones[0].start_s < utterance.last_s - WORDS_OVERLAP_S:
             raise UsageError(
                 f"utterance {number}: got {phones[0].label!r} at {phones[0].start_s:g} s, expected it behind"
                 f" {utterance.last_s:g} s"
             )
-        first = utterance.next_index
+        first = utterance.size
         for part in range(0, len(phones), PHONES_A_COMMAND):
             command = Append(number, first + part, tuple(phones[part : part + PHONES_A_COMMAND]))
-            self.engine.apply(self.session, command, now_s)
+            if refusal := self.engine.apply(self.session, command, now_s):
+                raise UsageError(f"utterance {number}: {refusal}")
         if is_last:
             length_s = max(duration_s, utterance.last_s, phones[-1].end_s if phones else 0.0)
             self.engine.apply(self.session, End(number, first + len(phones), length_s), now_s)

@@ -243,7 +243,7 @@ class Hub:
             If the voice is not installed.
         """
         if len(text) > MAX_TEXT:
-            raise UsageError(f"text: got {len(text)} letters, expected at most {MAX_TEXT}")
+            raise UsageError(f"text: must have at most {MAX_TEXT} characters, got {len(text)}")
         speech = await self.speaker.speak(session, text, VoiceChoice(voice, rate_wpm, ssml))
         if speech is None:
             return None

@@ -26,8 +26,9 @@ from math import inf, nextafter
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from fapengine._arrays import as_sound
 from fapengine.audio.sound_queue import Run, Sound, SoundQueue
 from fapengine.engine.command_table import Command
 from fapengine.engine.commands import Append, Begin, Cancel, End, Pause, Resume
@@ -176,23 +177,24 @@ class StreamHost(Host, GestureMethods):
 
     # What comes in ---------------------------------------------------------------------------------------------------
 
-    def push(self, samples: NDArray[np.int16], rate_hz: int) -> None:
+    def push(self, samples: ArrayLike, rate_hz: int) -> None:
         """Add audio to the current utterance, or begin a new one.
 
         Parameters
         ----------
-        samples : (N,) int16
-            Mono.
+        samples : (N,) or (N, channels) array_like
+            int16, or float in -1..1. Channels are averaged.
         rate_hz : int
             Samples per second.
 
         Raises
         ------
         UsageError
-            If the rate is out of range.
+            If the samples have another form, or the rate is out of range.
         """
         if not 4_000 <= rate_hz <= 192_000:
             raise UsageError(f"rate_hz: got {rate_hz}, expected 4000..192000")
+        samples, rate_hz = as_sound((samples, rate_hz), "samples")
         if len(samples):
             utterance = self._open()
             utterance.sound.push(samples, rate_hz)

@@ -175,8 +175,8 @@ class BatchPlanner:
 
     def cancel(self, session: int, at_s: float, *, fade_s: float = 0.2) -> None:
         """End speech at a moment of its time; see :meth:`~fapengine.trajectory.stream.StreamingPlanner.cancel`."""
-        self._changed(session).cancel(at_s, fade_s=fade_s)
-        self._due.pop(session, None)
+        planner = self._due[session] = self._changed(session)
+        planner.cancel(at_s, fade_s=fade_s)
 
     def retime(self, session: int, begins_s: float) -> None:
         """Shift a session's time against the batch's. It never goes back: it pauses until the new time catches up."""

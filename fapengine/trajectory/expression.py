@@ -8,6 +8,7 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine._strict_toml import check_fields
 from fapengine.errors import UsageError
 from fapengine.expressions import EXPRESSIONS, Expression, Mix
 from fapengine.mpeg4 import fap
@@ -47,6 +48,7 @@ class Mood:
     release_s: float = RELEASE_S
 
     def __post_init__(self) -> None:
+        check_fields(self)
         name = self.expression.label
         if not 0 <= self.strength <= MAX_WEIGHT:
             raise UsageError(f"expression {name}: must be 0 to {MAX_WEIGHT:g}, got strength {self.strength}")

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.mpeg4 import fap
-from fapengine.mpeg4.fapu import Fapu
+from fapengine.mpeg4.fapu import Fapu, faps_of_displacements
 from fapengine.profiles import Profile
 from fapengine.trajectory.closures import settle
 from fapengine.trajectory.phonetics import ROUND, give_way, layer_faps, layer_gain
@@ -24,11 +24,11 @@ from fapengine.trajectory.style import Style, jaw_share
 Array = NDArray[np.float64]
 
 DETERMINED = (*range(3, 19), *range(39, 43), *range(51, 61))
+DETERMINED_POINTS = tuple(dict.fromkeys(fap.spec(number).point for number in DETERMINED))
+"""Feature points of these FAPs; no other FAP moves one of them."""
 
 
-def displacements_to_faps(
-    displacement_mm: NDArray[np.float64], points: Sequence[str], fapu: Fapu
-) -> NDArray[np.float64]:
+def displacements_to_faps(displacement_mm: Array, points: Sequence[str], fapu: Fapu) -> Array:
     """Measure the determined FAPs.
 
     Parameters
@@ -45,14 +45,7 @@ def displacements_to_faps(
     (T, 68) float64, FAPU, not rounded; other columns are 0.
     """
     index = {name: column for column, name in enumerate(points)}
-    faps = np.zeros((len(displacement_mm), fap.FAP_COUNT))
-    for number in DETERMINED:
-        row = fap.spec(number)
-        moved = displacement_mm[:, index[row.point]]
-        if number == 18:
-            moved = moved - displacement_mm[:, index["2.1"]]
-        faps[:, fap.column(number)] = moved @ np.array(fap.HEAD_AXES[row.positive]) / fapu.unit(row.unit)
-    return faps
+    return faps_of_displacements({point: displacement_mm[:, index[point]] for point in DETERMINED_POINTS}, fapu)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,7 +9,7 @@ it out of its way. There are two ways to evaluate the same ramps: :func:`sample_
 (offline), and :class:`Ramps` for many faces at one time, which never goes back (live).
 """
 
-from bisect import insort
+from bisect import bisect_right, insort
 from collections.abc import Iterable
 from dataclasses import dataclass
 from operator import attrgetter
@@ -27,6 +27,8 @@ MOMENTUM_S = 0.15
 """Longest time over which velocity and acceleration fade when a ramp takes over."""
 MAX_WAITING = 1024
 """Number of ramps of a row that may wait for their beginning; of more, the latest is dropped."""
+MAX_BEGINNING = 32
+"""Number of ramps of a row that may begin in one frame, one after the other."""
 _time = attrgetter("at_s")
 
 
@@ -198,8 +200,11 @@ class Ramps:
 
     def _begin_due(self, row: int, now_s: float) -> None:
         waiting = self._waiting[row]
-        while waiting and waiting[0].at_s <= now_s:
-            ramp = waiting.pop(0)
+        count = bisect_right(waiting, now_s, key=_time)
+        due, self._waiting[row] = waiting[:count], waiting[count:]
+        if count > MAX_BEGINNING:  # between two frames only the last ramp of a channel matters to the eye
+            due = list({ramp.channel: ramp for ramp in due}.values())
+        for ramp in due:
             place = ramp.channel, row
             over_s, momentum_s = (1.0 / self._rate[:, *place]).tolist()
             way, momentum = self._quintic[:, :, *place].T.tolist()
@@ -207,7 +212,7 @@ class Ramps:
             self._quintic[:, :, *place] = np.array((motion.way, motion.momentum)).T
             self._begun_s[place] = motion.at_s
             self._rate[:, *place] = 1.0 / motion.over_s, 1.0 / motion.momentum_s
-        self._due_s[row] = waiting[0].at_s if waiting else np.inf
+        self._due_s[row] = waiting[count].at_s if count < len(waiting) else np.inf
 
     def _grow(self) -> None:
         more = len(self._due_s)

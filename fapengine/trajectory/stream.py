@@ -15,8 +15,9 @@ neutral after the last one; when speech is cancelled, it is neutral after the fa
 """
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import accumulate
 from math import isfinite
 from operator import attrgetter
 
@@ -32,7 +33,7 @@ from fapengine.trajectory.closures import MIN_HOLD_S, RAMP_S, Hold, hold_late, h
 from fapengine.trajectory.context import REACH
 from fapengine.trajectory.phonetics import WIDTH
 from fapengine.trajectory.style import Style
-from fapengine.trajectory.targets import speech_keys
+from fapengine.trajectory.targets import speech_keys, spelled_of
 
 Array = NDArray[np.float64]
 _Timed = tuple[float, float, str]
@@ -50,6 +51,8 @@ one."""
 LONG_S = 0.06
 """Least length, for each character of its label, of a phone that keeps its keys, whatever is before it: no shorter
 than twice :data:`.targets.APART_S`, and its first key comes :data:`.targets.CLOSEST_KEYS_S` after its beginning."""
+PLANNED_LETTERS = 256
+"""Most characters of the labels of phones that are planned after the edge; later phones are dropped."""
 BEHIND_PHONES = REACH + KEYS_BEHIND
 """Number of past phones that a new plan depends on."""
 _END = attrgetter("end_s")
@@ -171,42 +174,50 @@ class StreamingPlanner:
         if not phone.is_silence and (not self._phones or phone.start_s >= self._phones[-1].end_s):
             self._phones.append(phone)
             return
-        first = bisect_right(self._phones, phone.start_s + SAME_S, key=lambda placed: placed.end_s)
-        behind = max(bisect_left(self._phones, phone.end_s - SAME_S, key=lambda placed: placed.start_s), first)
+        same_s = min(SAME_S, phone.duration_s / 2)
+        first = bisect_right(self._phones, phone.start_s + same_s, key=lambda placed: placed.end_s)
+        behind = max(bisect_left(self._phones, phone.end_s - same_s, key=lambda placed: placed.start_s), first)
         overlapped = self._phones[first:behind]
         self.counts.revised += sum(old != phone for old in overlapped)
         placed = [] if phone.is_silence else [phone]
-        if overlapped and overlapped[0].start_s < phone.start_s - SAME_S:
+        if overlapped and overlapped[0].start_s < phone.start_s - same_s:
             cut = overlapped[0]
             placed.insert(0, replace(cut, end_s=phone.start_s))
         self._phones[first:behind] = placed
 
     def _close_late(self, phone: Phone, edge: float) -> None:
         """Close the lips for a bilabial that has just ended."""
-        keys = speech_keys([([] if phone.is_silence else [phone], 0)], self.profile, context=False)
-        if any(contact == "lips" for _, contact in keys.said[0]) and phone.end_s > edge - LATEST_CLOSURE_S:
+        if (
+            phone.end_s > edge - LATEST_CLOSURE_S
+            and not phone.is_silence
+            and spelled_of(phone.label, self.profile).contact == "lips"
+        ):
             self._kept_holds.append(Hold(edge + RAMP_S, edge + RAMP_S + MIN_HOLD_S))
 
     def cancel(self, at_s: float, *, fade_s: float = 0.2) -> None:
         """End speech: phones at or after ``at_s`` are not said, and the face is neutral ``fade_s`` later.
 
-        The plan before ``at_s`` is settled; phones that are added afterwards are spoken after it.
+        :func:`plan_together` must come next, as after :meth:`take`. The plan before ``at_s`` is settled; phones that
+        are added afterwards are spoken after it.
         """
         if not fade_s > 0:
             raise UsageError(f"fade_s: must be a positive time, got {fade_s}")
         edge = self._cancelled_s = max(at_s, self.edge_s)
         self.counts.cancelled += sum(phone.end_s > edge for phone in self._phones)
-        if self._due:
+        if self._due and self._phones:
             plan_together([self])
         self._phones = []
         self._due = edge, fade_s
-        plan_together([self])
-        self._kept_holds = [hold for hold in self._kept_holds if hold.start_s - RAMP_S < edge]
+        self._kept_holds, self._holds = [hold for hold in self.holds if hold.start_s - RAMP_S < edge], {}
 
     def _to_plan(self) -> tuple[list[Phone], int]:
         """Drop old phones; return those of the new plan, and the index of the first one with keys that it needs."""
         edge, phones = self._due[0] if self._due else self.edge_s, self._phones
         over = bisect_right(phones, edge, key=_END)
+        letters = accumulate(len(phone.label) for phone in phones[over:])
+        fit = over + sum(1 for so_far in letters if so_far <= PLANNED_LETTERS)
+        self.counts.dropped += len(phones) - fit
+        del phones[fit:]
         first = max(over - BEHIND_PHONES, 0)
         while first < over and phones[first].end_s <= edge - KEPT_S:
             first += 1
@@ -234,9 +245,11 @@ class StreamingPlanner:
     def _renew_holds(self, contacts: Sequence[tuple[Phone, str]], edge: float) -> None:
         """Renew holds: late bilabials close as soon as they can; holds that have begun stay."""
         before, self._holds = self._holds, {}
+        # a phone of which only the end has changed closes once, not twice
+        begun_keys = {key[::2]: key for key, hold in before.items() if hold.start_s - RAMP_S < edge}
         for phone, contact in contacts:
             key = phone.start_s, phone.end_s, phone.label
-            same = before.pop(key if key in before else _shut_already(phone, before, edge) or key, None)
+            same = before.pop(key if key in before else begun_keys.get(key[::2], key), None)
             if same is None and phone.end_s <= edge:  # its time is over, and so is what it had to hold
                 continue
             hold: Hold | None = same or hold_of(phone, contact)
@@ -271,14 +284,6 @@ class StreamingPlanner:
     def settle(self, time_s: float) -> None:
         """Settle the plan up to the horizon after ``time_s``, which was shown."""
         self._shown_s = max(self._shown_s, time_s)
-
-
-def _shut_already(phone: Phone, before: Mapping[_Timed, Hold], edge_s: float) -> _Timed | None:
-    """Find the hold of a phone of which only the end has changed: it closes once, not twice."""
-    for other, hold in before.items():
-        if other[::2] == (phone.start_s, phone.label) and hold.start_s - RAMP_S < edge_s:
-            return other
-    return None
 
 
 def plan_together(planners: Sequence[StreamingPlanner]) -> None:

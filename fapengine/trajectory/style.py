@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine._strict_toml import check_fields
 from fapengine.errors import UsageError
 from fapengine.models.viseme_space import VisemeSpace
 from fapengine.profiles import PhoneTarget, Profile
@@ -55,6 +56,7 @@ class Style:
     """A nod and raised brows with the strongest accent of a phrase."""
 
     def __post_init__(self) -> None:
+        check_fields(self)
         for name in ("articulation", "jaw", "lips"):
             if not 0 <= getattr(self, name) <= MAX_GAIN:
                 raise UsageError(f"{name}: must be 0 to {MAX_GAIN:g}, got {getattr(self, name)}")

@@ -293,6 +293,11 @@ def _labels(profile: Profile, context: bool) -> _Labels:
     return _Labels(profile, context=context)
 
 
+def spelled_of(label: str, profile: Profile) -> _Spelled:
+    """What a profile without its context model makes of a label."""
+    return _labels(profile, False).spelled_of(label)
+
+
 def contact_of(parts: Iterable[SpelledPart], profile: Profile) -> str:
     """Find the contact of a phone from its parts.
 

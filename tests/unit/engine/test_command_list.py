@@ -72,9 +72,9 @@ def test_a_new_command_comes_from_a_page(listed: list[object]) -> None:
 def test_a_new_command_is_sent_by_the_client(listed: list[object], monkeypatch: pytest.MonkeyPatch) -> None:
     with Client(port=9, session="anna") as face:
         sent: list[tuple[object, bool]] = []
-        monkeypatch.setattr(face, "_tell", lambda message, *, repeats: sent.append((message, repeats)))
+        monkeypatch.setattr(face, "_send", lambda message, *, repeats: sent.append((message, repeats)))
         face.tell(RaiseBrow(0.25))
-        with pytest.raises(UsageError, match="command: got Begin, expected one that speaks of no utterance"):
+        with pytest.raises(UsageError, match="command: got Begin, expected one that concerns no utterance"):
             face.tell(commands.Begin(1))
     assert sent == [(schema.SessionCommand("anna", RaiseBrow(0.25)), True)]
 

@@ -1,7 +1,6 @@
 """The engine: what faces do when they are told, as their FAPs show it."""
 
 from dataclasses import astuple
-from itertools import pairwise
 from math import inf, nan
 
 import numpy as np
@@ -26,7 +25,7 @@ from fapengine.engine.commands import (
 )
 from fapengine.engine.engine import Engine
 from fapengine.engine.session import Limits
-from fapengine.engine.utterance import TRANSITIONS, Step, StreamClock, Utterance, UtteranceState, gaps
+from fapengine.engine.utterance import TRANSITIONS, Step, StreamClock, Utterance, UtteranceState
 from fapengine.errors import UsageError
 from fapengine.expressions import Expression
 from fapengine.mpeg4 import fap
@@ -162,19 +161,11 @@ def test_chunks_in_any_order_even_before_their_beginning():
     mixed.apply("anna", Append(1, 6, phones[6:]), 0.0)
     mixed.apply("anna", End(1, len(phones), phones[-1].end_s + 0.3), 0.0)
     mixed.apply("anna", Append(1, 2, phones[2:8]), 0.0)
-    assert mixed.utterance("anna", 1).missing() == [(0, 2)]
+    assert (mixed.utterance("anna", 1).lost, mixed.utterance("anna", 1).size) == (2, len(phones))
     mixed.apply("anna", Begin(1), 0.0)
     mixed.apply("anna", Append(1, 0, phones[:2]), 0.0)
-    assert mixed.utterance("anna", 1).missing() == []
+    assert mixed.utterance("anna", 1).lost == 0
     np.testing.assert_array_equal(frames(straight, 0.0, 2.2), frames(mixed, 0.0, 2.2))
-
-
-@given(st.sets(st.integers(0, 30)), st.integers(0, 10), st.integers(10, 30) | st.none())
-def test_gaps_are_what_is_missing(known, first, stop):
-    found = gaps(known, first, stop)
-    last = max(known, default=-1) + 1 if stop is None else stop
-    assert [n for run in found for n in range(*run)] == [n for n in range(first, last) if n not in known]
-    assert all(before[1] < behind[0] for before, behind in pairwise(found))
 
 
 def test_what_waits_for_its_sound_behind_others_is_not_given_up_meanwhile():
@@ -885,3 +876,13 @@ def test_a_phone_that_replaces_the_last_planned_one_is_planned_at_once():
     face.apply("anna", Append(1, 7, (Phone("m", 1.7, 1.8),), revision=1), 1.2)
     face.frame(1.2)
     assert face._batch.planned(face._rows[0].number)[-1].label == "m"
+
+
+def test_a_machine_without_room_opens_no_further_face():
+    face = engine()
+    face.room = 0
+    with pytest.raises(UsageError, match="one more than this machine can show in time"):
+        face.open("ben", 0.0)
+    face.room = 1
+    face.open("ben", 0.0)
+    assert face.room == 0

@@ -12,7 +12,7 @@ from fapengine.engine.gestures import commands_of
 from fapengine.expressions import Expression
 from fapengine.host.hub import Hub
 from fapengine.mpeg4 import fap
-from fapengine.speech.marks import Feel, Gesture, TimedMark
+from fapengine.speech.marks import GESTURES, Feel, Gesture, TimedMark
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory.style import Style
 from fapengine.voices.espeak import EspeakVoice
@@ -37,6 +37,15 @@ def test_commands_come_with_their_word() -> None:
     express = next(command for _, command in told if isinstance(command, Express))
     assert told[0] == (0.0, express)
     assert express.attack_s + express.hold_s + express.release_s == 2.0
+
+
+def test_cues_are_seen_and_not_exaggerated() -> None:
+    """The head turns by 5 to 10 degrees, the eyes by 10 to 20, and all turns end at 0."""
+    for name in GESTURES:
+        commands = [command for _, command in commands_of([TimedMark(1.0, Gesture(name), 2.0)])]
+        turns = [max(abs(one.yaw_rad), abs(one.pitch_rad)) for one in commands if not isinstance(one, Blink)]
+        low, high = np.deg2rad((5, 10) if isinstance(commands[0], TurnHead) else (10, 20))
+        assert name == "blink" or (low < max(turns) < high and turns[-1] == 0)
 
 
 def test_a_file_nods_at_the_word() -> None:

@@ -381,7 +381,7 @@ def test_text_is_spoken_by_the_voice_that_is_asked_for() -> None:
     assert voice.asked == [("Mama.", VoiceChoice("de", 150), hubs.MAX_SOUND_S)]
     assert said.text == "Mama."
     assert any(frame.faps.any() for frame in run(hub, clock, 1.0))
-    with pytest.raises(UsageError, match="text: got 4001 letters"):
+    with pytest.raises(UsageError, match="text: must have at most 4000 characters, got 4001"):
         asyncio.run(hub.speak("a", "x" * 4001))
 
 

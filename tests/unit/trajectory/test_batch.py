@@ -226,3 +226,17 @@ def test_refuses():
     for call in (bank.close, bank.counts, lambda one: bank.feed(one, []), lambda one: bank.cancel(one, 1.0)):
         with pytest.raises(UsageError, match="session: got 0, expected one of 0 that are open"):
             call(session)
+
+
+def test_by_default_nothing_after_the_last_frame_is_settled() -> None:
+    """A phone that begins 0.1 s after the last frame is shown as by a planner without a horizon."""
+    bank, own = BatchPlanner(english()), SingleStream(english(), Style.still(), 0.0)
+    session = bank.open(0.0)
+    bank.frames(1.0)
+    own.frames([1.0])
+    bank.feed(session, phones(["m", "ɑː"], 0.1, lead_s=1.1))
+    own.feed(phones(["m", "ɑː"], 0.1, lead_s=1.1))
+    shown = [(bank.frames(now_s)[0], own.frames([now_s])[0]) for now_s in (1.1, 1.2, 1.3)]
+    assert any(row.any() for row, _ in shown)
+    for row, expected in shown:
+        np.testing.assert_array_equal(row, expected)

@@ -132,7 +132,7 @@ def test_plan_takes_moods_as_well_as_strengths() -> None:
         ((Expression.JOY, 1.0, 2.0, 2.0), "got 2.0 to 2.0 s, expected 0 <= start < stop"),
         ((Expression.JOY, 1.0, -1.0), "got -1.0 to inf s"),
         ((Expression.JOY, 1.0, 0.0, 2.0, 0.0), "attack 0.0 s"),
-        ((Expression.JOY, 1.0, 0.0, 2.0, 0.1, float("nan")), "release nan s"),
+        ((Expression.JOY, 1.0, 0.0, 2.0, 0.1, float("nan")), "release_s: got nan, expected a number"),
     ],
 )
 def test_refuses_moods_out_of_range(options: tuple[object, ...], message: str) -> None:

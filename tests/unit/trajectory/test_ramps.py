@@ -5,7 +5,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from fapengine.trajectory.ramps import Ramp, sample_ramps
+from fapengine.trajectory.ramps import FIRST_ROWS, Ramp, Ramps, sample_ramps
 
 SENT = st.lists(
     st.tuples(
@@ -48,3 +48,14 @@ def test_value_velocity_and_acceleration_do_not_jump(sent: list[tuple[float, flo
         around = sample_ramps(np.zeros(1), ramps, ramp.at_s + step_s * np.arange(-4, 5))[0]
         assert np.abs(np.diff(around)).max() < 2 * 188 * 2 * step_s  # of a ramp from -1 to 1 in 10 ms
         assert np.abs(np.diff(around, 3)).max() / step_s**2 < 0.1 * 5.8 * 2 / 0.01**2  # a step in acceleration
+
+
+def test_any_number_of_rows_glide_each_from_its_start() -> None:
+    """More than there is room for at first, and more than twice as many."""
+    start, count = np.array([0.5, -2.0]), 2 * FIRST_ROWS + 3
+    ramps = Ramps(start)
+    for number in range(count):
+        ramps.send(ramps.open(), [Ramp(1.0, 1, float(number), 0.5)])
+        assert ramps.values(0.0).shape == (2, number + 1)
+    np.testing.assert_allclose(ramps.values(0.0), np.repeat(start[:, None], count, axis=1))
+    np.testing.assert_allclose(ramps.values(9.0), [np.full(count, 0.5), np.arange(count)], atol=1e-9)

@@ -241,8 +241,10 @@ def test_old_news_is_counted():
     planner = SingleStream(english(), horizon_s=0.1)
     planner.frames([2.0])
     assert planner.edge_s == pytest.approx(2.1)
-    planner.feed([Phone("a", 1.0, 1.2), Phone("%", 2.0, 2.3)])
+    assert planner.take([Phone("a", 1.0, 1.2), Phone("%", 2.0, 2.3)]) == 2
     assert (planner.counts.dropped, planner.counts.late, planner.counts.unknown) == (1, 1, 1)
+    assert planner.take([Phone("a", 1.1, 1.3), Phone("b", 5.0, 5.3)]) == 1
+    assert planner.take([Phone("a", 1.1, 1.3)], is_counted=False) == 0
 
 
 def test_memory_does_not_grow_with_time():
@@ -253,6 +255,14 @@ def test_memory_does_not_grow_with_time():
     assert len(planner._phones) < 20
     assert len(planner._plans) < 8
     assert len(planner._holds) + len(planner._kept_holds) < 10
+
+
+def test_phones_shorter_than_a_millisecond_keep_their_order_though_they_come_backwards():
+    planner = SingleStream(english())
+    short = [Phone("ma"[n % 2], 0.4 + n * 1e-4, 0.4 + (n + 1) * 1e-4) for n in range(150)]
+    for phone in reversed(short):
+        planner.feed([phone])
+    assert list(planner.phones) == short
 
 
 def test_refuses():

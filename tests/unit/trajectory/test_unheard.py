@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fapengine.laboratory.context_fit import add_unheard
+from fapengine.laboratory.context_fit import add_unrecorded
 from fapengine.profiles import ContextModel
 from fapengine.trajectory.context import Part, alone, tokens_of
 from tests.english import english
@@ -49,7 +49,7 @@ def value(found: ContextModel, letter: str) -> float:
 
 
 def test_a_vowel_stands_between_those_above_and_below_it() -> None:
-    found = add_unheard(model(i=1.0, ɛ=4.0, u=10.0, ɔ=16.0))
+    found = add_unrecorded(model(i=1.0, ɛ=4.0, u=10.0, ɔ=16.0))
     assert value(found, "e") == pytest.approx(1.0 + 3.0 * 0.35 / 0.6)
     assert value(found, "o") == value(found, "ø") == pytest.approx(10.0 + 6.0 * 0.35 / 0.6)
     assert value(found, "i") == 1.0
@@ -58,12 +58,12 @@ def test_a_vowel_stands_between_those_above_and_below_it() -> None:
 
 
 def test_a_twin_lends_its_look_where_lips_do_the_same() -> None:
-    found = add_unheard(model(θ=3.0, w=5.0, ʃ=7.0))
+    found = add_unrecorded(model(θ=3.0, w=5.0, ʃ=7.0))
     assert value(found, "ð") == 3.0
     assert value(found, "ɥ") == 5.0
     assert "phone ɕ" not in found.rows, "its lips are spread"
 
 
 def test_a_model_of_every_letter_stays_as_it_is() -> None:
-    found = add_unheard(model(θ=3.0))
-    assert add_unheard(found) is found
+    found = add_unrecorded(model(θ=3.0))
+    assert add_unrecorded(found) is found

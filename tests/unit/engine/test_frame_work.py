@@ -1,0 +1,80 @@
+"""The work of one frame has a limit, whatever waits in a session: calls and keys are counted, not timed."""
+
+import sys
+from collections import Counter
+from types import FrameType
+from typing import Any
+
+import pytest
+
+from bench.growth import CROWDS, crowded, utterance
+from fapengine.engine.engine import Engine
+from fapengine.errors import UsageError
+from fapengine.host.host import Host
+from fapengine.speech.phone_track import Phone
+from fapengine.trajectory import stream
+from fapengine.trajectory.targets import speech_keys
+from tests.english import english
+
+MOST_CALLS = 12_000
+"""Calls of Python functions and built-in ones that a frame may make. Normal speech makes up to 3,400."""
+MOST_KEYS = 1000
+"""Keyframes that one plan may place: two a phone or part of one, and those of pauses."""
+
+
+def frames_of(name: str, seconds: float, monkeypatch: pytest.MonkeyPatch) -> tuple[list[int], list[int]]:
+    """Count the calls of each frame, and the keyframes of each plan."""
+    calls: list[int] = []
+    keys: list[int] = []
+
+    def counted_keys(*arguments: Any, **options: Any) -> Any:
+        made = speech_keys(*arguments, **options)
+        keys.append(len(made.times_s))
+        return made
+
+    def frame(engine: Engine, now_s: float) -> None:
+        counted: Counter[str] = Counter()
+
+        def count(_: FrameType, event: str, __: Any) -> None:
+            counted[event] += 1
+
+        before = sys.getprofile()
+        sys.setprofile(count)
+        try:
+            engine.frame(now_s)
+        finally:
+            sys.setprofile(before)
+        calls.append(counted["call"] + counted["c_call"])
+
+    crowded(name, Engine.frame, english(), 0.1)  # what is known of labels is computed once
+    monkeypatch.setattr(stream, "speech_keys", counted_keys)
+    crowded(name, frame, english(), seconds)
+    return calls, keys
+
+
+@pytest.mark.parametrize("name", CROWDS)
+def test_no_frame_works_more_than_it_may(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls, keys = frames_of(name, 8.5 if name == "32 x 400 phones of 20 ms" else 0.5, monkeypatch)
+    assert max(calls) <= MOST_CALLS
+    assert max(keys, default=0) <= MOST_KEYS
+
+
+def test_a_queue_is_planned_in_linear_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Within 8 s of speech 400 phones are planned, and few of them twice, though 12,800 wait."""
+    _, keys = frames_of("32 x 400 phones of 20 ms", 8.0, monkeypatch)
+    assert 400 <= sum(keys) <= 2 * 400  # phones so short have one each
+
+
+def test_phones_of_all_utterances_have_one_limit() -> None:
+    engine = crowded("normal speech", Engine.frame, english(), 0.1)
+    for number in range(10, 60):
+        refusals = [engine.apply("anna", command, 0.1) for command in utterance(number, 1000, 0.1)]
+        if any(refusals):
+            break
+    assert number == 10 + 19
+    assert next(filter(None, refusals)) == "phones: got more than the 20000 that may wait in a session"
+    assert engine.counters("anna").refused >= 1
+    host = Host(engine, "anna")
+    host.begin(99, 0.1)
+    with pytest.raises(UsageError, match=r"utterance 99: phones: got more than the 20000 that may wait in a session"):
+        host.phones(99, [Phone("a", 0.1, 0.2)] * 1000, 0.1)
