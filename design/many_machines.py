@@ -25,7 +25,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine.clients.sender import AWAY_PING_S, LOST_S
+from fapengine.clients.connection import AWAY_PING_S, LOST_S
 from fapengine.server.ownership.partitions import FENCE_S, PARTITIONS, RENEW_S, TTL_S, partition_of
 from fapengine.server.ownership.rule import Home, Placement
 

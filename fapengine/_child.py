@@ -31,7 +31,7 @@ from fapengine.errors import FapEngineError, ResourceError
 
 LENGTHS = struct.Struct("<II")
 """Bytes of the JSON object, and bytes of the data."""
-NICENESS = 5
+NICENESS = 10
 """Niceness of children that must not slow down faces."""
 START = "import sys; sys.path[:] = {path!r}; from fapengine._child import run; run()"
 PIPE_BYTES = 1 << 20

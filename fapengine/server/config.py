@@ -7,16 +7,26 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
 from fapengine import speaking
-from fapengine._strict_toml import Between, Checked, parse_toml
+from fapengine._strict_toml import MAX_BYTES, Between, Checked, parse_toml
 from fapengine.engine.session import Limits
 from fapengine.errors import UsageError
+from fapengine.files.paths import read_bytes
 from fapengine.server.sinks.kinds import kind_of, parse_sink
 from fapengine.trajectory.style import Style
 from fapengine.voices.choice import VoiceChoice
 from fapengine.wire.speech_osc.schema import check_session
 
 OSC_PORT, WEB_PORT = 9110, 8110
+MIN_TOKEN = 16
+"""Characters of a token, where other machines reach the server."""
 Port = Annotated[int, Between(0, 65_535)]
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return host == "localhost" or ip_address(host).is_loopback
+    except ValueError:
+        return False
 
 
 class _Section(Checked):
@@ -54,6 +64,11 @@ class Listen(_Section):
         for origin in self.origins:
             if not re.fullmatch(r"https?://[^/\s]+", origin):
                 raise UsageError(f"origins: got {origin!r}, expected sites such as 'https://example.org'")
+        if self.token is not None and len(self.token) < MIN_TOKEN and not _is_loopback(self.host):
+            raise UsageError(
+                f"token: got {len(self.token)} characters, expected at least {MIN_TOKEN}:"
+                f" other machines reach {self.host}"
+            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -253,10 +268,7 @@ def load_config(path: Path) -> ServeConfig:
     DataError
         If it is not a valid configuration.
     """
-    try:
-        return parse_config(path.read_bytes(), str(path))
-    except OSError as error:
-        raise UsageError(f"config: got {path}, expected a file that can be read: {error.strerror}") from error
+    return parse_config(read_bytes(path, MAX_BYTES), str(path))
 
 
 def overridden(part: Part, **changes: Any) -> Part:

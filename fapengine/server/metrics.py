@@ -18,7 +18,8 @@ from fapengine.host.hub import Hub
 from fapengine.server.config import Listen
 from fapengine.server.intake.doors import Door
 from fapengine.server.sinks.kinds import Sink, SinkCounts
-from fapengine.server.web.site import Site, admit, harden, open_site
+from fapengine.server.web.access import Access
+from fapengine.server.web.site import Site, harden, open_site
 
 CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 BUCKETS_S = (0.001, 0.002, 0.004, 0.006, 0.008, 0.010, 0.012, 0.014, 0.016, 0.020, 0.030, 0.050, 0.100)
@@ -63,7 +64,7 @@ class ServerMetrics(Collector):
         return map(_metric, joined(chain.from_iterable(source() for source in self.sources)))
 
 
-async def open_metrics(text: Callable[[], Awaitable[bytes]], listen: Listen, door: Door) -> Site | None:
+async def open_metrics(text: Callable[[], Awaitable[bytes]], listen: Listen, door: Door, access: Access) -> Site | None:
     """Serve metrics on their own port, if one is configured.
 
     Raises
@@ -75,7 +76,7 @@ async def open_metrics(text: Callable[[], Awaitable[bytes]], listen: Listen, doo
         return None
 
     async def answer(request: web.Request) -> web.Response:
-        admit(request, listen.token)
+        access.admit(request)
         return web.Response(body=await text(), headers={"Content-Type": CONTENT_TYPE})
 
     app = web.Application()

@@ -45,6 +45,7 @@ from fapengine.server.metrics import ServerMetrics, TextCounts, of_sessions, of_
 from fapengine.server.ownership.rule import OwnSessions
 from fapengine.server.sinks.kinds import Sink, kind_of, parse_sink
 from fapengine.server.sinks.opening import open_sink
+from fapengine.server.web.access import Access
 from fapengine.server.web.site import Site, open_site
 from fapengine.voices.espeak import sample_rate_hz
 from fapengine.voices.process import VoiceProcess
@@ -109,6 +110,7 @@ class Server:
         if head is None and config.listen.web_port is not None:
             head = load_head(config.face.head)
         self._head, limits = head, config.limits
+        self._access = Access(config.listen.token, config.listen.origins, clock)
         rng = np.random.default_rng(config.face.seed)
         engine = Engine(profile, rng=rng, limits=limits.engine, style=config.style)
         self.voice = VoiceProcess()
@@ -149,6 +151,7 @@ class Server:
         self.metrics = ServerMetrics()
         self.metrics.sources += [
             lambda: of_sessions(self.hub), self.receiver.counts.families, self.ingress.families, self.texts.families,
+            self._access.counts.families,
             self.hearing.counts.families, lambda: of_sinks(self.sinks),
             *(partial(door.counts.families, ("door", name)) for name, door in self.doors.items()),
         ]  # fmt: skip
@@ -222,13 +225,14 @@ class Server:
             await self._close()
         ticking.result()
 
-    async def adopt(self, accepted: socket.socket, *, is_page: bool) -> None:
-        """Serve a connection to the page, or of OSC, that another process accepted."""
-        listener = self._page if is_page else self._streams
-        if listener is None or self._draining:
-            accepted.close()
+    async def adopt(self, accepted: socket.socket, session: str | None, *, is_page: bool) -> None:
+        """Serve a connection to the page, or of OSC, that another process accepted for a session."""
+        if is_page and self._page is not None and not self._draining:
+            await self._page.adopt(accepted, session)
+        elif not is_page and self._streams is not None and not self._draining:
+            await self._streams.adopt(accepted)
         else:
-            await listener.adopt(accepted)
+            accepted.close()
 
     def stop(self, *, is_quiet: bool = False) -> None:
         """End :meth:`run`. Further calls do nothing.
@@ -276,7 +280,7 @@ class Server:
         opened.callback(self._sites.clear)
         if listen.web_port is not None and self._head is not None:
             await self._open_page(self._head)
-        if (site := await open_metrics(self._metrics_text, listen, self.doors["metrics"])) is not None:
+        if (site := await open_metrics(self._metrics_text, listen, self.doors["metrics"], self._access)) is not None:
             self._sites.append(site)
             opened.push_async_callback(site.close)
 
@@ -287,12 +291,11 @@ class Server:
         app = make_app(
             self.hub,
             head,
-            token=listen.token,
+            access=self._access,
             profile=face.profile,
             heard_here=self.config.sound.session,
             voice=self.config.voice,
             hearing=self.hearing,
-            origins=listen.origins,
         )
         self.metrics.sources.append(app[COUNTS].families)
         if chosen.on:
@@ -300,7 +303,7 @@ class Server:
 
             form = FilmForm(face.head, (chosen.size, chosen.size), min(chosen.rate_hz, face.rate_hz))
             self.calls = Calls(self.hub, self.studio, self.hearing, form=form, most=chosen.max_calls, host=chosen.host)
-            add_calls(app, self.calls, listen.token, listen.origins)
+            add_calls(app, self.calls, self._access)
             self.metrics.sources.append(self.calls.counts.families)
         self._page = await open_site(app, listen.host, None if self._own else listen.web_port, self.doors["page"])
         self._sites.append(self._page)

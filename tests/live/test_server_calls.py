@@ -129,7 +129,8 @@ def test_strangers_and_nonsense_are_refused_in_words_and_nobody_is_called_elsewh
                 assert "Authorization" in answer.headers["Access-Control-Allow-Headers"]
             calls = server.calls
             assert calls is not None
-            assert calls.counts.refused == 9
+            assert calls.counts.refused == 8
+            assert 'fapengine_page_total{kind="refused"} 1.0' in server.metrics.text().decode()  # the session
             assert len(calls) == len(server.studio) == calls.counts.begun == 0
             await own.close()
 

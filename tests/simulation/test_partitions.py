@@ -200,7 +200,7 @@ class Node:
         def claimed(record: Record | None) -> None:
             note(record)
             if record is not None:
-                self.stage.tell(self, lambda other: other.table.saw_record(record))
+                self.stage.tell(self, lambda other: other.table.heard_record(record))
             else:
                 self.ask_store(lambda store: store.look(found.partition), note)
 

@@ -3,11 +3,13 @@
 Theory of operation
 -------------------
 An offer is answered at once, with the address and the UDP port at which the caller's connectivity checks are expected:
-the address that the caller used, or the one in the configuration, and no other. A call that is not connected
-:data:`CONNECT_S` later ends, and so does one whose caller no longer answers (consent, RFC 7675) or disconnects. Data is
-sent only to addresses that the caller has proven to receive. The addresses in an offer are removed
-(:func:`read_offer`): a server that checked them could be made to send packets to any address. It needs none of them,
-because a caller's own checks come from its real address, and prove it (peer-reflexive candidates, RFC 8445, 7.3.1.3).
+the address that the caller used, or the one in the configuration, and no other. Addresses in an offer are not used
+(:mod:`fapengine.server.calls.offer`). Data is sent only to addresses that the caller has proven to receive.
+
+A call that is not connected :data:`CONNECT_S` later ends, and so does one whose caller no longer answers (consent, RFC
+7675) or disconnects. One address may have :data:`MAX_WAITING` calls that are not connected; one more ends its oldest.
+Where all places are taken, a new call ends the oldest that is not connected. Images are rendered only for calls that
+are connected, and for one address at most one rendering process starts each :data:`START_EVERY_S`.
 
 Offers come by WHEP and WHIP (RFC 9725) at the page's port: with ``POST /whep?session=NAME`` the caller watches, with
 ``POST /whip?session=NAME`` its audio drives the session, DELETE ends the call. Access is limited as for the page: token
@@ -21,9 +23,10 @@ import functools
 import logging
 import secrets
 from collections import OrderedDict
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Coroutine
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from math import inf
+from typing import Any
 from urllib.parse import urlencode
 
 from aiohttp import web
@@ -33,23 +36,31 @@ from fapengine._late import missing, needed
 from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.host.hearing import Hearing
 from fapengine.host.hub import Hub
-from fapengine.server.film.film import FilmForm, Studio
+from fapengine.server.calls.offer import MAX_OFFER, Kind, Offer, answer_offer, read_offer
+from fapengine.server.film.film import FilmForm, Studio, Watcher
 from fapengine.server.film.soundtrack import RATE_HZ, Samples
-from fapengine.server.web.site import admit, asked_session
+from fapengine.server.web.access import Access
+from fapengine.server.web.connection import TokenBucket
+from fapengine.server.web.site import asked_session
 
 CONNECT_S = 15.0
 """Time from the answer to the first media."""
+CLOSE_S = 5.0
+"""Time in which the library closes a call; it may wait for ever if one of its tasks has failed."""
+MAX_WAITING = 2
+"""Calls of one address that are not connected."""
+START_EVERY_S = 2.0
+OFFERS_HZ, OFFERS = 2.0, 10
+"""Offers of one address per second, and at once."""
+MAX_CALLERS = 1000
+"""Number of addresses whose offers are counted."""
 SDP = "application/sdp"
-MAX_OFFER = 64 << 10
-"""Bytes of an offer; a browser's are about 6 KiB."""
-MAX_LINE, MAX_LINES = 2048, 1500
 OPEN = "calls", "Open calls by WebRTC, by what they do."
 MAX_REASONS = 64
 """Number of ended calls whose reason is kept."""
 
 log = logging.getLogger("fapengine.web")
-Kind = Literal["audio", "video"]
-Begin = Callable[[str, bytes, str], Awaitable[tuple[str, str]]]
+Begin = Callable[[str, bytes, str, str], Awaitable[tuple[str, str]]]
 
 
 @dataclass(slots=True)
@@ -73,52 +84,6 @@ class CallCounts(Counts):
     """Images and pieces of audio that a caller's encoder had no time for."""
 
 
-@dataclass(frozen=True, slots=True)
-class Offer:
-    """A session description without addresses."""
-
-    sdp: str
-    kinds: tuple[Kind, ...]
-    """Its media, in order: at most one of each."""
-
-
-def read_offer(data: bytes) -> Offer:
-    r"""Check an offer, which may be any bytes, and remove the addresses.
-
-    Raises
-    ------
-    DataError
-        If it is too long, not SDP, or has more than one audio and one video.
-
-    Examples
-    --------
-    >>> offer = read_offer(b"v=0\r\nm=audio 9 UDP/TLS/RTP/SAVPF 111\r\na=candidate:1 1 udp 1 10.0.0.1 9 typ host\r\n")
-    >>> offer.kinds, offer.sdp
-    (('audio',), 'v=0\r\nm=audio 9 UDP/TLS/RTP/SAVPF 111\r\n')
-    """
-    if len(data) > MAX_OFFER:
-        raise DataError(f"offer: got {len(data)} bytes, expected at most {MAX_OFFER}")
-    try:
-        text = data.decode()
-    except UnicodeDecodeError as error:
-        raise DataError("offer: got bytes that are not UTF-8, expected SDP") from error
-    lines = text.replace("\r\n", "\n").split("\n")
-    if lines[0] != "v=0":
-        raise DataError(f"offer: got {lines[0]!r:.60} at first, expected SDP, 'v=0'")
-    if len(lines) > MAX_LINES or max(map(len, lines)) > MAX_LINE:
-        raise DataError(f"offer: got more than {MAX_LINES} lines or {MAX_LINE} characters in one")
-    media = [line[2:].partition(" ")[0] for line in lines if line.startswith("m=")]
-    kinds: list[Kind] = []
-    for kind in media:
-        if kind not in ("audio", "video") or kind in kinds:
-            raise DataError(f"offer: got {kind!r:.40} beside {kinds}, expected one audio and one video at most")
-        kinds.append("audio" if kind == "audio" else "video")
-    if not kinds:
-        raise DataError("offer: got no media, expected audio or video")
-    kept = [line for line in lines if not line.startswith(("a=candidate:", "a=end-of-candidates"))]
-    return Offer("\r\n".join(kept), tuple(kinds))
-
-
 @dataclass(slots=True, eq=False)
 class Call:
     """One call. Stateful."""
@@ -126,8 +91,13 @@ class Call:
     name: str
     """A secret; a client that knows it may end the call."""
     session: str
+    caller: str
+    """Address from which the offer came."""
     peer: Any
     """The library's RTCPeerConnection."""
+    is_answered: bool = False
+    begin: Callable[[], Coroutine[None, None, None]] | None = None
+    """What begins when it is connected."""
     leave: contextlib.ExitStack = field(default_factory=contextlib.ExitStack)
     """Undoes what the call has begun."""
 
@@ -170,13 +140,15 @@ class Calls:
         self.counts = CallCounts()
         self._calls: dict[str, Call] = {}
         self._reasons: OrderedDict[str, str] = OrderedDict()
-        self._answering = 0
-        self._ending: set[asyncio.Task[None]] = set()
+        self._offers: OrderedDict[str, TokenBucket] = OrderedDict()
+        self._started_s: dict[str, float] = {}
+        """When the last rendering process started for an address."""
+        self._ending: set[asyncio.Future[Any]] = set()
 
     def __len__(self) -> int:
         return len(self._calls)
 
-    async def watch(self, session: str, offer: bytes, address: str) -> tuple[str, str]:
+    async def watch(self, session: str, offer: bytes, address: str, caller: str) -> tuple[str, str]:
         """Answer a caller that watches a session.
 
         Parameters
@@ -186,6 +158,8 @@ class Calls:
             SDP.
         address : str
             Address of this machine that the caller used.
+        caller : str
+            Address of the caller.
 
         Returns
         -------
@@ -199,11 +173,11 @@ class Calls:
         UsageError
             If there is no room for another call or session.
         ResourceError
-            If nothing can be rendered, or no port be opened.
+            If no port can be opened.
         """
-        return await self._begin(session, offer, address, self._show)
+        return await self._begin(session, offer, address, caller, self._show)
 
-    async def speak(self, session: str, offer: bytes, address: str) -> tuple[str, str]:
+    async def speak(self, session: str, offer: bytes, address: str, caller: str) -> tuple[str, str]:
         """Answer a caller whose audio drives a session; see :meth:`watch`.
 
         Raises
@@ -217,56 +191,70 @@ class Calls:
         """
         if self._hearing is None or not self._hearing.is_possible:
             raise missing("PocketSphinx", "calls")
-        return await self._begin(session, offer, address, self._listen)
+        return await self._begin(session, offer, address, caller, self._listen)
 
     async def end(self, name: str) -> str | None:
         """End a call; return why it had ended before, "" if it had not, or None if the name is unknown."""
         call = self._calls.get(name)
         if call is None:
             return self._reasons.get(name)
-        await self._end(call, "")
+        self._end(call, "")
+        await self._ended()
         return ""
 
     async def close(self) -> None:
         """End all calls."""
-        await asyncio.gather(*(self._end(call, "the server stops") for call in tuple(self._calls.values())))
-        await asyncio.gather(*self._ending, return_exceptions=True)
+        for call in tuple(self._calls.values()):
+            self._end(call, "the server stops")
+        await self._ended()
+
+    async def _ended(self) -> None:
+        if self._ending:
+            await asyncio.wait(self._ending, timeout=CLOSE_S)
 
     async def _begin(
-        self, session: str, data: bytes, address: str, join: Callable[[Call, Offer], None]
+        self, session: str, data: bytes, address: str, caller: str, join: Callable[[Call, Offer], None]
     ) -> tuple[str, str]:
+        allowance = self._offers.setdefault(caller, TokenBucket(OFFERS_HZ, OFFERS))
+        if len(self._offers) > MAX_CALLERS:
+            self._offers.popitem(last=False)
+        if not allowance.take(asyncio.get_running_loop().time()):
+            raise UsageError(f"calls: got more offers from one address than {OFFERS_HZ:g} per second")
         offer = read_offer(data)
-        if len(self._calls) + self._answering >= self._most:
-            raise UsageError(f"calls: got one more than {self._most}")
-        from aiortc import RTCConfiguration, RTCPeerConnection, RTCSessionDescription
+        self._make_room(caller)
+        from aiortc import RTCConfiguration, RTCPeerConnection
 
-        self._answering += 1
         peer = RTCPeerConnection(RTCConfiguration(iceServers=[]))
-        call = Call(secrets.token_urlsafe(16), session, peer)
+        call = Call(secrets.token_urlsafe(16), session, caller, peer)
+        self._calls[call.name] = call
+        peer.on("connectionstatechange", functools.partial(self._changed, call))
         try:
-            await _asked(peer.setRemoteDescription(RTCSessionDescription(offer.sdp, "offer")), "understood")
-            join(call, offer)
-            _gather_only(peer, self._host or address)
-            answer = await _asked(peer.createAnswer(), "answered")
-            await _asked(peer.setLocalDescription(answer), "answered")
-            if "a=candidate:" not in peer.localDescription.sdp:
-                raise ResourceError(f"no UDP port can be opened at {self._host or address}")
+            answer = await answer_offer(peer, offer, self._host or address, functools.partial(join, call, offer))
         except BaseException:
+            self._calls.pop(call.name, None)
             call.leave.close()
             await peer.close()
             raise
-        finally:
-            self._answering -= 1
-        self._calls[call.name] = call
+        call.is_answered = True
         self.counts.begun += 1
-        peer.on("connectionstatechange", functools.partial(self._changed, call))
         call.leave.callback(asyncio.create_task(self._expect(call)).cancel)
-        return call.name, peer.localDescription.sdp
+        return call.name, answer
+
+    def _make_room(self, caller: str) -> None:
+        """End the oldest call that is not connected where there is no place for another."""
+        waiting = [call for call in self._calls.values() if call.peer.connectionState != "connected"]
+        own = [call for call in waiting if call.caller == caller]
+        if len(own) < MAX_WAITING and len(self._calls) < self._most:
+            return
+        ended = next((call for call in (own if len(own) >= MAX_WAITING else waiting) if call.is_answered), None)
+        if ended is None:
+            raise UsageError(f"calls: got one more than {self._most}, or {MAX_WAITING} of one address at a time")
+        self._lose(ended, "it was not connected when another call needed its place")
 
     def _show(self, call: Call, offer: Offer) -> None:
         from fapengine.server.calls.tracks import FilmTracks
 
-        tracks = FilmTracks(self.form.size, self.hub.clock, lambda reason: self._let_go(call, reason))
+        tracks = FilmTracks(self.form.size, self.hub.clock, functools.partial(self._end, call))
         own: dict[Kind, Any] = {"audio": tracks.audio, "video": tracks.video}
         for transceiver in call.peer.getTransceivers():
             if transceiver.direction not in ("sendonly", "sendrecv", "recvonly"):
@@ -280,9 +268,24 @@ class Calls:
                 self.counts.dropped += track.dropped
                 track.stop()
 
-        call.leave.callback(self._studio.watch(call.session, self.form, tracks))
+        call.leave.callback(self.hub.hold(call.session))
         self.counts.watching += 1
         call.leave.callback(leave)
+        call.begin = functools.partial(self._draw, call, tracks)
+
+    async def _draw(self, call: Call, tracks: Watcher) -> None:
+        now_s, film = asyncio.get_running_loop().time, (call.session, self.form)
+        while film not in self._studio:
+            wait_s = self._started_s.get(call.caller, -inf) + START_EVERY_S - now_s()
+            if wait_s <= 0.0:
+                recent = {one: at_s for one, at_s in self._started_s.items() if now_s() - at_s < START_EVERY_S}
+                self._started_s = recent | {call.caller: now_s()}
+                break
+            await asyncio.sleep(wait_s)
+        try:
+            call.leave.callback(self._studio.watch(*film, tracks))
+        except (UsageError, ResourceError) as error:
+            self._end(call, str(error))
 
     def _listen(self, call: Call, offer: Offer) -> None:
         from fapengine.server.calls.tracks import listen
@@ -310,28 +313,30 @@ class Calls:
             is_heard = self._hearing.listen(call.session, samples, RATE_HZ, source=call)
         except ResourceError as error:
             self.counts.unheard += 1
-            self._let_go(call, str(error))
+            self._end(call, str(error))
         else:
             self.counts.unheard += not is_heard
 
     async def _expect(self, call: Call) -> None:
         await asyncio.sleep(CONNECT_S)
         if call.peer.connectionState != "connected":
-            self.counts.lost += 1
-            self._let_go(call, f"it was not connected within {CONNECT_S:g} s: UDP does not pass between the two")
+            self._lose(call, f"it was not connected within {CONNECT_S:g} s: UDP does not pass between the two")
 
     async def _changed(self, call: Call) -> None:
-        if call.peer.connectionState in ("failed", "closed") and call.name in self._calls:
-            self.counts.lost += call.peer.connectionState == "failed"
-            self._let_go(call, "the connection was lost")
+        state = call.peer.connectionState
+        if state == "connected" and call.begin is not None:
+            call.leave.callback(asyncio.create_task(call.begin()).cancel)
+            call.begin = None
+        elif state == "failed":
+            self._lose(call, "the connection was lost")
+        elif state == "closed":
+            self._end(call, "the connection was lost")
 
-    def _let_go(self, call: Call, reason: str) -> None:
-        """End a call in a task of its own, because its tasks are cancelled."""
-        ending = asyncio.get_running_loop().create_task(self._end(call, reason))
-        self._ending.add(ending)
-        ending.add_done_callback(self._ending.discard)
+    def _lose(self, call: Call, reason: str) -> None:
+        self.counts.lost += call.name in self._calls
+        self._end(call, reason)
 
-    async def _end(self, call: Call, reason: str) -> None:
+    def _end(self, call: Call, reason: str) -> None:
         if self._calls.pop(call.name, None) is None:
             return
         log.info("a call ends%s", f": {reason}" if reason else "", extra={"session": call.session})
@@ -339,8 +344,9 @@ class Calls:
         while len(self._reasons) > MAX_REASONS:
             self._reasons.popitem(last=False)
         call.leave.close()
-        with contextlib.suppress(ConnectionError):
-            await call.peer.close()
+        ending = asyncio.gather(call.peer.close(), return_exceptions=True)
+        self._ending.add(ending)
+        ending.add_done_callback(self._ending.discard)
 
 
 def need_aiortc() -> None:
@@ -354,49 +360,27 @@ def need_aiortc() -> None:
     needed("aiortc", "aiortc", "webrtc")
 
 
-async def _asked(step: Awaitable[Any], done: str) -> Any:
-    """Await a step of the library, which fails in many ways on an invalid offer."""
-    try:
-        return await step
-    except Exception as error:
-        log.debug("an offer cannot be %s", done, exc_info=True)
-        raise DataError(f"offer: it cannot be {done} ({type(error).__name__}: {error})"[:300]) from error
-
-
-def _gather_only(peer: Any, address: str) -> None:
-    """Make a peer open ports at one address only; by default the library uses all addresses but loopback."""
-    for transceiver in peer.getTransceivers():
-        connection = transceiver.sender.transport.transport.iceGatherer._connection
-        gather = connection.get_component_candidates
-        connection.get_component_candidates = functools.partial(_gathered, gather, address)
-
-
-async def _gathered(gather: Callable[..., Awaitable[Any]], address: str, component: int, **_: object) -> Any:
-    return await gather(component=component, addresses=[address])
-
-
 # WHEP and WHIP -----------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
 class _Endpoints:
     calls: Calls
-    token: str | None
-    origins: tuple[str, ...]
+    access: Access
 
     async def begin(self, start: Begin, request: web.Request) -> web.StreamResponse:
         """Answer an offer."""
         counts = self.calls.counts
-        admit(request, self.token, self.origins, counts)
+        self.access.admit(request, counts)
         try:
             if request.content_type != SDP:
                 raise web.HTTPUnsupportedMediaType(text=f"offer: got {request.content_type!r:.60}, expected {SDP}")
-            session = asked_session(request, self.calls.hub)
+            session = asked_session(request)
             offer = await request.content.read(MAX_OFFER + 1)
             while len(offer) <= MAX_OFFER and (more := await request.content.read(MAX_OFFER + 1 - len(offer))):
                 offer += more
             address = request.transport.get_extra_info("sockname")[0] if request.transport is not None else ""
-            name, answer = await start(session, offer, address)
+            name, answer = await start(session, offer, address, request.remote or "")
         except web.HTTPException:
             counts.refused += 1
             raise
@@ -412,7 +396,7 @@ class _Endpoints:
 
     async def end(self, request: web.Request) -> web.StreamResponse:
         """End a call."""
-        admit(request, self.token, self.origins, self.calls.counts)
+        self.access.admit(request, self.calls.counts)
         reason = await self.calls.end(request.match_info["name"])
         if reason is None:
             raise web.HTTPNotFound(text="There is no such call.")
@@ -423,7 +407,7 @@ class _Endpoints:
     async def allow(self, request: web.Request) -> web.StreamResponse:
         """Answer a browser that asks whether a page of another site may call; this needs no permission."""
         headers = {}
-        if request.headers.get("Origin") in self.origins:
+        if request.headers.get("Origin") in self.access.origins:
             headers = {
                 "Access-Control-Allow-Methods": "POST, DELETE",
                 "Access-Control-Allow-Headers": "Authorization, Content-Type",
@@ -431,9 +415,9 @@ class _Endpoints:
         return web.Response(status=204, headers=headers)
 
 
-def add_calls(app: web.Application, calls: Calls, token: str | None, origins: tuple[str, ...] = ()) -> None:
-    """Add WHEP and WHIP to a web application; see :func:`fapengine.server.web.app.make_app` for the arguments."""
-    endpoints = _Endpoints(calls, token, origins)
+def add_calls(app: web.Application, calls: Calls, access: Access) -> None:
+    """Add WHEP and WHIP to a web application."""
+    endpoints = _Endpoints(calls, access)
     for path, start in (("/whep", calls.watch), ("/whip", calls.speak)):
         app.router.add_post(path, functools.partial(endpoints.begin, start))
         app.router.add_delete(f"{path}/{{name}}", endpoints.end)

@@ -298,7 +298,7 @@ class Bus:
                 case "gone":
                     self._table.saw_end(message.data.decode(errors="replace"))
                 case "record":
-                    self._table.saw_record(partitions.decode(message.data, Record))
+                    self._table.heard_record(partitions.decode(message.data, Record))
 
     async def _note_trouble(self, error: Exception) -> None:
         log.debug("bus: %r", error)

@@ -66,6 +66,8 @@ class Connection(Message):
 
     is_page: bool
     """False: OSC."""
+    session: str | None = None
+    """Session that the parent has read; None: any process may answer."""
 
 
 class AskMetrics(Message):

@@ -39,7 +39,7 @@ CONNECT_S = 3.0
 Address = tuple[str, int]
 PEEKED_BYTES = 32 << 10
 PEEK_S = 0.02
-"""Time after which an incomplete beginning of a connection is read again."""
+"""Time after which an incomplete beginning of a connection is read again, if more has come; each time twice as long."""
 MAX_CALLERS = 8192
 """Senders whose destination is kept, because their pings have no session."""
 BACKLOG = 128
@@ -334,7 +334,7 @@ class Front:
         if is_strange:
             self.counts.strange += 1
             return None
-        message = channel.Connection(is_page=is_page)
+        message = channel.Connection(is_page, session)
         if session is None:
             self._workers.send_any(message, accepted.dup())
         else:
@@ -354,6 +354,7 @@ async def _peeked(accepted: socket.socket, find: Callable[[bytes], Found | None]
     """Peek at the beginning of a connection until ``find`` returns a value; None if it never will."""
     loop = asyncio.get_running_loop()
     accepted.setblocking(False)
+    pause_s = PEEK_S
     while True:
         readable = asyncio.Event()
         loop.add_reader(accepted.fileno(), readable.set)
@@ -364,8 +365,11 @@ async def _peeked(accepted: socket.socket, find: Callable[[bytes], Found | None]
         begun = accepted.recv(PEEKED_BYTES, socket.MSG_PEEK)
         found = find(begun) if begun else None
         if found is not None or not begun or len(begun) == PEEKED_BYTES:
+            accepted.setsockopt(socket.SOL_SOCKET, socket.SO_RCVLOWAT, 1)
             return found
-        await asyncio.sleep(PEEK_S)
+        accepted.setsockopt(socket.SOL_SOCKET, socket.SO_RCVLOWAT, len(begun) + 1)  # readable only when there is more
+        await asyncio.sleep(pause_s)
+        pause_s *= 2
 
 
 def _target_of(begun: bytes) -> str | None:

@@ -115,7 +115,7 @@ class Worker:
                         self._link.put(channel.Left(message.session))
                 case channel.Connection():
                     if handed is not None:
-                        self._adopt(handed, is_page=message.is_page)
+                        self._adopt(handed, message)
                 case channel.AskMetrics():
                     text = self.server.metrics.text()
                     for at in range(0, len(text), METRICS_AT_ONCE):
@@ -141,9 +141,9 @@ class Worker:
             for session in engine.sessions:
                 engine.close(session, self.server.hub.clock())
 
-    def _adopt(self, handed: socket.socket, *, is_page: bool) -> None:
+    def _adopt(self, handed: socket.socket, message: channel.Connection) -> None:
         handed.setblocking(False)
-        task = asyncio.create_task(self.server.adopt(handed, is_page=is_page))
+        task = asyncio.create_task(self.server.adopt(handed, message.session, is_page=message.is_page))
         self._adopting.add(task)
         task.add_done_callback(self._adopting.discard)
 

@@ -42,6 +42,7 @@ from fapengine.server.ownership.partitions import Machine
 from fapengine.server.ownership.rule import Home, Placement
 from fapengine.server.sinks.kinds import kind_of, parse_sink
 from fapengine.server.watchdog import send_neutral
+from fapengine.server.web.access import Access
 from fapengine.server.web.site import Site
 
 TICK_S = 0.5
@@ -152,7 +153,7 @@ class Workers:
         listen = self.config.listen
         try:
             self.front.bind(listen.host, listen.port, listen.web_port)
-            self._site = await open_metrics(self.metrics, listen, self._metrics_door)
+            self._site = await open_metrics(self.metrics, listen, self._metrics_door, Access(listen.token))
             await asyncio.gather(*(self._launch(slot) for slot in self._slots))
             if self.bus is not None:
                 await self.bus.start(self.osc_address[1], self.front.page_address[1])

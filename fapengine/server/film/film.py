@@ -106,15 +106,18 @@ class Film:
         self._shown: NDArray[np.int32] | None = None
         self._drawing: asyncio.Task[None] | None = None
 
-    async def close(self) -> None:
-        """Stop rendering."""
+    def stop(self) -> None:
+        """Stop rendering, without waiting; :meth:`close` must follow."""
+        if self._drawing is not None:
+            self._drawing.cancel()
+        self._painter.kill()
         for leave in self._leave:
             leave()
-        self._leave.clear()
-        drawing, self._drawing = self._drawing, None
-        if drawing is not None:
-            drawing.cancel()
-            await asyncio.gather(drawing, return_exceptions=True)
+
+    async def close(self) -> None:
+        """Wait until rendering has ended."""
+        if self._drawing is not None:
+            await asyncio.gather(self._drawing, return_exceptions=True)
         await asyncio.to_thread(self._painter.close)
 
     def _frame(self, frame: HubFrame) -> None:
@@ -183,6 +186,9 @@ class Studio:
     def __len__(self) -> int:
         return len(self._films)
 
+    def __contains__(self, film: tuple[str, FilmForm]) -> bool:
+        return film in self._films
+
     def watch(self, session: str, form: FilmForm, watcher: Watcher) -> Callable[[], None]:
         """Show a session to a watcher until the returned function is called.
 
@@ -202,6 +208,7 @@ class Studio:
             film.watchers.discard(watcher)
             if not film.watchers and self._films.get((session, form)) is film:
                 del self._films[session, form]
+                film.stop()
                 closing = asyncio.get_running_loop().create_task(film.close())
                 self._closing.add(closing)
                 closing.add_done_callback(self._closing.discard)

@@ -10,7 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine._child import Child, Parent, command
+from fapengine._child import NICENESS, Child, Parent, command
 from fapengine.errors import FapEngineError, ResourceError
 from fapengine.mpeg4.fap import FAP_COUNT
 
@@ -36,7 +36,9 @@ class Painter:
     def __init__(self, head: str = "default", size: tuple[int, int] = (512, 512), edges: str = "soft") -> None:
         self.size = size
         self._thread = ThreadPoolExecutor(1, "painter")
-        self._child = Child("painter", command(__name__, head, *map(str, size), edges), is_quiet=True)
+        self._child = Child(
+            "painter", command(__name__, head, *map(str, size), edges, niceness=NICENESS), is_quiet=True
+        )
 
     async def ready(self) -> None:
         """Wait until it can render.
@@ -66,6 +68,10 @@ class Painter:
             raise ResourceError("painter: its process has ended") from error
         except FapEngineError as error:
             raise ResourceError(f"painter: {error}") from error
+
+    def kill(self) -> None:
+        """End the process at once, without waiting; :meth:`close` must follow."""
+        self._child.kill()
 
     def close(self) -> None:
         """End the process. Further calls do nothing."""

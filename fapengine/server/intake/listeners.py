@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import cast
 
 from fapengine.errors import DataError, ResourceError
-from fapengine.server.intake.doors import Door
+from fapengine.server.intake.doors import Door, Guarded
 from fapengine.server.intake.ingress import Ingress
 from fapengine.wire.framing import MAX_PACKET, LengthDecoder, SlipDecoder, encode_length, encode_slip
 
@@ -105,37 +105,36 @@ class UdpListener:
             self._rest = self._loop.call_later(REST_S, self._listen)
 
 
-class Stream(asyncio.Protocol):
+class Stream(Guarded, asyncio.Protocol):
     """A TCP connection: packets in, packets out with the same framing. Stateful."""
 
     def __init__(self, ingress: Ingress, streams: set["Stream"], door: Door) -> None:
         self._ingress, self._streams, self._door = ingress, streams, door
-        self._received_s: float | None = None
-        self._timer: asyncio.TimerHandle | None = None
         self._decoder: SlipDecoder | LengthDecoder | None = None
         self._frame: Callable[[bytes], bytes] = encode_slip
         self._held: deque[bytes] = deque()
         self._paused = False
-        self._transport: asyncio.Transport | None = None
-        self.host, self._port = "?", 0
+        self._port = 0
 
     def __str__(self) -> str:
         return f"tcp://{self.host}:{self._port}"
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Begin, if there is room."""
-        self._transport = cast("asyncio.Transport", transport)
         sock = transport.get_extra_info("socket")
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-        self.host, self._port = transport.get_extra_info("peername")[:2]
-        if self._ingress.closed or not self._door.enter(self.host):
+        self._port = transport.get_extra_info("peername")[1]
+        if self._ingress.closed or not self.enter(self._door, transport):
             self._ingress.counts.streams_refused += 1
-            self._transport.abort()
+            cast("asyncio.Transport", transport).abort()
             return
+        cast("asyncio.Transport", transport).set_write_buffer_limits(
+            2 * UNREAD_BYTES
+        )  # never reached: replies that are unread are dropped
         self._streams.add(self)
         self._ingress.counts.streams += 1
-        self._timer = asyncio.get_running_loop().call_later(FIRST_S, self._check_silence)
+        self.expect(FIRST_S)
 
     def data_received(self, data: bytes) -> None:
         """Cut the stream into packets."""
@@ -148,16 +147,16 @@ class Stream(asyncio.Protocol):
                 self._decoder = SlipDecoder()
             else:
                 self._ingress.counts.streams_refused += 1
-                self._drop()
+                self.late()
                 return
         try:
             packets = self._decoder.feed(data)
         except DataError:
             self._ingress.counts.streams_broken += 1
-            self._drop()
+            self.late()
             return
         if packets:
-            self._received_s = asyncio.get_running_loop().time()
+            self.expect(IDLE_S)
         self._ingress.counts.stream_packets += len(packets)
         self._held += packets
         self._resume()
@@ -169,7 +168,7 @@ class Stream(asyncio.Protocol):
         ingress, queue = self._ingress, self._ingress.queue
         while self._held and queue.waiting(self) < STREAM_WAITING and ingress.put(self, self._held[0]):
             self._held.popleft()
-        if self._transport is None or self._transport.is_closing():
+        if self._link is None or self._link.is_closing():
             ingress.held_back.pop(self, None)
             return
         if self._held:
@@ -180,18 +179,20 @@ class Stream(asyncio.Protocol):
             asyncio.get_running_loop().call_later(CROWDED_S, self._resume)
         if self._held and not self._paused:
             self._paused = True
-            self._transport.pause_reading()
+            self.expect(None)  # the server makes it wait
+            self._link.pause_reading()
         elif self._paused and not self._held:
             self._paused = False
-            self._transport.resume_reading()
+            self.expect(IDLE_S)
+            self._link.resume_reading()
 
     def send(self, data: bytes) -> bool:
         """Send a packet; False if the peer does not read, or is gone."""
-        if self._transport is None or self._transport.is_closing():
+        if self._link is None or self._link.is_closing():
             return False
-        if self._transport.get_write_buffer_size() > UNREAD_BYTES:
+        if self._link.get_write_buffer_size() > UNREAD_BYTES:
             return False
-        self._transport.write(self._frame(data))
+        self._link.write(self._frame(data))
         return True
 
     def eof_received(self) -> bool | None:
@@ -203,37 +204,19 @@ class Stream(asyncio.Protocol):
                 self._ingress.counts.streams_broken += 1
         return None
 
-    def connection_lost(self, error: Exception | None) -> None:
+    def connection_lost(self, exc: BaseException | None) -> None:
         """Forget the peer."""
+        super().connection_lost(exc)
         self._ingress.held_back.pop(self, None)
-        if self._timer is not None:
-            self._timer.cancel()
         if self in self._streams:
-            self._door.leave(self.host)
             self._streams.discard(self)
             self._ingress.counts.streams -= 1
         self._ingress.receiver.forget(self)
 
-    def _check_silence(self) -> None:
-        """Close the connection if it was silent for too long; else check again when it could be."""
-        loop = asyncio.get_running_loop()
-        due_s = loop.time() if self._received_s is None else self._received_s + IDLE_S
-        if self._paused:  # the server makes it wait
-            due_s = loop.time() + IDLE_S
-        if due_s > loop.time():
-            self._timer = loop.call_at(due_s, self._check_silence)
-            return
-        self._door.counts.timed_out += 1
-        self._drop()
-
     def close(self) -> None:
         """Close the connection after the pending data is sent."""
-        if self._transport is not None:
-            self._transport.close()
-
-    def _drop(self) -> None:
-        if self._transport is not None:
-            self._transport.abort()
+        if self._link is not None:
+            self._link.close()
 
 
 class TcpListener:

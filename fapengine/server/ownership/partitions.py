@@ -12,7 +12,8 @@ was received. Three rules keep a session from being in two places:
   without sessions.
 - A record is changed only if its revision is the known one (compare and swap), and only by its owner, or if the store
   has no lease of its owner any more.
-- Messages between machines are hints. A record counts only if its revision is greater than the known one.
+- Messages between machines are hints. A record that another machine reports is read again from the store, and counts
+  only if its revision is greater than the known one.
 
 A machine that is asked for a session in a partition without owner assigns the partition to the machine with the
 greatest hash (rendezvous hashing), which may be another one. The record's revision is the epoch of the sessions that
@@ -31,6 +32,7 @@ import msgspec
 from fapengine.errors import DataError
 
 PARTITIONS = 4096
+MAX_MACHINES = 1000
 TTL_S, RENEW_S, FENCE_S = 2.5, 0.5, 2.0
 """Lifetime of a lease in the store; time between renewals; time after the sending of the last answered renewal when a
 machine stops showing its sessions. Workers need up to 0.3 s to return a face to neutral."""
@@ -42,9 +44,9 @@ class Machine(msgspec.Struct, frozen=True):
     id: str
     """Name, new each time it begins."""
     host: str
-    port: int
+    port: Annotated[int, msgspec.Meta(ge=1, le=65535)]
     """Known OSC port, UDP and TCP."""
-    page_port: int = 0
+    page_port: Annotated[int, msgspec.Meta(ge=0, le=65535)] = 0
     """Port of the web page; 0: none."""
 
 
@@ -192,7 +194,7 @@ class Partitions:
 
     def saw(self, machine: Machine, now_s: float) -> None:
         """Note that a machine lives."""
-        if machine.id != self.me.id:
+        if machine.id != self.me.id and (machine.id in self._seen or len(self._seen) < MAX_MACHINES):
             self._seen[machine.id] = machine, now_s
 
     def saw_end(self, name: str) -> None:
@@ -200,7 +202,7 @@ class Partitions:
         self._seen.pop(name, None)
 
     def saw_record(self, record: Record) -> None:
-        """Note a record, as the store or another machine reports it."""
+        """Note a record, as the store has it."""
         known = self._records.get(record.partition)
         if known is None:
             self._records[record.partition] = _Known(record.owner, record.revision)
@@ -209,6 +211,12 @@ class Partitions:
         elif record.revision == known.revision and record.owner in (known.owner, self.me.id):
             known.is_worn |= record.owner != known.owner  # it was released, and the store does not know yet
             known.owner, known.is_sure = record.owner, True
+
+    def heard_record(self, record: Record) -> None:
+        """Note that another machine reports a record; only the store tells whether it is so."""
+        known = self._records.get(record.partition)
+        if known is not None and known.owner != self.me.id and record.revision > known.revision:
+            known.is_sure = False
 
     def forget(self) -> None:
         """Trust only this machine's own records, because changes of others may have been missed."""

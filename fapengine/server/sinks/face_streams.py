@@ -2,10 +2,11 @@
 
 import asyncio
 import socket
-from collections.abc import Callable
+from typing import cast
 
 from fapengine.host.hub import Hub
 from fapengine.host.listeners import HubFrames
+from fapengine.server.intake.doors import Door, Guarded, limit_unread
 from fapengine.server.intake.listeners import bound
 from fapengine.server.sinks.encoders import FbaFrameEncoder, joined
 from fapengine.server.sinks.kinds import SinkAddress, SinkCounts
@@ -22,8 +23,9 @@ class FaceStreams:
 
     def __init__(self, hub: Hub, address: SinkAddress, face: FbaFrameEncoder) -> None:
         self.address, self.counts = address, SinkCounts()
-        self._face = face
+        self.face = face
         self._server: asyncio.Server | None = None
+        self.door = Door.shared(STREAMS)
         self.listeners: set[_FaceStream] = set()
         self._stop = hub.listeners.on_frames(self._show)
 
@@ -42,7 +44,7 @@ class FaceStreams:
         listening = bound(address.host, address.port, socket.SOCK_STREAM)
         sink = cls(hub, address, face)
         loop = asyncio.get_running_loop()
-        sink._server = await loop.create_server(lambda: _FaceStream(sink.listeners, face.request_intra), sock=listening)
+        sink._server = await loop.create_server(lambda: _FaceStream(sink), sock=listening)
         return sink
 
     @property
@@ -60,51 +62,50 @@ class FaceStreams:
             listener.end()
 
     def _show(self, frames: HubFrames) -> None:
-        for plane in self._face.encode(frames):
+        for plane in self.face.encode(frames):
             for listener in tuple(self.listeners):
                 taken = listener.show(plane)
                 self.counts.sent += taken
                 self.counts.dropped += not taken
 
 
-class _FaceStream(asyncio.Protocol):
+class _FaceStream(Guarded, asyncio.Protocol):
     """The connection of one receiver of a face stream. Stateful."""
 
-    def __init__(self, listeners: "set[_FaceStream]", request_intra: Callable[[], None]) -> None:
-        self._listeners, self._request_intra = listeners, request_intra
-        self._transport: asyncio.Transport | None = None
+    def __init__(self, sink: FaceStreams) -> None:
+        self._sink = sink
         self._begun = self._follows = False
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        assert isinstance(transport, asyncio.Transport)
-        self._transport = transport
-        if len(self._listeners) >= STREAMS:
-            transport.abort()
+        if not self.enter(self._sink.door, transport):
+            cast("asyncio.Transport", transport).abort()
             return
         transport.get_extra_info("socket").setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._listeners.add(self)
-        self._request_intra()
+        limit_unread(transport, UNREAD_BYTES, UNREAD_BYTES // 2)
+        self._sink.listeners.add(self)
+        self._sink.face.request_intra()
 
-    def connection_lost(self, error: Exception | None) -> None:
-        self._listeners.discard(self)
+    def connection_lost(self, exc: BaseException | None) -> None:
+        super().connection_lost(exc)
+        self._sink.listeners.discard(self)
 
     def show(self, plane: bytes) -> bool:
         """Send a plane if the receiver can decode it; False if it was not sent."""
-        if self._transport is None or self._transport.is_closing():
+        if self._link is None or self._link.is_closing():
             return False
-        if self._follows and self._transport.get_write_buffer_size() > UNREAD_BYTES:
+        if self._follows and self._link.get_write_buffer_size() > UNREAD_BYTES:
             self._follows = False
         if not self._follows:
             start = joined(plane)
-            if start is None or self._transport.get_write_buffer_size() > UNREAD_BYTES // 2:
+            if start is None or self._link.get_write_buffer_size() > UNREAD_BYTES // 2:
                 return False
             plane = plane if self._begun else start
             self._begun = self._follows = True
-        self._transport.write(plane)
+        self._link.write(plane)
         return True
 
     def end(self) -> None:
-        if self._transport is not None:
+        if self._link is not None:
             if self._begun:
-                self._transport.write(END)
-            self._transport.close()
+                self._link.write(END)
+            self._link.close()

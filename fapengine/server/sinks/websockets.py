@@ -7,7 +7,6 @@ import asyncio
 import contextlib
 import logging
 import os
-import socket
 from pathlib import Path
 from typing import Any
 
@@ -17,17 +16,16 @@ from aiohttp import web
 from fapengine.errors import DataError, ResourceError
 from fapengine.host.hub import Hub
 from fapengine.host.listeners import HubFrames
-from fapengine.server.intake.doors import Door
+from fapengine.server.intake.doors import Door, limit_unread
 from fapengine.server.sinks import encoders
 from fapengine.server.sinks.kinds import SinkAddress, SinkCounts
-from fapengine.server.web.site import Site, admit, harden, open_site
+from fapengine.server.web.access import Access
+from fapengine.server.web.site import Site, harden, open_site
 from fapengine.wire.vts import MAX_TOKEN, VtsDialog
 
 CONNECTIONS = 64
 UNREAD_BYTES = 8 << 10
 """Unsent bytes, some frames, beyond which frames are dropped."""
-SEND_BUFFER = 32 << 10
-"""Requested size of the system's buffer; by default some ten seconds of frames may wait there."""
 MAX_RECEIVED = 1024
 """Bytes of a message from a reader; its messages are ignored."""
 HEARTBEAT_S, CLOSE_S, CONNECT_S = 20.0, 1.0, 5.0
@@ -73,7 +71,7 @@ class WeightStreams:
 
     def __init__(self, hub: Hub, address: SinkAddress) -> None:
         self.address, self.counts = address, SinkCounts()
-        self.door = Door(CONNECTIONS, CONNECTIONS)
+        self.door = Door.shared(CONNECTIONS)
         self.listeners: dict[web.WebSocketResponse, _Outbox] = {}
         self._face = encoders.weights_face(address.session)
         self._newest = ""
@@ -123,7 +121,7 @@ class WeightStreams:
                 self.counts.dropped += not taken
 
     async def _answer(self, request: web.Request) -> web.StreamResponse:
-        admit(request, None)
+        Access().admit(request)
         receiver = web.WebSocketResponse(
             heartbeat=HEARTBEAT_S, max_msg_size=MAX_RECEIVED, compress=False, timeout=CLOSE_S
         )
@@ -131,8 +129,7 @@ class WeightStreams:
             return web.Response(status=426, text="This address serves WebSocket.\n", headers={"Upgrade": "websocket"})
         await receiver.prepare(request)
         if request.transport is not None:
-            connection = request.transport.get_extra_info("socket")
-            connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
+            limit_unread(request.transport, UNREAD_BYTES, UNREAD_BYTES)
         if not self.listeners:  # nothing was written meanwhile: the next frame is the first, or neutral
             self._face, self._newest = encoders.weights_face(self.address.session), ""
         outbox = self.listeners[receiver] = _Outbox(request.transport)

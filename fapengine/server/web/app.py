@@ -15,17 +15,18 @@ from pathlib import PurePosixPath
 from aiohttp import WSCloseCode, web
 
 from fapengine import _resources
-from fapengine.errors import DataError, ResourceError, UsageError
-from fapengine.files.heads.load import load_head
+from fapengine.errors import ResourceError, UsageError
 from fapengine.host.hearing import Hearing
 from fapengine.host.hub import Hub
 from fapengine.mesh.default_head.style import PEOPLE
 from fapengine.mesh.face_mesh import FaceMesh
-from fapengine.server.web.connection import Connection, WebCounts
+from fapengine.server.web.access import Access
+from fapengine.server.web.connection import ALL_MESSAGES_HZ, Connection, TokenBucket, WebCounts
+from fapengine.server.web.heads import Heads
 from fapengine.server.web.messages import MAX_MESSAGE, PROTOCOL, text_of
 from fapengine.server.web.page_files import head_binary, setup
 from fapengine.server.web.session_view import SessionView, open_session_view
-from fapengine.server.web.site import admit, asked_session, harden
+from fapengine.server.web.site import asked_session, harden, own_sessions
 from fapengine.speaking import DEFAULT_RATE_WPM
 from fapengine.voices import espeak
 from fapengine.voices.choice import VoiceChoice
@@ -75,29 +76,26 @@ class _Handlers:
     """The request handlers and their state. Stateful."""
 
     hub: Hub
-    token: str | None
+    access: Access
     hello: dict[str, object]
     heard_here: str | None
     voice: VoiceChoice
     hearing: Hearing | None
-    origins: tuple[str, ...] = ()
     counts: WebCounts = field(default_factory=WebCounts)
     sounds: SoundCache = field(default_factory=SoundCache)
     views: dict[str, SessionView] = field(default_factory=dict)
     connections: set[Connection] = field(default_factory=set)
-    heads: dict[str, asyncio.Future[tuple[bytes, bytes]]] = field(default_factory=dict)
-    """Built-in heads that were requested, plain and compressed."""
+    heads: Heads = field(default_factory=Heads)
+    allowance: TokenBucket = field(default_factory=lambda: TokenBucket(ALL_MESSAGES_HZ, ALL_MESSAGES_HZ))
+    """Of messages of all pages."""
 
     async def socket(self, request: web.Request) -> web.StreamResponse:
         """``/ws?session=NAME``: the WebSocket of a page."""
         self.admit(request)
-        try:
-            session = asked_session(request, self.hub)
-            if self.counts.pages >= MAX_PAGES:
-                raise UsageError(f"pages: got one more than {MAX_PAGES}")
-        except (DataError, UsageError) as error:
+        session = asked_session(request)
+        if self.counts.pages >= MAX_PAGES:
             self.counts.refused += 1
-            raise web.HTTPBadRequest(text=str(error)) from error
+            raise web.HTTPBadRequest(text=f"pages: got one more than {MAX_PAGES}")
         socket = web.WebSocketResponse(heartbeat=HEARTBEAT_S, max_msg_size=4 * MAX_MESSAGE, compress=False)
         if not socket.can_prepare(request).ok:
             raise web.HTTPUpgradeRequired(
@@ -111,7 +109,7 @@ class _Handlers:
             await socket.send_str(text_of("error", message=str(error)))
             await socket.close(code=WSCloseCode.TRY_AGAIN_LATER, message=b"no room")
             return socket
-        connection = Connection(self.hub, view, socket, self.counts, self.voice, self.hearing)
+        connection = Connection(self.hub, view, socket, self.counts, self.voice, self.allowance, self.hearing)
         self.connections.add(connection)
         try:
             sound = "server" if view.server_plays_audio else "page"
@@ -126,10 +124,7 @@ class _Handlers:
     async def sound(self, request: web.Request) -> web.StreamResponse:
         """``/sound.wav?session=NAME&utterance=N``: the audio of an utterance."""
         self.admit(request)
-        try:
-            session = asked_session(request, self.hub)
-        except DataError as error:
-            raise web.HTTPBadRequest(text=str(error)) from error
+        session = asked_session(request)
         number = request.query.get("utterance", "")
         wav = None
         if number.isdecimal() and len(number) < 12:
@@ -146,16 +141,18 @@ class _Handlers:
         self.admit(request)
         if name not in PEOPLE:
             raise web.HTTPNotFound(text=f"name: got {name!r:.60}, expected one of {', '.join(PEOPLE)}")
-        if name not in self.heads:
-            self.heads[name] = asyncio.ensure_future(asyncio.to_thread(_packed_head, name))
-        body, packed = await asyncio.shield(self.heads[name])
+        try:
+            packed = await self.heads.packed(name)
+        except ResourceError as error:
+            raise web.HTTPServiceUnavailable(text=str(error)) from error
+        body = packed if _accepts_gzip(request) else await asyncio.to_thread(gzip.decompress, packed)
         return await self.file("application/octet-stream", body, packed, request)
 
     async def file(self, kind: str, body: bytes, packed: bytes, request: web.Request) -> web.StreamResponse:
         """Send a file of the page, compressed if the client accepts that."""
         if request.path in NOT_FOR_ALL:
             self.admit(request)
-        if "gzip" in request.headers.get("Accept-Encoding", ""):
+        if _accepts_gzip(request):
             return web.Response(
                 body=packed, content_type=kind, charset=_charset(kind), headers={"Content-Encoding": "gzip"}
             )
@@ -163,10 +160,11 @@ class _Handlers:
 
     def admit(self, request: web.Request) -> None:
         """Refuse a request that is not allowed."""
-        admit(request, self.token, self.origins, self.counts)
+        self.access.admit(request, self.counts)
 
     async def stop(self, app: web.Application) -> None:
         """Close the connections of all pages."""
+        self.heads.close()
         for connection in tuple(self.connections):
             await connection.close()
 
@@ -180,12 +178,11 @@ def make_app(
     hub: Hub,
     head: FaceMesh,
     *,
-    token: str | None = None,
+    access: Access | None = None,
     profile: str = "",
     heard_here: str | None = None,
     voice: VoiceChoice = DEFAULT_CHOICE,
     hearing: Hearing | None = None,
-    origins: tuple[str, ...] = (),
 ) -> web.Application:
     """Build the web application. The caller ticks the hub.
 
@@ -195,8 +192,8 @@ def make_app(
         Sessions, frames and voice.
     head : FaceMesh
         Head that the pages show.
-    token : str, optional
-        Secret that a page must present.
+    access : Access, optional
+        Who may send requests; by default all pages of this server.
     profile : str
         Name of the speaker profile, which the page shows.
     heard_here : str, optional
@@ -205,8 +202,6 @@ def make_app(
         Voice of texts that pages send without a voice.
     hearing : Hearing, optional
         Recognizes the microphones of pages; the caller ticks it too. By default pages offer no microphone.
-    origins : tuple of str
-        Other sites whose pages may show these faces: ``"https://example.org"``.
 
     Returns
     -------
@@ -226,12 +221,13 @@ def make_app(
         "protocol": PROTOCOL, "rate_hz": hub.pacer.rate_hz, "profile": profile, "voice": bool(voices),
         "ear": hearing is not None and hearing.is_possible,
     }  # fmt: skip
-    handlers = _Handlers(hub, token, hello, heard_here, voice, hearing, origins)
+    access = access or Access()
+    handlers = _Handlers(hub, access, hello, heard_here, voice, hearing)
     hub.listeners.on_speech(
         None, lambda spoken: handlers.sounds.put(spoken.session, spoken.utterance, spoken.speech), plays=False
     )
-    app = web.Application()
-    harden(app, origins)
+    app = web.Application(middlewares=[own_sessions(hub, handlers.counts)])
+    harden(app, access.origins)
     app[HANDLERS], app[COUNTS] = handlers, handlers.counts
     app.on_shutdown.append(handlers.stop)
     app.router.add_get("/ws", handlers.socket)
@@ -260,9 +256,8 @@ def page_files(
     return pages
 
 
-def _packed_head(name: str) -> tuple[bytes, bytes]:
-    body = head_binary(load_head(name))
-    return body, gzip.compress(body, 6, mtime=0)
+def _accepts_gzip(request: web.Request) -> bool:
+    return "gzip" in request.headers.get("Accept-Encoding", "")
 
 
 def _charset(kind: str) -> str | None:

@@ -39,6 +39,8 @@ MAX_FRAMES = 3
 """Waiting frames; older ones are dropped."""
 MESSAGES_HZ, MESSAGES_AT_ONCE = 120.0, 240.0
 """Rate and burst of requests. A slider that is dragged sends one per displayed frame; nothing needs more."""
+ALL_MESSAGES_HZ = 1200.0
+"""Rate, and burst within a second, of the texts of all pages together. Beyond it each page has an equal share."""
 MAX_REFUSED = 2000
 """Invalid requests, or requests beyond the rate, after which a page is closed."""
 MAX_VOICES = 3
@@ -130,6 +132,7 @@ class WebCounts(Counts):
     """Messages beyond the allowed rate."""
     frames_dropped: int = 0
     """Frames that were not sent to a slow page."""
+    misdirected: int = metric("misdirected", "Requests for a session that another process shows.")
     unheard: int = 0
     """Pieces of a microphone's audio that no recognizer accepted."""
     lost: int = 0
@@ -150,6 +153,8 @@ class Connection:
         Shared by all connections.
     voice : VoiceChoice
         Default voice.
+    shared : TokenBucket
+        Allowance of all pages together.
     hearing : Hearing, optional
         Recognizes the page's microphone.
     """
@@ -161,6 +166,7 @@ class Connection:
         socket: web.WebSocketResponse,
         counts: WebCounts,
         voice: VoiceChoice,
+        shared: TokenBucket,
         hearing: Hearing | None = None,
     ) -> None:
         self._voice, self._hearing = voice, hearing
@@ -169,6 +175,7 @@ class Connection:
         self.outbox = SendQueue()
         """Messages to the page."""
         self._allowance = TokenBucket(MESSAGES_HZ, MESSAGES_AT_ONCE)
+        self._shared, self._share = shared, TokenBucket(0.0, 1.0)
         self._refused = 0
         self._tasks: set[asyncio.Task[None]] = set()
 
@@ -218,7 +225,7 @@ class Connection:
 
     def _receive(self, message: WSMessage) -> None:
         self._counts.messages += 1
-        if not self._allowance.take(self._hub.clock()):
+        if not self._may_send(message, self._hub.clock()):
             self._counts.too_fast += 1
             self._refuse()
             return
@@ -234,6 +241,14 @@ class Connection:
                 self._counts.bad_messages += 1
                 self._refuse()
             self._report(str(error))
+
+    def _may_send(self, message: WSMessage, now_s: float) -> bool:
+        if not self._allowance.take(now_s):
+            return False
+        if message.type is not WSMsgType.TEXT or self._shared.take(now_s):  # sound has limits of its own
+            return True
+        self._share.rate_hz = ALL_MESSAGES_HZ / max(self._counts.pages, 1)
+        return self._share.take(now_s)
 
     def _listen(self, data: bytes) -> None:
         rate_hz, samples = parse_sound(data)

@@ -18,12 +18,12 @@ from fapengine.engine import commands
 from fapengine.engine.command_table import Command, fields_of
 from fapengine.expressions import EXPRESSION_NAMES
 from fapengine.mesh.default_head.style import PEOPLE
-from fapengine.mesh.face_mesh import FaceMesh
+from fapengine.mesh.face_mesh import PUPIL_SHARE, FaceMesh
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fap import FapSpec, FapUnit
 from fapengine.render.camera import PRESETS
 from fapengine.render.drawing import EDGES
-from fapengine.render.packing import ATTRIBUTE_SIZES, PUPIL_RANGE, PUPIL_SHARE, pack
+from fapengine.render.packing import ATTRIBUTE_SIZES, PUPIL_RANGE, pack
 from fapengine.render.programs import (
     ES_HEADER,
     MAX_FINE_EDGE_PX,

@@ -1,29 +1,24 @@
-"""Web ports: who may send requests, the headers of every response, and limits on connections.
+"""Web ports: the headers of every response, whose sessions are answered for, and limits on connections.
 
-Only pages of this server, and of the origins that its configuration names, may send requests; other pages are refused.
-Without a token, a host name that is not an address is refused too, because anyone can make a name resolve to this
-machine (DNS rebinding).
-
-aiohttp limits neither the time that the head of a request takes, nor the number of connections. Here a connection has
-:data:`IDLE_S` from its beginning to the end of the first head, and from each response to the end of the next head; a
-response may take longer while it is being read.
+aiohttp limits neither the time that a request takes to come, nor the number of connections. Here a connection has
+:data:`IDLE_S` from its beginning to the end of the first head, and from each response to the end of the next head; as
+much between two pieces of a body, and :data:`BODY_S` for all of it. A response may take as long as it is being read.
+This holds for every handler of every site.
 """
 
 import asyncio
-import hmac
-import ipaddress
 import logging
 import socket
 from collections.abc import Awaitable, Callable, Collection
 from dataclasses import dataclass
 from typing import Any, Protocol, cast
-from urllib.parse import urlsplit
 
-from aiohttp import web
+from aiohttp import StreamReader, web
+from aiohttp.typedefs import Middleware
 
 from fapengine.errors import DataError
 from fapengine.host.hub import Hub
-from fapengine.server.intake.doors import Door
+from fapengine.server.intake.doors import Door, Guarded
 from fapengine.server.intake.listeners import port_error
 from fapengine.server.ownership.rule import session_of_request
 
@@ -43,66 +38,51 @@ FULL_ANSWER = (
 )
 """Response to a connection beyond the limits."""
 IDLE_S = 10.0
-"""Time for the head of a request, including the silence before it."""
+"""Time for the head of a request, including the silence before it; and between two pieces of its body."""
+BODY_S = 60.0
+"""Time for the body of a request."""
 
 log = logging.getLogger("fapengine.web")
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
-class _CountsRefused(Protocol):
+class _CountsMisdirected(Protocol):
     refused: int
+    misdirected: int
 
 
-def admit(
-    request: web.Request, token: str | None, origins: Collection[str] = (), counts: _CountsRefused | None = None
-) -> None:
-    """Refuse a request that is not allowed, and count it.
-
-    Parameters
-    ----------
-    request : Request
-    token : str, optional
-        Secret that a request must present; None: none, but then the host must be an address.
-    origins : collection of str
-        Other sites whose pages are allowed: ``"https://example.org"``.
-    counts : optional
-        Counters with a field ``refused``.
+def asked_session(request: web.Request) -> str:
+    """Return the session of a request that :func:`own_sessions` has checked.
 
     Raises
     ------
-    HTTPForbidden
-    """
-    origin, host = request.headers.get("Origin"), request.host
-    given = request.query.get("token") or request.headers.get("Authorization", "").removeprefix("Bearer ")
-    if origin is not None and origin.partition("://")[2] != host and origin not in origins:
-        reason = f"Pages of {origin} may not use this server."
-    elif token is None and not _is_address(host):
-        reason = f"The host name {host!r} is not allowed: use the IP address, or start the server with a token."
-    elif token is not None and not hmac.compare_digest(given.encode("utf-8", "surrogateescape"), token.encode()):
-        reason = "The token is missing or wrong: open the address that the server printed."
-    else:
-        return
-    if counts is not None:
-        counts.refused += 1
-    raise web.HTTPForbidden(text=reason)
-
-
-def asked_session(request: web.Request, hub: Hub) -> str:
-    """Return the session of a request.
-
-    Raises
-    ------
-    DataError
-        If the request has no unambiguous session.
-    HTTPMisdirectedRequest
-        If another process shows it.
+    HTTPBadRequest
+        If its path does not tell a session.
     """
     session = session_of_request(request.raw_path)
     if session is None:
-        raise DataError(f"path: got {request.raw_path!r:.60}, expected {request.path!r:.60}")
-    if session not in hub.engine and not hub.engine.may_open(session):
-        raise web.HTTPMisdirectedRequest(text="Another process shows this session: retry.")
+        raise web.HTTPBadRequest(text=f"path: got {request.raw_path!r:.60}, expected {request.path!r:.60}")
     return session
+
+
+def own_sessions(hub: Hub, counts: _CountsMisdirected) -> Middleware:
+    """Make a middleware that refuses each request whose session is ambiguous (400), or another process's (421)."""
+
+    @web.middleware
+    async def check(request: web.Request, handler: Handler) -> web.StreamResponse:
+        try:
+            session = session_of_request(request.raw_path)
+        except DataError as error:
+            counts.refused += 1
+            raise web.HTTPBadRequest(text=str(error)) from error
+        guard = request.protocol
+        is_own = not isinstance(guard, GuardedHandler) or guard.handed_for in ("", session)
+        if not is_own or (session is not None and session not in hub.engine and not hub.engine.may_open(session)):
+            counts.misdirected += 1
+            raise web.HTTPMisdirectedRequest(text="Another process shows this session: retry.")
+        return await handler(request)
+
+    return check
 
 
 def harden(app: web.Application, origins: Collection[str] = ()) -> None:
@@ -121,14 +101,6 @@ def harden(app: web.Application, origins: Collection[str] = ()) -> None:
     app.on_response_prepare.append(add)
 
 
-def _is_address(host: str) -> bool:
-    try:
-        name = urlsplit(f"//{host}").hostname or ""
-        return name == "localhost" or name.endswith(".localhost") or bool(ipaddress.ip_address(name))
-    except ValueError:
-        return False
-
-
 @dataclass(slots=True)
 class Site:
     """A running web application. Stateful."""
@@ -138,9 +110,15 @@ class Site:
     address: tuple[str, int]
     make: "Callable[[], GuardedHandler]"
 
-    async def adopt(self, accepted: socket.socket) -> None:
-        """Serve a connection that another process accepted."""
-        await asyncio.get_running_loop().connect_accepted_socket(self.make, accepted)
+    async def adopt(self, accepted: socket.socket, session: str | None) -> None:
+        """Serve a connection that another process accepted, for the session that it has read in the request."""
+
+        def make() -> GuardedHandler:
+            guard = self.make()
+            guard.handed_for = session
+            return guard
+
+        await asyncio.get_running_loop().connect_accepted_socket(make, accepted)
 
     async def close(self) -> None:
         """Close all connections."""
@@ -149,57 +127,56 @@ class Site:
         await self.runner.cleanup()
 
 
-class GuardedHandler(web.RequestHandler):
+class GuardedHandler(Guarded, web.RequestHandler):
     """One connection of a site. Stateful."""
 
     def __init__(self, manager: web.Server, door: Door, loop: asyncio.AbstractEventLoop) -> None:
         super().__init__(manager, loop=loop, access_log=cast("Any", None), logger=cast("Any", log))
-        self._door, self._timing = door, loop
-        self._address: str | None = None
-        self._unread = 0
-        self._timer: asyncio.TimerHandle | None = None
+        self._door = door
+        self._body: StreamReader | None = None
+        self._body_end_s = 0.0
+        self.handed_for: str | None = ""
+        """Session for which another process handed this connection over; "": it was accepted here."""
+        self.is_late = False
+        """True if a body did not come in time."""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Begin, if there is room."""
-        address = str(transport.get_extra_info("peername")[0])
         super().connection_made(transport)
-        if self._door.enter(address):
-            self._address = address
-            self.wait()
+        if self.enter(self._door, transport):
+            self.expect(IDLE_S)
         else:  # sent only if the system accepts it at once
             cast("asyncio.Transport", transport).write(FULL_ANSWER)
             cast("asyncio.Transport", transport).close()
 
-    def connection_lost(self, exc: BaseException | None) -> None:
-        """Release its place."""
-        self.go()
-        if self._address is not None:
-            self._door.leave(self._address)
-            self._address = None
-        super().connection_lost(exc)
+    def data_received(self, data: bytes) -> None:
+        """Read more of a head or a body."""
+        super().data_received(data)
+        self._expect_body()
 
-    def wait(self) -> None:
-        """Start the time limit of the next request."""
-        self.go()
-        self._unread = 0
-        self._timer = self._timing.call_later(IDLE_S, self._check)
+    def answers(self, body: StreamReader) -> None:
+        """Note that a handler begins to answer a request whose body may still come."""
+        self._body, self._body_end_s = body, self._loop.time() + BODY_S
+        self.expect(None)
+        self._expect_body()
 
-    def go(self) -> None:
-        """Stop the time limit: a request is being answered."""
-        if self._timer is not None:
-            self._timer.cancel()
-            self._timer = None
-
-    def _check(self) -> None:
-        if self.transport is None:
+    def _expect_body(self) -> None:
+        if self._body is None:
             return
-        unread = self.transport.get_write_buffer_size()
-        if unread and (not self._unread or unread < self._unread):  # the response is still being read
-            self._unread = unread
-            self._timer = self._timing.call_later(IDLE_S, self._check)
-            return
-        self._door.counts.timed_out += 1
-        self.transport.abort()
+        if self._body.is_eof():
+            self._body = None
+            self.expect(None)
+        else:
+            self.expect(min(IDLE_S, max(self._body_end_s - self._loop.time(), 0.0)))
+
+    def late(self) -> None:
+        """Let the handler answer that the body did not come in time; else end the connection."""
+        if self._body is None:
+            super().late()
+        else:
+            self.is_late = True
+            self._body.set_exception(TimeoutError())
+            self._body = None
 
     def handle_error(
         self, request: web.BaseRequest, status: int = 500, exc: BaseException | None = None, message: str | None = None
@@ -216,16 +193,21 @@ class GuardedHandler(web.RequestHandler):
 
 @web.middleware
 async def _timed(request: web.Request, handler: Handler) -> web.StreamResponse:
-    """Stop the time limit while a request is answered."""
+    """Limit the time of the body while a request is answered, and that of the next head afterwards."""
     guard = request.protocol
     if not isinstance(guard, GuardedHandler):
         return await handler(request)
-    guard.go()
+    guard.answers(request.content)
     try:
         return await handler(request)
+    except web.RequestPayloadError as error:
+        raise web.HTTPBadRequest(text="Invalid HTTP request.\n") from error
+    except OSError as error:
+        if guard.transport is not None and not guard.is_late:
+            raise
+        raise web.HTTPRequestTimeout(text="The body of the request did not come in time.") from error
     finally:
-        if guard.transport is not None:
-            guard.wait()
+        guard.expect(IDLE_S)
 
 
 async def _end_of_connection(_: web.Request, answer: web.StreamResponse) -> None:

@@ -14,13 +14,13 @@ Samples after a gap are held for :data:`HOLD_S`; then the gap is filled: its fir
 before it in reverse, the rest with silence.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine.engine.utterance import gaps
 from fapengine.wire.speech_osc.schema import BeginUtterance, EndUtterance, Phones, WirePhone, checksum
 
 ACK_S = 0.02
@@ -271,3 +271,12 @@ class ReceiveWindow:
 
 
 _RECEIVED = WirePhone("", 0, 0)
+
+
+def gaps(known: Iterable[int], first: int, stop: int | None) -> list[tuple[int, int]]:
+    """Return what is missing in ``known`` from ``first`` on, as (first index, index after the last)."""
+    stops = sorted(index for index in known if index >= first and (stop is None or index < stop))
+    if stop is not None:
+        stops.append(stop)
+    starts = [first, *(index + 1 for index in stops)]
+    return [(start, end) for start, end in zip(starts, stops, strict=False) if start < end]

@@ -92,9 +92,9 @@ class WireSession:
         self._cancelled_below = -schema.INT32
         self._cancels.clear()
 
-    def tell(self, command: Command, now_s: float) -> None:
-        """Apply a command in the engine."""
-        self.engine.apply(self.name, command, now_s)
+    def tell(self, command: Command, now_s: float) -> str:
+        """Apply a command in the engine; return why it was refused, or nothing."""
+        return self.engine.apply(self.name, command, now_s)
 
     def move(self, command: Command, now_s: float) -> None:
         """Apply a command that moves an utterance in time; its sender's clock is not followed any more."""
@@ -174,7 +174,9 @@ class WireSession:
             elif window.begun is None:  # the phone set is not known before the begin
                 window.unbegun_s = min(window.unbegun_s, now_s + receive_window.UNBEGUN_S)
             else:
-                self._tell_phones(window, message.first_index, message.phones, now_s)
+                refusal = self._tell_phones(window, message.first_index, message.phones, now_s)
+                if refusal:
+                    arrival.refuse(self.name, refusal, message.utterance)
             self.counts.checksums += window.check(now_s)
         self._schedule_ack(message.utterance, window, arrival)
 
@@ -389,9 +391,9 @@ class WireSession:
         self.sender_numbers.pop(self.windows.pop(sender_number).engine_number, None)
         self.pending.pop(sender_number, None)
 
-    def _tell_phones(self, window: ReceiveWindow, first: int, phones: Sequence[schema.WirePhone], now_s: float) -> None:
+    def _tell_phones(self, window: ReceiveWindow, first: int, phones: Sequence[schema.WirePhone], now_s: float) -> str:
         converted = tuple(phone_labels.to_engine_phone(phone, window.phone_set) for phone in phones)
-        self.tell(Append(window.engine_number, first, converted, window.revision), now_s)
+        return self.tell(Append(window.engine_number, first, converted, window.revision), now_s)
 
     def _tell_end(self, window: ReceiveWindow, now_s: float) -> None:
         if window.end is None or window.begun is None or window.sound is not None or window.words is not None:

@@ -22,6 +22,7 @@ idle_closed
 intake kind crowded datagrams faults flooded replies stream_packets streams_broken streams_refused unsent
 late_seconds
 listeners_dropped
+misdirected
 packets_waiting
 page kind bad_messages connected frames_dropped lost messages refused too_fast unheard
 pages
@@ -36,6 +37,7 @@ utterances
 streams
 texts kind refused spoken
 tick_seconds
+tokens kind delayed wrong
 unheard
 unsent sink osc://[::1]:9
 wire kind bytes checksums clamped clock_steps lost malformed messages moved odd_times packets refused repeated resets \

@@ -1,8 +1,10 @@
 """Whose a session is: parent and worker read a request alike, and no session is in two places."""
 
-import asyncio
-from collections import deque
+import random
+from collections import Counter, deque
 from dataclasses import dataclass, field
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from aiohttp.http_exceptions import HttpProcessingError
@@ -16,6 +18,8 @@ from fapengine.server.cluster.front import _target_of
 from fapengine.server.ownership.partitions import Here, Machine
 from fapengine.server.ownership.rule import UNUSED_S, WITH_SESSION, Home, Placement, session_of_request
 
+LOOP: Any = SimpleNamespace()
+"""The parser only keeps it."""
 WORDS = st.sampled_from(
     ["/ws", "/whep", "/whip/", "/sound.wav", "/", "//", "/.", "?", "&", ";", "=", "#", "+", "session=", "sessio%6e=",
      "session=", "anna", "ben", "%00", "%ff", "%C3%A9", "%2577s", "/w%73", "%2Fws", "http://h", "utterance=1", "*"]
@@ -25,13 +29,10 @@ TARGETS = st.lists(WORDS | st.text(st.characters(codec="latin-1"), max_size=3), 
 
 def read_by_worker(request: bytes) -> RawRequestMessage | None:
     """Read the head of a request as a worker's web server does; None: it refuses it."""
-    loop = asyncio.new_event_loop()
     try:
-        messages, _, _ = HttpRequestParser(protocol=None, loop=loop, limit=2**16).feed_data(request)
+        messages, _, _ = HttpRequestParser(protocol=None, loop=LOOP, limit=2**16).feed_data(request)
     except (HttpProcessingError, ValueError):
         return None
-    finally:
-        loop.close()
     return messages[0][0] if messages else None
 
 
@@ -59,6 +60,33 @@ def test_parent_and_worker_find_the_same_session(target: str) -> None:
     path = message.url.path
     if path in WITH_SESSION and of_parent is not None:
         assert message.url.query.getall("session", ["face"]) == [of_parent]
+
+
+PIECES = (
+    "/ws", "/whep", "/sound.wav", "/w%73", "//", "?session=anna", "?session=", "&session=ben", "?", "&", ";", "#",
+    "session=", "sessio%6e=", "Session=", "anna", "ben", "%61nna", "+", "%00", "http://h", "x=1", "\t", "\xe9",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("requests", [3000, pytest.param(100_000, marks=pytest.mark.nightly)])
+def test_no_random_request_shows_a_session_twice(requests: int) -> None:
+    """A worker shows what it reads, if the parent has handed the connection over for just that."""
+    rng, shown = random.Random(1), Counter[bool]()
+    for _ in range(requests):
+        target = rng.choice(PIECES[:4]) + "".join(rng.choices(PIECES, k=rng.randrange(7)))
+        request = f"GET {target} HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n".encode("latin-1")
+        message, given = read_by_worker(request), _target_of(request)
+        if message is None or given is None:
+            continue
+        try:
+            handed_for, read = session_of_request(given), session_of_request(message.path)
+        except DataError:
+            continue
+        assert handed_for == read  # else 421, which no client would understand
+        if message.url.path in WITH_SESSION and read is not None:
+            assert message.url.query.getall("session", ["face"]) == [read]
+            shown[read == "face"] += 1
+    assert min(shown[False], shown[True]) > requests / 100
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from fapengine.clients import sender
+from fapengine.clients import connection, sender
 from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.server.cluster import bus as bus_module
 from fapengine.server.cluster.bus import Bus
@@ -142,6 +142,42 @@ def test_two_machines_agree_on_every_session_and_one_that_steps_down_hands_over(
     on_a_loop(main)
 
 
+def test_a_record_that_another_machine_reports_is_read_again_and_never_believed() -> None:
+    async def main() -> None:
+        wire, leases, records = Wire(), Bucket(), Bucket()
+        ends = [joined(wire, leases, records, port, []) for port in (1, 2)]
+        for end in ends:
+            end._table.renewed(asked_s=time.monotonic() + 1000.0, revision=1, now_s=time.monotonic())
+        for end in ends:
+            for other in ends:
+                end._table.saw(other._table.me, time.monotonic() + 1000.0)
+        forged = [Record(partition_of("anna"), end._table.me.id, 2**40 + number) for number, end in enumerate(ends)]
+        before = [await found(end, "anna") for end in ends]
+        for record in (*forged, *forged[::-1], Record(partition_of("ben"), "nobody", 2**62)):
+            await wire.publish("fapengine.faces.record", partitions.encode(record))
+        assert [await found(end, "anna") for end in ends] == before
+        answers = [await found(end, "ben") for end in ends]
+        assert sorted(type(answer).__name__ for answer in answers) == ["Here", "Machine"]
+
+    on_a_loop(main)
+
+
+def test_rumours_of_machines_are_few_and_have_ports() -> None:
+    async def main() -> None:
+        wire = Wire()
+        end = joined(wire, Bucket(), Bucket(), 1, [])
+        for number in range(3 * partitions.MAX_MACHINES):
+            await wire.publish("fapengine.faces.alive", partitions.encode(Machine(f"x{number}", "127.0.0.1", 9)))
+        assert end.machines == partitions.MAX_MACHINES
+        for port, page_port in ((0, 0), (-1, 0), (65536, 0), (10**30, 0), (9, -1), (9, 65536)):
+            with pytest.raises(DataError):
+                partitions.decode(
+                    partitions.encode({"id": "a", "host": "b", "port": port, "page_port": page_port}), Machine
+                )
+
+    on_a_loop(main)
+
+
 def test_what_is_asked_while_nats_is_away_is_lost() -> None:
     async def main() -> None:
         wire = Wire()
@@ -241,7 +277,7 @@ def test_a_connection_is_copied_both_ways_until_it_ends() -> None:
 
 
 def test_a_sender_that_is_not_answered_asks_the_next_address(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sender, "LOST_S", 0.1)
+    monkeypatch.setattr(connection, "LOST_S", 0.1)
     first, second = udp(), udp()
     client = sender.Client(*first.getsockname(), session="anna", others=[second.getsockname()])
     stop_s = time.monotonic() + 60.0

@@ -132,3 +132,14 @@ def test_a_configuration_made_in_python_is_checked_too() -> None:
     with pytest.raises(UsageError, match=r"^port: got '9', expected a whole number,"):
         overridden(Listen(), port="9")
     assert overridden(Listen(), port=None, token="") == Listen()
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.0.2.1", "faces.example"])
+def test_a_token_that_other_machines_can_guess_is_long(host: str) -> None:
+    with pytest.raises(
+        UsageError, match=f"token: got 15 characters, expected at least 16: other machines reach {host}"
+    ):
+        Listen(host=host, token="a" * 15)
+    assert Listen(host=host, token="a" * 16).token == "a" * 16
+    for own in ("127.0.0.1", "::1", "localhost"):
+        assert Listen(host=own, token="a").token == "a"

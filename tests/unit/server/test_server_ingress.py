@@ -212,7 +212,7 @@ def test_streams_find_their_framing_and_are_answered_in_it(frame: Callable[[byte
         assert await loop.sock_recv(one, 99) == answer
         (peer,) = {peer for _, peer in echo.got}
         assert str(peer) == f"tcp://127.0.0.1:{one.getsockname()[1]}"
-        own = peer._transport.get_extra_info("socket")
+        own = peer._link.get_extra_info("socket")
         assert own.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY) == 1
         one.close()
         await until(lambda: ingress.counts.streams == 0)
@@ -320,7 +320,7 @@ def test_a_peer_that_does_not_read_is_not_waited_for(monkeypatch: pytest.MonkeyP
             echo.unasked.append((peer, b"x" * 10_000))
         ingress.after_frame(0.0)
         assert ingress.counts.unsent > 100
-        assert peer._transport.get_write_buffer_size() < 40_000
+        assert peer._link.get_write_buffer_size() < 40_000
         one.close()
         await until(lambda: ingress.counts.streams == 0)
         await door.close()

@@ -354,7 +354,7 @@ def test_a_slow_reader_of_a_face_stream_loses_frames_and_never_its_place(monkeyp
         slow = Guest(sink.port)
         await until(lambda: len(sink.listeners) == 1)
         (listener,) = sink.listeners
-        listener._transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)
+        listener._link.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)
         stage.talk("anna")
         frames = stage.run(700)
         assert sink.counts.dropped > 200

@@ -22,6 +22,7 @@ from fapengine.retarget.oculus import OCULUS_NAMES, approximate_visemes
 from fapengine.retarget.shape_rows import ARKIT_NAMES
 from fapengine.server.cluster.workers import check_workers
 from fapengine.server.config import Listen, ServeConfig
+from fapengine.server.intake import doors
 from fapengine.server.sinks import websockets as socket_sinks
 from fapengine.server.sinks.kinds import SinkAddress, parse_sink
 from fapengine.server.sinks.opening import open_sink
@@ -126,7 +127,7 @@ def test_nothing_is_written_while_nobody_listens() -> None:
 
 
 def test_a_slow_reader_loses_frames_and_others_do_not(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(socket_sinks, "SEND_BUFFER", 4096)
+    monkeypatch.setattr(doors, "SEND_BUFFER", 4096)
     monkeypatch.setattr(socket_sinks, "UNREAD_BYTES", 4096)
 
     async def main() -> None:

@@ -1,7 +1,9 @@
 """The web server over real sockets: who is let in, what is served, what a page may do to it."""
 
 import asyncio
+import gzip
 import json
+import socket
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
 from typing import Any
@@ -21,16 +23,20 @@ from fapengine.host.speaker import ThreadVoice
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mpeg4 import fap
-from fapengine.recognition.process import DirectRecognizer
 from fapengine.recognition.sphinx_recognizer import SphinxRecognizer
+from fapengine.server.intake.doors import Door
 from fapengine.server.web import app as web_app
 from fapengine.server.web import connection as connections
+from fapengine.server.web.access import Access
 from fapengine.server.web.app import COUNTS, DEFAULT_CHOICE, make_app
+from fapengine.server.web.heads import Heads
 from fapengine.server.web.messages import FRAME, SOUND_HEAD, SOUND_KIND
+from fapengine.server.web.site import Site, open_site
 from fapengine.trajectory.style import Style
 from fapengine.voices.choice import VoiceChoice
 from fapengine.voices.espeak import EspeakVoice
 from fapengine.voices.protocol import Speech
+from tests.direct_recognizer import DirectRecognizer
 from tests.english import english
 from tests.patient import PatientClock
 from tests.unit.recognition.speech import spoken_by_espeak
@@ -58,7 +64,7 @@ def serve(
     async def run() -> None:
         engine = Engine(english(), rng=np.random.default_rng(1), style=Style.still(), limits=Limits(sessions=sessions))
         hub = Hub(engine, rate_hz=100.0)
-        app = make_app(hub, head, token=token, profile="grid_s1_en", voice=voice, origins=origins)
+        app = make_app(hub, head, access=Access(token, origins), profile="grid_s1_en", voice=voice)
         async with asyncio.timeout(LIMIT_S), TestClient(TestServer(app)) as client:
             ticking = asyncio.create_task(hub.run())
             try:
@@ -131,20 +137,25 @@ def test_pages_of_sites_that_are_named_may_ask_and_of_no_others(head: FaceMesh) 
 
 
 def test_another_face_is_built_when_it_is_asked_for(head: FaceMesh, monkeypatch: pytest.MonkeyPatch) -> None:
-    built: list[str] = []
-    monkeypatch.setattr(web_app, "load_head", lambda name: built.append(name) or head)
+    asked: list[str] = []
+
+    async def packed(_: Heads, name: str) -> bytes:
+        asked.append(name)
+        return gzip.compress(b"FAPHEAD1")
+
+    monkeypatch.setattr(Heads, "packed", packed)
 
     async def use(client: TestClient, hub: Hub) -> None:
         async with client.get("/setup.json") as answer:
             assert list((await answer.json())["heads"]) == ["", "default", "woman", "man", "child", "older"]
-        for _ in range(2):
-            async with client.get("/head.bin?name=woman") as answer:
+        for accepted in ("gzip", "identity"):
+            async with client.get("/head.bin?name=woman", headers={"Accept-Encoding": accepted}) as answer:
                 assert answer.status == 200
-                assert (await answer.read())[:8] == b"FAPHEAD1"
-        assert built == ["woman"]
+                assert await answer.read() == b"FAPHEAD1"
         for name in ("nobody", "../folder", "random:7"):
             async with client.get("/head.bin", params={"name": name}) as answer:
                 assert answer.status == 404
+        assert asked == ["woman", "woman"]
 
     serve(head, use)
 
@@ -533,6 +544,33 @@ def test_a_session_of_another_process_is_misdirected_and_one_that_is_not_clear_i
         assert hub.engine.sessions == ()
 
     serve(head, use)
+
+
+def test_a_connection_that_was_handed_over_for_another_session_is_misdirected(head: FaceMesh) -> None:
+    """The parent of workers has read the request before: a worker that reads it otherwise shows nothing."""
+
+    async def answered(site: Site, handed_for: str | None, target: str) -> bytes:
+        with socket.create_server(("127.0.0.1", 0)) as server, socket.create_connection(server.getsockname()) as here:
+            await site.adopt(server.accept()[0], handed_for)
+            reader, writer = await asyncio.open_connection(sock=here)
+            writer.write(f"GET {target} HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n".encode())
+            line = await reader.readline()
+            writer.close()
+            return line.split()[1]
+
+    async def main() -> None:
+        engine = Engine(english(), rng=np.random.default_rng(1), style=Style.still())
+        app = make_app(Hub(engine, rate_hz=100.0), head)
+        site = await open_site(app, "127.0.0.1", None, Door(9, 9))
+        assert await answered(site, "anna", "/ws?session=anna") == b"426"
+        assert await answered(site, None, "/setup.json") == b"200"
+        for handed_for, target in (("ben", "/ws?session=anna"), (None, "/ws?session=anna"), ("anna", "/setup.json")):
+            assert await answered(site, handed_for, target) == b"421"
+        assert app[COUNTS].misdirected == 3
+        assert engine.sessions == ()
+        await site.close()
+
+    asyncio.run(main())
 
 
 def test_whoever_does_not_come_in_leaves_no_session_behind(head: FaceMesh, monkeypatch: pytest.MonkeyPatch) -> None:

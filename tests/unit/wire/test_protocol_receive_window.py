@@ -1,8 +1,12 @@
 """What a receive window knows as its begin, phones and end arrive in any order."""
 
-import pytest
+from itertools import pairwise
 
-from fapengine.wire.speech_osc.receive_window import ReceiveWindow
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fapengine.wire.speech_osc.receive_window import ReceiveWindow, gaps
 from fapengine.wire.speech_osc.schema import BeginUtterance, EndUtterance, Phones, WirePhone
 
 BEGIN, END = BeginUtterance("anna", 1), EndUtterance("anna", 1, 1)
@@ -59,3 +63,11 @@ def test_a_cancelled_window_stays_so_when_the_engine_closes_it(messages: tuple[o
     assert (one.is_over, one.is_stopped) == (False, True)
     one.close(5.0)
     assert (one.is_cancelled, one.is_over) == (True, True)
+
+
+@given(st.sets(st.integers(0, 30)), st.integers(0, 10), st.integers(10, 30) | st.none())
+def test_gaps_are_what_is_missing(known, first, stop):
+    found = gaps(known, first, stop)
+    last = max(known, default=-1) + 1 if stop is None else stop
+    assert [n for run in found for n in range(*run)] == [n for n in range(first, last) if n not in known]
+    assert all(before[1] < behind[0] for before, behind in pairwise(found))

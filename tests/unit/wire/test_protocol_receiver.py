@@ -234,6 +234,14 @@ def test_an_ack_knows_64_phones_behind_the_gap():
     assert (ack.next_index, ack.bitmap64, ack.is_ended) == (65, 0, 1)
 
 
+def test_a_sender_is_told_why_its_phones_are_refused(monkeypatch):
+    one = Wire()
+    one.send(HELLO, BeginUtterance("anna", 1))
+    monkeypatch.setattr(one.faces, "apply", lambda session, command, now_s: "phones: too many")
+    (notice,) = told(one.send(four(0, 4)), Notice)
+    assert (notice.utterance, notice.kind, notice.reason) == (1, "error", "phones: too many")
+
+
 def test_who_did_not_ask_gets_no_acknowledgement():
     one = Wire()
     one.send(Hello("anna"), BeginUtterance("anna", 1), four(2, 4))

@@ -1,0 +1,159 @@
+"""Offers of callers: parsed once, and printed again from the parsed parts without any address.
+
+A server that checked the addresses in an offer could be made to send packets to any address. It needs none of them,
+because a caller's own checks come from its real address, and prove it (peer-reflexive candidates, RFC 8445, 7.3.1.3).
+"""
+
+import asyncio
+import logging
+import re
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, cast
+
+from fapengine.errors import DataError, ResourceError
+from fapengine.server.calls.guard import guard
+
+if TYPE_CHECKING:
+    from aiortc import RTCPeerConnection
+    from aiortc.sdp import SessionDescription
+
+MAX_OFFER = 64 << 10
+"""Bytes of an offer; a browser's are about 6 KiB."""
+MAX_LINE, MAX_LINES = 2048, 500
+FEEDBACK = ("nack", None), ("nack", "pli"), ("goog-remb", None)
+"""The RTCP feedback that the library knows."""
+CREDENTIAL = re.compile(r"[A-Za-z0-9+/=_-]{4,256}")
+"""An ICE user name or password (RFC 8839, 5.4), and three more characters that some clients use."""
+
+log = logging.getLogger("fapengine.web")
+Kind = Literal["audio", "video"]
+
+
+@dataclass(frozen=True, slots=True)
+class Offer:
+    """A session description without addresses."""
+
+    sdp: str
+    kinds: tuple[Kind, ...]
+    """Its media, in order: at most one of each."""
+
+
+def read_offer(data: bytes) -> Offer:
+    """Read an offer, which may be any bytes.
+
+    Raises
+    ------
+    DataError
+        If it is too long, not SDP, or has other media than at most one audio and one video.
+    """
+    from aiortc.sdp import SessionDescription
+
+    if len(data) > MAX_OFFER:
+        raise DataError(f"offer: got {len(data)} bytes, expected at most {MAX_OFFER}")
+    try:
+        text = data.decode()
+    except UnicodeDecodeError as error:
+        raise DataError("offer: got bytes that are not UTF-8, expected SDP") from error
+    lines = text.replace("\r\n", "\n").split("\n")
+    if lines[0] != "v=0":
+        raise DataError(f"offer: got {lines[0]!r:.60} at first, expected SDP, 'v=0'")
+    if len(lines) > MAX_LINES or max(map(len, lines)) > MAX_LINE:
+        raise DataError(f"offer: got more than {MAX_LINES} lines or {MAX_LINE} characters in one")
+    for line in lines:
+        if not line.isprintable():
+            raise DataError(f"offer: got {line!r:.60}, expected printable characters, and lines that end with CR LF")
+    try:
+        description = SessionDescription.parse(text)
+        kinds = _kinds(description)
+        _reduce(description)
+        return Offer(str(description), kinds)
+    except DataError:
+        raise
+    except Exception as error:  # the library fails in many ways
+        raise _misread("understood", error) from error
+
+
+def _kinds(description: "SessionDescription") -> tuple[Kind, ...]:
+    kinds: list[Kind] = []
+    for media in description.media:
+        if media.kind not in ("audio", "video") or media.kind in kinds:
+            raise DataError(f"offer: got {media.kind!r:.40} beside {kinds}, expected one audio and one video at most")
+        kinds.append(cast("Kind", media.kind))
+        ice: Any = media.ice
+        numbers = [codec.payloadType for codec in media.rtp.codecs]
+        if len(numbers) != len(set(numbers)):
+            raise DataError(f"offer: got one payload type of {media.kind} twice, expected each once")
+        for name, value in (("ufrag", ice.usernameFragment), ("pwd", ice.password)):
+            if not CREDENTIAL.fullmatch(value or ""):
+                raise DataError(f"offer: got ice-{name} {value!r:.60}, expected 4 to 256 letters and digits")
+    if not kinds:
+        raise DataError("offer: got no media, expected audio or video")
+    if len({media.rtp.muxId for media in description.media}) < len(kinds):
+        raise DataError("offer: got one mid for both media, expected different ones")
+    return tuple(kinds)
+
+
+def _reduce(description: "SessionDescription") -> None:
+    """Keep what a call needs."""
+    description.host = None
+    names = [media.rtp.muxId for media in description.media]
+    for group in description.group:
+        group.items = [name for name in group.items if name in names]
+    for media in description.media:
+        media.host, media.rtcp_host, media.rtcp_port = None, None, 9
+        media.ice_candidates, media.ice_candidates_complete = [], False
+        media.direction = media.direction or "sendrecv"
+        for codec in media.rtp.codecs:
+            given = {(entry.type, entry.parameter): entry for entry in codec.rtcpFeedback}
+            codec.rtcpFeedback = [given[known] for known in FEEDBACK if known in given]
+
+
+async def answer_offer(peer: "RTCPeerConnection", offer: Offer, address: str, prepare: Callable[[], None]) -> str:
+    """Answer an offer.
+
+    Parameters
+    ----------
+    peer : RTCPeerConnection
+    offer : Offer
+    address : str
+        The only address of this machine at which a port is opened.
+    prepare : callable
+        Sets tracks and directions; called when the offer has been read.
+
+    Returns
+    -------
+    str
+        The answer, SDP.
+
+    Raises
+    ------
+    DataError
+        If the library cannot answer.
+    ResourceError
+        If no port can be opened.
+    """
+    from aiortc import RTCSessionDescription
+
+    await _asked(peer.setRemoteDescription(RTCSessionDescription(offer.sdp, "offer")), "understood")
+    prepare()
+    for transport in {transceiver.receiver.transport for transceiver in peer.getTransceivers()}:
+        guard(transport, address, asyncio.get_running_loop().time)
+    answer = await _asked(peer.createAnswer(), "answered")
+    await _asked(peer.setLocalDescription(answer), "answered")
+    if "a=candidate:" not in peer.localDescription.sdp:
+        raise ResourceError(f"no UDP port can be opened at {address}")
+    return peer.localDescription.sdp
+
+
+async def _asked(step: Awaitable[Any], done: str) -> Any:
+    """Await a step of the library, which fails in many ways on an invalid offer."""
+    try:
+        return await step
+    except Exception as error:
+        raise _misread(done, error) from error
+
+
+def _misread(done: str, error: Exception) -> DataError:
+    log.debug("an offer cannot be %s", done, exc_info=error)
+    return DataError(f"offer: it cannot be {done} ({type(error).__name__}: {error})"[:300])

@@ -1,0 +1,51 @@
+"""Who may send requests: tokens that are guessed, on a clock that is an argument."""
+
+from aiohttp import web
+from aiohttp.test_utils import make_mocked_request
+
+from fapengine.server.web import access as rules
+from fapengine.server.web.access import FORGET_S, MAX_WRONG, Access
+
+
+class Remote:
+    """In place of a connection's transport."""
+
+    def __init__(self, address: str) -> None:
+        self._address = address
+
+    def get_extra_info(self, name: str, default: object = None) -> object:
+        return (self._address, 9) if name == "peername" else default
+
+
+def status(access: Access, token: str, address: str = "192.0.2.1") -> int:
+    query = f"?token={token}" if token else ""
+    try:
+        access.admit(make_mocked_request("GET", f"/setup.json{query}", {"Host": "h"}, transport=Remote(address)))
+    except web.HTTPException as error:
+        return error.status
+    return 200
+
+
+def test_an_address_that_guesses_must_wait_and_others_need_not() -> None:
+    now_s = 0.0
+    access = Access("the right token", clock=lambda: now_s)
+    assert [status(access, f"guess{n}") for n in range(MAX_WRONG + 90)] == [403] * MAX_WRONG + [429] * 90
+    assert status(access, "the right token") == 429  # else guessing would go on
+    assert status(access, "the right token", "192.0.2.2") == 200
+    assert (access.counts.wrong, access.counts.delayed) == (MAX_WRONG, 91)
+    now_s = FORGET_S
+    assert status(access, "the right token") == 200
+
+
+def test_a_page_with_an_old_token_locks_nobody_out() -> None:
+    access = Access("the right token", clock=lambda: 0.0)
+    assert {status(access, "old") for _ in range(1000)} == {403}
+    assert {status(access, "") for _ in range(1000)} == {403}
+    assert status(access, "the right token") == 200
+
+
+def test_as_many_addresses_are_remembered_as_there_is_room_for() -> None:
+    access = Access("the right token", clock=lambda: 0.0)
+    for n in range(rules.MAX_ADDRESSES + 10):
+        status(access, "guess", f"address {n}")
+    assert len(access._wrong) == rules.MAX_ADDRESSES
