@@ -59,6 +59,10 @@ class Picture:
                 raise UsageError(f"{name}: must be positive, got {value}")
 
 
+MAX_FRACTION = 1e6
+"""Largest coordinate, in widths of an image."""
+
+
 def parse_landmarks(data: bytes, picture: Picture) -> RawTrack:
     """Read a face-mesh track; frames without a face are gaps.
 
@@ -80,11 +84,14 @@ def parse_landmarks(data: bytes, picture: Picture) -> RawTrack:
         raise TruncatedError("landmarks: contains no frames")
     if np.isnan(frames).all():
         raise DataError("landmarks: no frame contains a face")
+    if np.nanmax(np.abs(frames)) > MAX_FRACTION:
+        raise DataError(f"landmarks: got {np.nanmax(np.abs(frames)):g}, expected fractions of an image")
     pixels = frames * [picture.width_px, -picture.height_px, -picture.width_px]
     right, left = (pixels[:, corner, :2] for corner in EYE_CORNERS)
-    distance = np.nanmedian(np.linalg.norm(left - right, axis=-1))
+    distances = np.linalg.norm(left - right, axis=-1)
+    distance = np.median(distances[np.isfinite(distances)]) if np.isfinite(distances).any() else 0.0
     if not distance > 0:
-        raise DataError("landmarks: both eye corners are at the same position")
+        raise DataError("landmarks: both eye corners are never seen, or at the same position")
     return RawTrack(
         positions=np.where(np.isnan(pixels).any(-1, keepdims=True), np.nan, pixels) * picture.eye_corners_mm / distance,
         labels=tuple(FEATURE_POINTS.get(index, f"face{index}") for index in range(pixels.shape[1])),

@@ -4,7 +4,9 @@ from pathlib import Path
 
 from fapengine.codec.fapfile import format_fap, parse_fap
 from fapengine.files.paths import is_mp4, naming, read_bytes, write_bytes
+from fapengine.mpeg4.fap import column
 from fapengine.mpeg4.track import FapTrack
+from fapengine.speaking import DEFAULT_PROFILE
 
 
 def load_fap(path: Path) -> FapTrack:
@@ -36,8 +38,31 @@ BLEND_ENDINGS = (".csv", ".json", ".jsonl")
 RECORDED_ENDINGS = (".osc",)
 
 
+def shown(track: FapTrack) -> FapTrack:
+    """Return what a face shows: low-level FAPs in place of visemes and expressions (FAP 1 and 2).
+
+    The default profile supplies their faces; a track that has none is returned as it is.
+    """
+    if not track.mask[:, : column(3)].any():
+        return track
+    from fapengine.files.profiles import load_profile
+    from fapengine.trajectory.high_level import expand
+
+    return expand(track, load_profile(DEFAULT_PROFILE))
+
+
+def as_visemes(track: FapTrack) -> FapTrack:
+    """Return the visemes (FAP 1) that come closest to a track's mouth; the default profile supplies their faces."""
+    from fapengine.files.profiles import load_profile
+    from fapengine.trajectory.high_level import to_visemes
+
+    return to_visemes(track, load_profile(DEFAULT_PROFILE))
+
+
 def load_motion(path: Path) -> FapTrack:
-    """Read FAPs: an FBA stream (alone or in an MP4 file), blendshapes (.csv, .json), a VMC recording, or .fap text.
+    """Read what a face shows: an FBA stream (alone or in MP4), blendshapes (.csv, .json), a VMC recording, .fap text.
+
+    Visemes and expressions (FAP 1 and 2) become low-level FAPs.
 
     Raises
     ------
@@ -51,14 +76,15 @@ def load_motion(path: Path) -> FapTrack:
         from fapengine.codec.interpolate import fill_track
         from fapengine.files.fba import load_fba
 
-        return fill_track(load_fba(path))
+        decoded = load_fba(path)
+        return fill_track(decoded, shown(decoded.track))[0]
     if path.suffix.lower() == ".fap":
-        return load_fap(path)
+        return shown(load_fap(path))
     from fapengine.retarget.blend_tracks import parse_blend_track
     from fapengine.retarget.vmc_recording import is_vmc_recording, parse_vmc_recording
 
     recorded = is_vmc_recording(data)
     if path.suffix.lower() not in BLEND_ENDINGS and not recorded:
-        return load_fap(path)
+        return shown(load_fap(path))
     with naming(path):
         return parse_vmc_recording(data) if recorded else parse_blend_track(data)

@@ -88,7 +88,14 @@ def beside(path: Path, suffix: str) -> Path:
     """Name of a file that accompanies a video: ``talk.mp4`` has ``talk.wav``, and so has the folder ``talk``.
 
     For numbered files it is next to their folder.
+
+    Raises
+    ------
+    UsageError
+        If the path has no name, as ``.`` or ``..``.
     """
+    if path.name in ("", ".."):
+        raise UsageError(f"path: got {path}, expected a name, which the files beside it get too")
     owner = path.parent if is_sequence(path) and path.parent.name else path
     return path.with_name("frames" + suffix) if is_sequence(owner) else owner.with_name(owner.stem + suffix)
 

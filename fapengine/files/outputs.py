@@ -9,7 +9,9 @@ from urllib.parse import unquote
 
 from fapengine.errors import FapEngineError, ResourceError, UsageError
 from fapengine.files.moving import is_sequence, sequence_files
-from fapengine.files.paths import is_standard, read_bytes
+from fapengine.files.paths import is_standard, read_bytes, resolved
+from fapengine.files.pictures import PNG_MARK
+from fapengine.files.sound import WAV_MARK
 
 
 def check_outputs(outputs: Iterable[Path], inputs: Iterable[Path] = (), *, overwrite: bool = True) -> tuple[Path, ...]:
@@ -32,8 +34,8 @@ def check_outputs(outputs: Iterable[Path], inputs: Iterable[Path] = (), *, overw
     Raises
     ------
     UsageError
-        If an output is one of the inputs, under any name; if two outputs are one file; if one is a folder; or if one
-        exists and may not be replaced.
+        If an output is one of the inputs, under any name; if two outputs are one file; if one is a folder, or a link
+        that leads to itself; or if one exists and may not be replaced.
     ResourceError
         If the folder of an output is not writable.
     """
@@ -43,7 +45,7 @@ def check_outputs(outputs: Iterable[Path], inputs: Iterable[Path] = (), *, overw
     for output in outputs:
         if is_standard(output):
             continue
-        place = output.resolve()
+        place = resolved(output)
         if place in seen:
             raise UsageError(f"path: got {seen[place]} and {output}, which are one file; expected different names")
         seen[place] = output
@@ -60,6 +62,26 @@ def check_outputs(outputs: Iterable[Path], inputs: Iterable[Path] = (), *, overw
             _check_folder(output)
         replaced += there
     return tuple(replaced)
+
+
+def refuse_foreign(paths: Iterable[Path]) -> None:
+    """Reject files that a run would replace beside its output, unless an earlier run of fapengine wrote them.
+
+    Raises
+    ------
+    UsageError
+        If a file has no mark of fapengine: that of its WAV and PNG files, or the name in the header of ``.fap``.
+    """
+    for path in paths:
+        if not path.is_file():
+            continue
+        with path.open("rb") as file:
+            head = file.read(256)
+        is_ours = WAV_MARK in head or "\0".join(PNG_MARK).encode() in head
+        if not (is_ours or head.split(maxsplit=2)[:2] == [b"2.1", b"fapengine"]):
+            raise UsageError(
+                f"path: {path} would be replaced, and is not of fapengine; move it, or name another output"
+            )
 
 
 def marks_of(paths: Iterable[Path]) -> dict[Path, tuple[int, ...] | None]:
@@ -110,7 +132,7 @@ def _files_of(path: Path) -> Iterator[Path]:
 
 def _check_folder(output: Path) -> None:
     """Reject a name in a folder that is not writable."""
-    place = output.resolve()
+    place = resolved(output)
     folder = next(parent for parent in place.parents if os.path.lexists(parent))
     if not folder.is_dir():
         raise ResourceError(f"{output}: cannot be written ({folder} is not a folder)")

@@ -17,6 +17,7 @@ import glob
 import os
 import secrets
 import shutil
+import stat
 import sys
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
@@ -33,6 +34,10 @@ except ImportError:  # Windows: without locks, leftovers are not removed
 
 MAX_STEM = 100
 """Number of characters of the target's name in the hidden name."""
+MAX_BYTES = 1 << 30
+"""Largest file that is read at once, unless its kind has a limit of its own."""
+GIVEN = ("/dev/stdin", "/dev/fd/", "/proc/self/fd/")
+"""Names of what this process was started with, which may be a pipe."""
 RENAME_EXCHANGE = 2
 """Flag of Linux' renameat2: exchange two names."""
 AT_FDCWD = -100
@@ -48,8 +53,8 @@ STANDARD = "-"
 
 @lru_cache(maxsize=1)
 def _whole(stream: BinaryIO) -> bytes:
-    """Read a stream to its end, once; later calls return the same bytes."""
-    return stream.read()
+    """Read a stream to its end or one byte beyond the limit, once; later calls return the same bytes."""
+    return stream.read(MAX_BYTES + 1)
 
 
 def is_standard(path: Path) -> bool:
@@ -74,22 +79,65 @@ def refuse_standard_output(path: Path) -> None:
         raise UsageError(f"path: got {path}, but this cannot be written to standard output; expected a file's name")
 
 
-def read_bytes(path: Path) -> bytes:
-    """Read a whole file; ``-`` is standard input.
+def resolved(path: Path) -> Path:
+    """Absolute path without links.
 
     Raises
     ------
     UsageError
-        If it does not exist or cannot be read.
+        If a link leads to itself.
+    """
+    place = Path(os.path.realpath(path))
+    if any(part.is_symlink() for part in (place, *place.parents)):
+        raise UsageError(f"path: got {path}, a link that leads to itself; expected another name")
+    return place
+
+
+def open_file(path: Path, most: int | None = None) -> BinaryIO:
+    """Open a file for reading that has at most ``most`` bytes.
+
+    Devices and named pipes are not opened, except those that this process was started with (:data:`GIVEN`).
+
+    Raises
+    ------
+    UsageError
+        If it does not exist, cannot be read or is larger.
+    """
+    try:
+        found = path.stat()
+        if not (stat.S_ISREG(found.st_mode) or stat.S_ISDIR(found.st_mode) or str(path).startswith(GIVEN)):
+            raise UsageError(f"{path}: cannot be read (a device or a pipe); expected a file, or - for standard input")
+        _check_size(path, found.st_size, most)
+        return path.open("rb")
+    except OSError as error:
+        raise UsageError(f"{path}: cannot be read ({error.strerror})") from error
+
+
+def read_bytes(path: Path, most: int = MAX_BYTES) -> bytes:
+    """Read a whole file of at most ``most`` bytes, up to :data:`MAX_BYTES`; ``-`` is standard input.
+
+    Raises
+    ------
+    UsageError
+        If it does not exist, cannot be read or is larger.
     """
     if str(path) == STANDARD:
         if sys.stdin is None:
             raise UsageError("-: standard input is closed; expected a file's name")
-        return _whole(sys.stdin.buffer)
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise UsageError(f"{path}: cannot be read ({error.strerror})") from error
+        data = _whole(sys.stdin.buffer)
+    else:
+        with open_file(path, most) as file:
+            try:
+                data = file.read() if path.is_file() else file.read(most + 1)
+            except OSError as error:
+                raise UsageError(f"{path}: cannot be read ({error.strerror})") from error
+    _check_size(path, len(data), most)
+    return data
+
+
+def _check_size(path: Path, size: int, most: int | None) -> None:
+    if most is not None and size > most:
+        raise UsageError(f"{path}: cannot be read (got {size} bytes or more, expected at most {most})")
 
 
 @contextmanager
@@ -108,7 +156,7 @@ def replacing(path: Path) -> Iterator[Path]:
     refuse_standard_output(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        target = path.resolve()
+        target = resolved(path)
         if target.exists() and not target.is_file():
             yield target
             return
@@ -143,7 +191,7 @@ def replacing_folder(path: Path, *, owned: Collection[str]) -> Iterator[Path]:
         If it cannot be written, and for an OSError inside the block.
     """
     try:
-        target = path.resolve()
+        target = resolved(path)
         target.parent.mkdir(parents=True, exist_ok=True)
         _remove_left_over(target, target)
         at_once = not target.exists() or _may_be_exchanged(target, owned)

@@ -36,6 +36,12 @@ FORMATS = ("PNG", "JPEG", "WEBP", "BMP", "GIF", "TIFF", "PPM")
 """Formats that are read; others would call programs, or load files that they name."""
 MAX_PIXELS = 8192 * 8192
 """Largest image that is read; a small file may unpack to any size."""
+MAX_FILE = 1 << 28
+"""Largest file of an image, bytes."""
+PNG_MARK = ("Software", "fapengine")
+"""Key and text that name the software in a PNG file."""
+MAX_SIDE = 4096
+"""Longer side of an image after reading; larger ones are scaled down."""
 TILE = 192
 """Side of a frame on a contact sheet, in pixels."""
 LABEL_HEIGHT, GAP, MARGIN = 34, 8, 16
@@ -55,15 +61,20 @@ def straight(picture: Picture) -> Picture:
 
 
 def save_png(path: Path, picture: Picture) -> None:
-    """Write (height, width, 3 or 4) uint8, sRGB, with straight alpha.
+    """Write (height, width, 3 or 4) uint8, sRGB, with straight alpha; the file names fapengine as its software.
 
     Raises
     ------
     ResourceError
         If it cannot be written.
     """
+    image = Image.fromarray(picture)
+    from PIL.PngImagePlugin import PngInfo
+
+    metadata = PngInfo()
+    metadata.add_text(*PNG_MARK)
     with replacing(path) as new:
-        Image.fromarray(picture).save(new, format="PNG")
+        image.save(new, format="PNG", pnginfo=metadata)
 
 
 def format_png(picture: Picture, compress_level: int = -1) -> bytes:
@@ -74,7 +85,7 @@ def format_png(picture: Picture, compress_level: int = -1) -> bytes:
 
 
 def load_picture(path: Path) -> Picture:
-    """Read an image as (height, width, 3) uint8, sRGB.
+    """Read an image as (height, width, 3) uint8, sRGB, scaled down to a longer side of :data:`MAX_SIDE` or less.
 
     Raises
     ------
@@ -83,7 +94,9 @@ def load_picture(path: Path) -> Picture:
     UsageError
         If it does not exist.
     """
-    with opened(read_bytes(path), FORMATS, str(path)) as image:
+    with opened(read_bytes(path, MAX_FILE), FORMATS, str(path)) as image:
+        image.draft("RGB", (MAX_SIDE, MAX_SIDE))
+        image.thumbnail((MAX_SIDE, MAX_SIDE))
         return np.asarray(image.convert("RGB"))
 
 

@@ -19,7 +19,7 @@ from fapengine.capture.landmarks import Picture, parse_landmarks
 from fapengine.capture.marker_track import MarkerTrack, RawTrack
 from fapengine.capture.table import format_table, format_trc, parse_table, parse_trc
 from fapengine.errors import DataError, ResourceError, UsageError
-from fapengine.files.paths import locating, read_bytes, write_bytes
+from fapengine.files.paths import MAX_BYTES, locating, open_file, read_bytes, write_bytes
 from fapengine.files.pictures import linear_rgb
 from fapengine.geometry.surface import Surface
 from fapengine.laboratory.setup import Paint
@@ -105,7 +105,7 @@ def _mapped_c3d(path: Path) -> RawTrack:
         if not path.stat().st_size:
             return parse_c3d(b"")
         with (
-            path.open("rb") as file,
+            open_file(path) as file,
             mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as mapped,
             memoryview(mapped) as view,
         ):
@@ -178,7 +178,9 @@ def load_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64], Any]:
         import trimesh
     except ImportError as error:
         raise ResourceError('meshes are read with trimesh: pip install "fapengine[lab]"') from error
-    read_bytes(path)  # raises UsageError for a missing file
+    open_file(path, MAX_BYTES).close()  # raises UsageError for a file that trimesh should not read
+    if path.suffix.lower() == ".obj":
+        _check_indices(read_bytes(path), path)
     logging.getLogger("trimesh").addHandler(logging.NullHandler())  # else it prints tracebacks before our message
     try:
         mesh = trimesh.load_mesh(path, process=False, maintain_order=True)
@@ -190,6 +192,12 @@ def load_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64], Any]:
     if vertices.ndim != 2 or vertices.shape[1:] != (3,) or not len(vertices) or not np.isfinite(vertices).all():
         raise DataError(f"mesh: got vertices of shape {vertices.shape}, expected finite (V, 3)", where=str(path))
     return vertices, triangles, mesh.visual
+
+
+def _check_indices(data: bytes, path: Path) -> None:
+    """Reject an OBJ file with an index that has more digits than the file's size: trimesh would allocate that much."""
+    if found := re.search(rb"^[ \t]*f[ \t][^\n]*?(\d{%d,})" % (len(str(len(data))) + 1), data, re.MULTILINE):
+        raise DataError(f"mesh: got index {found[1][:20].decode()} in {len(data)} bytes", where=str(path))
 
 
 def load_surface(path: Path, *, units: str = "mm") -> Surface:

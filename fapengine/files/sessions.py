@@ -39,7 +39,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fapengine._strict_toml import parse_toml, spell_path
+from fapengine._strict_toml import MAX_BYTES, parse_toml, spell_path
 from fapengine.capture.landmarks import Picture
 from fapengine.capture.marker_track import Interval, Session, Take
 from fapengine.errors import DataError, UsageError
@@ -96,7 +96,7 @@ def load_session(
     if not folder.is_dir():
         raise UsageError(f"{folder}: got no folder, expected one with recordings ({', '.join(RECORDINGS)})")
     path = folder / SETUP_NAME
-    document = parse_toml(read_bytes(path) if path.is_file() else b"", _Document, str(path))
+    document = parse_toml(read_bytes(path, MAX_BYTES) if path.is_file() else b"", _Document, str(path))
     picture = _picture(document, str(path))
     setup, units, up = _setup(document, folder), units or document.units, up or document.up
     paths = _recordings(folder, {(folder / scan.name).parent for scan in setup.scans})
@@ -158,7 +158,7 @@ def _phones(
     phones = track.phones
     late = [phone for phone in phones if phone.end_s > duration_s + 0.1 and not phone.is_silence]
     if late:
-        warnings.append(f"take {path.stem}: {len(late)} phones end behind the recording's {duration_s:.2f} s: left out")
+        warnings.append(f"take {path.stem}: {len(late)} phones end after the recording's {duration_s:.2f} s: left out")
     return tuple(Interval(p.label, p.start_s, p.end_s) for p in phones if p.end_s <= duration_s + 0.1)
 
 

@@ -4,9 +4,11 @@ Input is untrusted, so FFmpeg gets a file that is already open, no protocol to o
 some of the others are lists of further files and addresses.
 """
 
-import wave
-from collections.abc import Iterator
-from contextlib import contextmanager
+import logging
+import os
+import struct
+from collections.abc import Generator, Iterator
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from errno import EINVAL
 from pathlib import Path
@@ -17,7 +19,7 @@ from numpy.typing import NDArray
 
 from fapengine._late import Late
 from fapengine.errors import DataError, UsageError
-from fapengine.files.paths import replacing
+from fapengine.files.paths import open_file, replacing
 from fapengine.files.video import reason
 
 if TYPE_CHECKING:
@@ -36,8 +38,17 @@ RATES_HZ = (1_000, 768_000)
 """Lowest and highest sample rate of a file."""
 MAX_S = 86_400.0
 """One day: longer files are mistakes or attacks."""
+WAV_MARK = struct.pack("<4sI4s4sI10s", b"LIST", 22, b"INFO", b"ISFT", 10, b"fapengine")
+"""Chunk that names the software, in front of the samples: RIFF's INFO list."""
+SHORT_S, MIN_BYTES_PER_S = 300.0, 100.0
+"""Sound beyond :data:`SHORT_S` must take so many bytes of its file: an hour of silence in FLAC takes 45 kB."""
+LONG_VARIABLE = "FAPENGINE_LONG"
+"""Environment variable that allows any length up to :data:`MAX_S`."""
+MARGIN_S = 60.0
+"""Length of sound that is read beyond the motion or the timings that it belongs to."""
 WRITTEN_AT_ONCE = 1 << 20
 """Samples written at a time."""
+log = logging.getLogger("fapengine.sound")
 _FULL_SCALE = {"u1": 128.0, "i2": 2.0**15, "i4": 2.0**31, "i8": 2.0**63, "f4": 1.0, "f8": 1.0}
 
 
@@ -60,7 +71,7 @@ def inspect_sound(path: Path) -> SoundInfo:
         return SoundInfo(stream.rate, stream.channels, max(duration_s, 0.0))
 
 
-def stream_sound(path: Path, *, rate_hz: int | None = None, channel: int | None = None) -> Iterator[NDArray[np.int16]]:
+def stream_sound(path: Path, *, rate_hz: int | None = None, channel: int | None = None) -> Generator[NDArray[np.int16]]:
     """Decode a file in pieces, so that memory does not grow with its length.
 
     Parameters
@@ -81,12 +92,13 @@ def stream_sound(path: Path, *, rate_hz: int | None = None, channel: int | None 
     UsageError
         If the file cannot be read or has no such channel.
     DataError
-        If its container is not supported, or it contains no audio or is damaged.
+        If its container is not supported, or it contains no audio, is damaged, or is longer than its size explains.
     """
     with _opened(path) as container:
         stream = container.streams.audio[0]
         if channel is not None and not 1 <= channel <= stream.channels:
             raise UsageError(f"channel: got {channel}, expected 1..{stream.channels}, the channels of {path}")
+        most_s = MAX_S if os.environ.get(LONG_VARIABLE) else max(SHORT_S, path.stat().st_size / MIN_BYTES_PER_S)
         source_hz, target_hz = stream.rate, rate_hz or stream.rate
         resampler = None
         if target_hz != source_hz:
@@ -102,6 +114,11 @@ def stream_sound(path: Path, *, rate_hz: int | None = None, channel: int | None 
                 decoded += frame.samples
                 if decoded > MAX_S * source_hz:
                     raise DataError(f"{path}: got more than {MAX_S:g} s of sound, expected at most a day")
+                if decoded > most_s * source_hz:
+                    raise DataError(
+                        f"{path}: got more than {most_s:.0f} s of sound in {path.stat().st_size} bytes, expected"
+                        f" {MIN_BYTES_PER_S:g} bytes or more for a second; {LONG_VARIABLE}=1 reads it"
+                    )
                 mono = _mono(frame, channel, path)
                 if resampler is None:
                     yield np.clip(np.rint(mono.astype(np.float64) * 2**15), -(2**15), 2**15 - 1).astype(np.int16)
@@ -118,8 +135,10 @@ def stream_sound(path: Path, *, rate_hz: int | None = None, channel: int | None 
             yield from _samples(resampler.resample(None))
 
 
-def load_sound(path: Path, *, rate_hz: int | None = None, channel: int | None = None) -> tuple[NDArray[np.int16], int]:
-    """Read a whole audio file.
+def load_sound(
+    path: Path, *, rate_hz: int | None = None, channel: int | None = None, spoken_s: float | None = None
+) -> tuple[NDArray[np.int16], int]:
+    """Read an audio file.
 
     Parameters
     ----------
@@ -128,6 +147,9 @@ def load_sound(path: Path, *, rate_hz: int | None = None, channel: int | None = 
         Rate to resample to; by default the file's own, up to :data:`MAX_RATE_HZ`.
     channel : int, optional
         Channel to read, 1 for the first; by default the mean of all.
+    spoken_s : float, optional
+        Length of the timings or the motion: sound is read up to :data:`MARGIN_S` later, and a warning is logged if
+        there is more. By default all is read.
 
     Returns
     -------
@@ -144,8 +166,16 @@ def load_sound(path: Path, *, rate_hz: int | None = None, channel: int | None = 
     """
     rate_hz = rate_hz or min(inspect_sound(path).sample_rate_hz, MAX_RATE_HZ)
     gathered = bytearray()  # grows in place: an hour of audio is held once, not twice
-    for piece in stream_sound(path, rate_hz=rate_hz, channel=channel):
-        gathered += piece.data
+    most = None if spoken_s is None else round((spoken_s + MARGIN_S) * rate_hz)
+    with closing(stream_sound(path, rate_hz=rate_hz, channel=channel)) as pieces:
+        for piece in pieces:
+            gathered += piece.data
+            if most is not None and len(gathered) > 2 * most:
+                del gathered[2 * most :]
+                log.warning(
+                    "%s: only the first %.0f s were read, as the speech ends at %.2f s", path, most / rate_hz, spoken_s
+                )
+                break
     samples = np.frombuffer(gathered, np.int16)
     if not len(samples):
         raise DataError(f"{path}: holds no sound")
@@ -153,30 +183,26 @@ def load_sound(path: Path, *, rate_hz: int | None = None, channel: int | None = 
 
 
 def save_wav(path: Path, samples: NDArray[np.int16], sample_rate_hz: int) -> None:
-    """Write mono samples, (N,) int16, as a WAV file.
+    """Write mono samples, (N,) int16, as a WAV file that names fapengine as its software.
 
     Raises
     ------
     ResourceError
         If the file cannot be written.
     """
-    with replacing(path) as new, wave.open(str(new), "wb") as out:
-        out.setnchannels(1)
-        out.setsampwidth(2)
-        out.setframerate(sample_rate_hz)
-        out.setnframes(len(samples))
+    size = 2 * len(samples)
+    form = struct.pack("<4sIHHIIHH", b"fmt ", 16, 1, 1, sample_rate_hz, 2 * sample_rate_hz, 2, 16)
+    with replacing(path) as new, new.open("wb") as out:
+        out.write(struct.pack("<4sI4s", b"RIFF", 36 + size + len(WAV_MARK), b"WAVE") + form + WAV_MARK)
+        out.write(struct.pack("<4sI", b"data", size))
         for start in range(0, len(samples), WRITTEN_AT_ONCE):
-            out.writeframesraw(samples[start : start + WRITTEN_AT_ONCE].astype("<i2").tobytes())
+            out.write(samples[start : start + WRITTEN_AT_ONCE].astype("<i2").tobytes())
 
 
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
     """Open a container with decodable audio; it is closed at the end."""
-    try:
-        file = path.open("rb")
-    except OSError as error:
-        raise UsageError(f"{path}: cannot be read ({error.strerror})") from error
-    with file:
+    with open_file(path) as file:
         try:
             options = {"format_whitelist": ",".join(CONTAINERS), "protocol_whitelist": "none"}
             container = av.open(file, mode="r", options=options, metadata_errors="ignore")

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from fapengine.files.paths import naming, read_bytes
+from fapengine.speech.formats.documents import MAX_BYTES
 from fapengine.speech.formats.registry import FORMATS, ParseOptions, parse_timings
 from fapengine.speech.phone_track import PhoneTrack
 
@@ -43,4 +44,4 @@ def load_timings(
     """
     options = ParseOptions(tier, alphabet, columns)
     with naming(path):
-        return parse_timings(read_bytes(path), file_format=file_format, ending=path.suffix, options=options)
+        return parse_timings(read_bytes(path, MAX_BYTES), file_format=file_format, ending=path.suffix, options=options)

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine._late import Late
-from fapengine.errors import DataError, ResourceError
-from fapengine.files.paths import replacing
+from fapengine.errors import DataError, ResourceError, UsageError
+from fapengine.files.paths import open_file, replacing
 
 if TYPE_CHECKING:
     import av as av
@@ -32,6 +32,8 @@ FILMS = frozenset(
 """Endings of videos."""
 CONTAINERS = {"format_whitelist": "mov,matroska,avi,mpegts,mpeg,flv,asf,ogg,gif", "protocol_whitelist": "none"}
 """FFmpeg options that allow self-contained videos only."""
+MAX_PIXELS = 8192 * 4608
+"""Largest frame that is decoded."""
 SOUND_RATE_HZ = 48000
 """Audio sample rate that both AAC and Opus support."""
 
@@ -52,13 +54,15 @@ def reading(path: Path, purpose: str) -> Iterator[Any]:
 
     Raises
     ------
+    UsageError
+        If it cannot be read.
     DataError
         If it cannot be opened, and for errors of FFmpeg inside the block.
     """
     try:
-        with path.open("rb") as file, av.open(file, mode="r", options=CONTAINERS) as container:
+        with open_file(path) as file, av.open(file, mode="r", options=CONTAINERS) as container:
             yield container
-    except DataError:
+    except (DataError, UsageError):
         raise
     except (av.FFmpegError, ValueError, OSError) as error:
         raise DataError(f"{path}: cannot be {purpose} ({reason(error)})") from error
@@ -130,13 +134,18 @@ def inspect_film(path: Path) -> FilmInfo | None:
     """Read the image properties of a video without decoding; None if it has no images, or cannot be opened."""
     try:
         with reading(path, "opened") as container:
-            if not container.streams.video:
+            if not (streams := decodable(container)):
                 return None
-            stream, has_sound = container.streams.video[0], bool(container.streams.audio)
+            stream, has_sound = streams[0], bool(container.streams.audio)
             rate_hz = float(stream.average_rate or 0)
             return FilmInfo(stream.width, stream.height, rate_hz, stream.codec.name, has_sound, stream.frames)
-    except DataError:
+    except (DataError, UsageError):
         return None
+
+
+def decodable(container: Any) -> list[Any]:
+    """Streams of images whose codec FFmpeg has; the others lack most attributes."""
+    return [stream for stream in container.streams.video if stream.codec_context is not None]
 
 
 def count_pictures(path: Path) -> int:
@@ -167,11 +176,14 @@ def stream_pictures(path: Path, *, max_side: int) -> Iterator[tuple[float, Pictu
         If the file cannot be read, contains no images or is damaged.
     """
     with reading(path, "decoded as video") as container:
-        if not container.streams.video:
+        if not (streams := decodable(container)):
             raise DataError(f"{path}: holds no picture")
-        size = _fitted(container.streams.video[0], max_side)
+        if streams[0].width * streams[0].height > MAX_PIXELS:
+            got = f"{streams[0].width}x{streams[0].height} pixels"
+            raise DataError(f"{path}: got {got}, expected at most {MAX_PIXELS} in all")
+        size = _fitted(streams[0], max_side)
         last_s = -np.inf
-        for frame in container.decode(video=0):
+        for frame in container.decode(streams[0]):
             time_s = float(frame.time or 0.0)
             if time_s > last_s:  # a damaged file may repeat a time
                 last_s = time_s

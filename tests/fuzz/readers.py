@@ -29,15 +29,20 @@ from fapengine.codec.decoder import decode
 from fapengine.codec.encoder import Encoder, EncoderOptions
 from fapengine.codec.epf import parse_epf
 from fapengine.codec.fapfile import parse_fap
+from fapengine.codec.fit import format_fit, parse_fit
+from fapengine.codec.interpolate import PARTNERS
 from fapengine.errors import DataError
 from fapengine.files.gltf.document import parse_gltf
 from fapengine.files.gltf.scene import read_scene
 from fapengine.files.heads.folder import HeadInfo, load_folder, save_head
 from fapengine.files.heads.tables import load_feature_points, load_mapping
+from fapengine.files.motion import shown
+from fapengine.files.moving import write_moving
 from fapengine.files.pictures import load_picture
 from fapengine.files.recordings import load_mesh
 from fapengine.files.sessions import load_session
 from fapengine.files.sound import load_sound
+from fapengine.files.video import stream_pictures
 from fapengine.mesh.default_head.style import parse_look
 from fapengine.mesh.rig.fdp_files import parse_fdp
 from fapengine.mpeg4.track import FapTrack
@@ -89,7 +94,14 @@ def _codec() -> Iterable[Reader]:
     yield Reader("FBA", decode, streams)
     yield Reader("FBA, resync", lambda data: decode(data, errors="resync"), streams)
     yield Reader("epf", parse_epf, tuple(path.read_bytes() for path in sorted(CORPUS.glob("*.epf"))))
-    yield Reader("fap", parse_fap, tuple(path.read_bytes() for path in sorted(CORPUS.glob("*.fap"))))
+    texts = tuple(path.read_bytes() for path in sorted(CORPUS.glob("*.fap")))
+    yield Reader("fap", parse_fap, texts)
+    yield Reader("fap, shown", lambda data: shown(parse_fap(data)), texts)
+    yield Reader(
+        "fit",
+        parse_fit,
+        (format_fit(PARTNERS), b"2\n1 3\n2 14 5\n1\n0 1 1\n1 2 0 1 1 0 1 1 0\n1 1 1 1 1 0 1 2 0\n"),
+    )
 
 
 def _timings() -> Iterable[Reader]:
@@ -251,7 +263,16 @@ def _media() -> Iterable[Reader]:
         buffer = io.BytesIO()
         pixels.save(buffer, kind)
         pictures.append(buffer.getvalue())
+    for suffix in (".mp4", ".webm", ".gif"):
+        path = _folder() / f"film{suffix}"
+        write_moving(path, [np.asarray(pixels)] * 3, rate_hz=25.0)
+        yield Reader(f"film, {suffix}", _from_file(_film, f"film{suffix}"), (path.read_bytes(),))
     yield Reader("picture", _from_file(load_picture, "picture.png"), tuple(pictures))
+
+
+def _film(path: Path) -> None:
+    for _ in stream_pictures(path, max_side=64):
+        pass
 
 
 def _texts() -> Iterable[Reader]:

@@ -9,9 +9,7 @@ from fapengine.files.heads.dense import is_profile, load_dense
 from fapengine.files.heads.folder import HeadInfo
 from fapengine.files.heads.import_file import find_points, load_marked
 from fapengine.files.paths import locating
-from fapengine.laboratory.dense_face import DenseFace
-from fapengine.laboratory.dense_face import find_points as find_marked
-from fapengine.laboratory.setup import Paint
+from fapengine.laboratory.dense_face import DenseFace, neutral_mesh
 from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.deform import still_faps
 from fapengine.mesh.face_mesh import FaceMesh
@@ -78,12 +76,7 @@ def adapt_dense_face(face: DenseFace, points: Mapping[str, int] | None = None) -
     DataError
         If there are too few feature points.
     """
-    neutral, chosen, paint = face.neutral_face_mm, dict(points or {}), face.paint or Paint()
-    mesh = BlendshapeMesh(
-        vertices=neutral, triangles=face.triangles, blendshapes={},
-        uv=paint.uv, texture=paint.texture, albedo=paint.albedo,
-    )  # fmt: skip
-    vertices = {**find_marked(face, neutral, sorted(set(chosen.values()))), **chosen}
+    mesh, vertices = neutral_mesh(face, {}, points)
     return _adapted(mesh, vertices, load_built(HeadStyle()))
 
 

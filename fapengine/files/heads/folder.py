@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine._arrays import DAMAGE
+from fapengine._strict_toml import MAX_BYTES as MOST_TOML
 from fapengine._strict_toml import parse_toml, quoted, spell_path
 from fapengine.errors import DataError, ProfileError, UsageError
 from fapengine.files.paths import read_bytes, replacing_folder
@@ -141,7 +142,7 @@ def _read(folder: Path) -> tuple[HeadInfo, dict[str, bytes]]:
             "or a folder that `fapengine head import` wrote"
         )
     path = str(folder / TOML_NAME)
-    document = parse_toml(read_bytes(folder / TOML_NAME), _Document, path, ProfileError, schema=SCHEMA)
+    document = parse_toml(read_bytes(folder / TOML_NAME, MOST_TOML), _Document, path, ProfileError, schema=SCHEMA)
     digests = document.sha256
     if ARRAYS_NAME not in digests or set(digests) - set(OWNED):
         raise ProfileError(

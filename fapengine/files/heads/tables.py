@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine._strict_toml import parse_toml, spell_path
+from fapengine._strict_toml import MAX_BYTES, parse_toml, spell_path
 from fapengine.errors import DataError
 from fapengine.files.paths import locating, read_bytes
 from fapengine.mesh.rig.fdp_files import is_fdp, parse_fdp
@@ -121,7 +121,7 @@ def load_mapping(path: Path) -> dict[str, str | dict[int, float]]:
     DataError
         If it is wrong; ``where`` is file and key.
     """
-    shapes = parse_toml(read_bytes(path), _Mapping, str(path)).shapes
+    shapes = parse_toml(read_bytes(path, MAX_BYTES), _Mapping, str(path)).shapes
     numbers = {row.name: row.number for row in fap.FAPS} | {str(row.number): row.number for row in fap.FAPS}
     meanings: dict[str, str | dict[int, float]] = {}
     for name, meaning in shapes.items():

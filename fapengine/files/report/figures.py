@@ -138,9 +138,8 @@ def components(fitted: Fitted) -> bytes:
 
 
 def _place(prepared: Prepared, point: str, borrowed: dict[str, str]) -> Array:
-    source = borrowed.get(point, point)
-    place: Array = prepared.neutral_mm[prepared.column(source if source in prepared.named else prepared.named[0])]
-    return place
+    places = prepared.by_point(prepared.neutral_mm)
+    return places.get(borrowed.get(point, point), places[prepared.named[0]])
 
 
 def phone_map(fitted: Fitted) -> bytes:

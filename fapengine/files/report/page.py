@@ -108,7 +108,7 @@ def _selection(fitted: Fitted) -> list[str]:
         f"<p>{study.k} of {len(names)} markers: <b>{escape(', '.join(names[i] for i in study.swapped.primary))}</b>"
         f" ({escape(study.reason)})."
         f" QR alone would take {escape(', '.join(names[i] for i in study.plain.primary))}.</p>",
-        f"<p>The data have rank {study.factor.rank()}; R_kk falls most behind k = {int(gaps.argmax()) + 1}, to"
+        f"<p>The data have rank {study.factor.rank()}; R_kk falls most after k = {int(gaps.argmax()) + 1}, to"
         f" 1/{gaps.max():.1f}.</p>",
         picture(figures.subset(study), "Dashed: the k that was chosen. Bars: one standard error over folds."),
         table(

@@ -80,7 +80,7 @@ def test_landmarks_are_named_after_feature_points():
         (
             json.dumps(np.zeros((1, 468, 3)).tolist()).encode(),
             DataError,
-            "landmarks: both eye corners are at the same position",
+            "or at the same position",
         ),
     ],
 )
@@ -92,3 +92,14 @@ def test_what_is_no_track_is_refused(data, error, message):
 def test_a_picture_has_a_size():
     with pytest.raises(UsageError, match="width_px: must be positive, got 0"):
         Picture(width_px=0, height_px=480, eye_corners_mm=90.0, rate_hz=30.0)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("corner", "message"), [(1e299, r"got 1e\+299, expected fractions"), (np.nan, "corners are never seen")]
+)
+def test_eyes_that_are_nowhere_are_refused(corner: float, message: str) -> None:
+    shares = face()
+    shares[:, EYE_CORNERS[0]] = corner
+    with pytest.raises(DataError, match=message):
+        parse_landmarks(json.dumps(shares.tolist()).encode(), PICTURE)

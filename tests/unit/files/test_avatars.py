@@ -159,7 +159,7 @@ def test_a_head_without_shapes_nods_and_moves_its_jaw(jaw: bool, tmp_path: Path)
     head = imported.mesh
     assert info.used == ()
     assert imported.moved == ((3, 14, 15, 48, 49, 50) if jaw else (48, 49, 50))
-    assert any("bones alone move it" in note for note in imported.notes)
+    assert any("only bones move it" in note for note in imported.notes)
     nodding = moved(head, f48=20_000)
     assert (nodding[head.head_weight > 0.5] > 1).mean() > 0.9
     assert nodding[head.head_weight == 0].max(initial=0.0) == 0

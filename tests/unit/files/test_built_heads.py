@@ -1,17 +1,19 @@
 """Our own heads are kept on disk: the same ones, bounded, and never in the way."""
 
+import os
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from fapengine.errors import UsageError
+from fapengine.errors import ResourceError, UsageError
 from fapengine.files.heads import built
 from fapengine.files.heads.built import load_built
+from fapengine.files.heads.folder import HeadInfo
 from fapengine.files.heads.load import load_head_for_calls
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.default_head.style import HeadStyle
@@ -24,7 +26,8 @@ BALD = HeadStyle(hair=False)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.setenv("FAPENGINE_CACHE", str(tmp_path))
     load_built.cache_clear()
-    yield tmp_path / "heads"
+    built._report.cache_clear()
+    yield tmp_path / "built-heads"
     load_built.cache_clear()
 
 
@@ -41,7 +44,8 @@ def test_a_head_from_disk_is_the_head_that_was_built(folder: Path, monkeypatch: 
     assert load_built(BALD, "coarse") is made  # nothing was kept yet
     kept = from_disk(BALD, monkeypatch)
     assert kept is not made
-    assert [path.parent.name for path in folder.rglob("head.toml")] == [path.name for path in folder.iterdir()]
+    assert sorted(path.name for path in folder.iterdir()) == [built._digest(BALD, "coarse"), "CACHEDIR.TAG"]
+    assert (folder / "CACHEDIR.TAG").read_bytes().startswith(b"Signature: 8a477f597d28d172789f06886806bc55")
     for field in fields(FaceMesh):
         if field.name not in ("basis", "folds"):
             assert np.array_equal(getattr(kept, field.name), getattr(made, field.name)), field.name
@@ -76,12 +80,102 @@ def test_a_damaged_head_is_built_anew(folder: Path, monkeypatch: pytest.MonkeyPa
     assert from_disk(BALD, monkeypatch).feature_points  # and was kept again
 
 
-def test_a_folder_that_cannot_be_written_costs_nothing_but_time(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+def of_another_user(place: Path) -> None:
+    if os.getuid():
+        pytest.skip("only root can give a folder away")
+    (place / "built-heads").mkdir()
+    os.chown(place / "built-heads", 65534, 65534)
+
+
+def of_the_user(place: Path) -> None:
+    (place / "built-heads").mkdir()
+    (place / "built-heads" / "notes.txt").write_text("mine")
+
+
+def looped(place: Path) -> None:
+    (place / "built-heads").symlink_to("built-heads")
+
+
+@pytest.mark.parametrize(
+    ("spoil", "reason"),
+    [
+        (of_another_user, "belongs to another user"),
+        (of_the_user, "was not made by fapengine"),
+        (looped, "File exists"),
+        (lambda place: (place / "built-heads").write_bytes(b""), "File exists"),
+    ],
+)
+def test_a_cache_that_cannot_be_used_is_reported_once_and_costs_only_time(
+    spoil: Callable[[Path], None], reason: str, folder: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    (tmp_path / "file").write_bytes(b"")
-    monkeypatch.setenv("FAPENGINE_CACHE", str(tmp_path / "file"))
+    spoil(folder.parent)
+    before = {path: path.lstat().st_mtime_ns for path in folder.parent.rglob("*")}
+    for _ in range(2):
+        assert load_built(BALD, "coarse") is build_head(BALD, level="coarse")
+        load_built.cache_clear()
+    (told,) = caplog.messages
+    assert told.startswith("FAPENGINE_CACHE: built heads are not kept: ")
+    assert reason in told
+    assert {path: path.lstat().st_mtime_ns for path in folder.parent.rglob("*")} == before
+
+
+def test_a_full_disk_is_reported(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def full(*_: object) -> None:
+        raise ResourceError("head.npz: cannot be written (No space left on device)")
+
+    monkeypatch.setattr(built, "save_head", full)
     assert load_built(BALD, "coarse") is build_head(BALD, level="coarse")
+    assert "No space left on device" in caplog.text
+
+
+def contents(folder: Path) -> dict[Path, bytes]:
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def cheap_builds(monkeypatch: pytest.MonkeyPatch) -> None:
+    def save(kept: Path, head: object, info: HeadInfo) -> None:
+        kept.mkdir()
+        (kept / "head.toml").write_text(f'schema = 2\nsource = "{info.source}"\n')
+        (kept / "head.npz").write_bytes(bytes(100))
+
+    monkeypatch.setattr(built, "_build", lambda style, level: build_head(BALD, level="coarse"))
+    monkeypatch.setattr(built, "save_head", save)
+
+
+def test_a_hundred_builds_leave_all_other_files(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Folders of the user in the named folder, and whatever somebody put beside our heads."""
+    cheap_builds(monkeypatch)
+    monkeypatch.setattr(built, "MAX_KEPT", 3)
+    load_built(BALD, "coarse")
+    ours = 'source = "fapengine"\n'
+    others = {
+        "heads/mine/head.toml": ours, "notes.txt": "mine", "fapengine/__init__.py": "",
+        "built-heads/notes.txt": "mine", "built-heads/anna/head.toml": ours,
+        f"built-heads/{'a' * 32}/head.toml": 'source = "anna"\n', f"built-heads/{'b' * 32}/photo.jpg": "mine",
+        f"built-heads/{'c' * 32}/head.toml": ours, f"built-heads/{'c' * 32}/photo.jpg": "mine",
+        f"built-heads/{'D' * 32}/head.toml": ours, f"built-heads/{'e' * 33}/head.toml": ours,
+        f"built-heads/{'f' * 32}": "a file",
+    }  # fmt: skip
+    for name, text in others.items():
+        path = folder.parent / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    kept = folder.parent / "elsewhere"
+    (kept / "heads").mkdir(parents=True)
+    (kept / "heads" / "head.toml").write_text(ours)
+    (folder / ("1" * 32)).symlink_to(kept / "heads")
+    for path in folder.iterdir():
+        os.utime(path, (1, 1), follow_symlinks=False)
+    first = built._digest(BALD, "coarse")
+    before = {path: data for path, data in contents(folder.parent).items() if first not in path.parts}
+    for seed in range(100):
+        load_built(HeadStyle(hair=False, age=seed / 100), "coarse")
+    after = contents(folder.parent)
+    assert {path: after.get(path) for path in before} == before
+    new = {path.parent for path in after.keys() - before.keys()}
+    assert 0 < len(new) <= 3
 
 
 def test_off_keeps_nothing(folder: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -96,7 +190,7 @@ def test_the_oldest_go(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ages = (0.1, 0.2, 0.3)
     for age in ages:
         load_built(HeadStyle(hair=False, age=age), "coarse")
-    assert len(list(folder.iterdir())) == 2
+    assert len(list(folder.glob("*/head.toml"))) == 2
     for age in ages[1:]:
         from_disk(HeadStyle(hair=False, age=age), monkeypatch)
 

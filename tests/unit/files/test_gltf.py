@@ -599,3 +599,15 @@ def test_whatever_the_json_says_it_is_a_mesh_or_a_data_error(value: Any, data: s
     assert text
     with suppress(DataError):
         read(builder.glb())
+
+
+def test_a_mesh_that_many_nodes_show_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scene, "MAX_PARTS", 20)
+    builder = Builder()
+    number = square(builder)
+    for _ in range(20):
+        builder.node(mesh=number)
+    assert len(read(builder.glb()).surfaces) >= 1
+    builder.node(mesh=number)
+    with pytest.raises(DataError, match="scene: got more than 20 parts"):
+        read(builder.glb())

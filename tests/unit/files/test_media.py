@@ -5,13 +5,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from PIL import Image
 
 from fapengine.errors import DataError, ResourceError, UsageError
+from fapengine.files import pictures, video
+from fapengine.files.fba import read_fba_film
 from fapengine.files.moving import write_moving
 from fapengine.files.paths import write_bytes
 from fapengine.files.pictures import bar_chart, contact_sheet, load_picture, save_png
 from fapengine.files.sound import load_sound, save_wav
-from fapengine.files.video import stream_pictures
+from fapengine.files.video import inspect_film, stream_pictures
 from tests.videos import load_video
 
 TONE = (np.sin(np.arange(22050) * 2 * np.pi * 440 / 22050) * 9000).astype(np.int16)
@@ -45,11 +48,39 @@ def test_video_has_every_frame_and_its_sound(tmp_path: Path, suffix: str) -> Non
     assert np.abs(samples[4000:20000]).max() > 5000
 
 
+def test_a_video_of_an_unknown_codec_holds_no_picture(tmp_path: Path) -> None:
+    path = tmp_path / "video.mp4"
+    write_moving(path, frames(3), rate_hz=25.0)
+    path.write_bytes(path.read_bytes().replace(b"avc1", b"qqq1"))
+    assert inspect_film(path) is None
+    assert read_fba_film(path) is None
+    with pytest.raises(DataError, match="holds no picture"):
+        decode_all(path)
+
+
+def test_a_video_of_huge_frames_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "film.gif"
+    write_moving(path, frames(3), rate_hz=25.0)
+    monkeypatch.setattr(video, "MAX_PIXELS", 96 * 64 - 1)
+    with pytest.raises(DataError, match="got 96x64 pixels, expected at most 6143"):
+        decode_all(path)
+
+
 def test_video_without_sound(tmp_path: Path) -> None:
     write_moving(tmp_path / "mute.mp4", frames(3), rate_hz=25.0)
     assert load_video(tmp_path / "mute.mp4").sound_duration_s == 0
     with pytest.raises(DataError, match="holds no sound"):
         load_sound(tmp_path / "mute.mp4")
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg", ".webp"])
+def test_a_large_picture_is_scaled_down(tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pictures, "MAX_SIDE", 100)
+    path = tmp_path / f"picture{suffix}"
+    Image.new("RGB", (300, 150), (200, 100, 50)).save(path)
+    picture = load_picture(path)
+    assert picture.shape == (50, 100, 3)
+    assert np.abs(picture.astype(int) - [200, 100, 50]).max() <= 4
 
 
 def test_png_there_and_back(tmp_path: Path) -> None:

@@ -8,10 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fapengine.errors import ResourceError
-from fapengine.files.moving import write_moving
-from fapengine.files.paths import remove_unfinished, replacing, replacing_folder, write_bytes
-from fapengine.files.pictures import save_png
+from fapengine.errors import ResourceError, UsageError
+from fapengine.files.motion import load_fap
+from fapengine.files.moving import beside, write_moving
+from fapengine.files.outputs import check_outputs
+from fapengine.files.paths import read_bytes, remove_unfinished, replacing, replacing_folder, write_bytes
+from fapengine.files.pictures import load_picture, save_png
+from fapengine.files.sound import load_sound
+from fapengine.files.video import stream_pictures
+from fapengine.server.config import load_config
 from tests.processes import start
 
 GOOD = b"an earlier, good file"
@@ -223,3 +228,63 @@ def chunks_take_turns(path: Path) -> bool:
             if abs(latest["audio"] - latest["video"]) > 1.0:
                 return False
     return min(latest.values()) > 2.0
+
+
+@pytest.mark.parametrize("name", ["/dev/zero", "fifo.npz"])
+def test_devices_and_named_pipes_are_not_read(tmp_path: Path, name: str) -> None:
+    place = tmp_path / name
+    if not place.exists():
+        place.parent.mkdir(exist_ok=True)
+        os.mkfifo(place)
+    for read in (read_bytes, load_sound, load_picture, load_config, load_film):
+        with pytest.raises(UsageError, match=r"cannot be read \(a device or a pipe\)"):
+            read(place)
+
+
+def load_film(path: Path) -> None:
+    list(stream_pictures(path, max_side=64))
+
+
+@pytest.mark.parametrize(("name", "most"), [("a.fap", 1 << 30), ("a.toml", 1 << 24), ("a.png", 1 << 28)])
+def test_files_beyond_the_limit_of_their_kind_are_not_read(
+    tmp_path: Path, name: str, most: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / name
+    with path.open("wb") as file:
+        file.truncate(most + 1)
+    monkeypatch.setattr(Path, "open", lambda *_: pytest.fail("it was opened"))
+    read = {".fap": load_fap, ".toml": load_config, ".png": load_picture}[path.suffix]
+    with pytest.raises(UsageError, match=rf"cannot be read \(got {most + 1} bytes or more, expected at most {most}\)"):
+        read(path)
+
+
+def test_a_pipe_that_the_process_was_started_with_is_read_up_to_the_limit(path: Path) -> None:
+    for most, outcome in ((9, b"123456789"), (8, None)):
+        read, write = os.pipe()
+        os.write(write, b"123456789")
+        os.close(write)
+        try:
+            if outcome is None:
+                with pytest.raises(UsageError, match="expected at most 8"):
+                    read_bytes(Path(f"/dev/fd/{read}"), most)
+            else:
+                assert read_bytes(Path(f"/dev/fd/{read}"), most) == outcome
+        finally:
+            os.close(read)
+
+
+def test_a_link_that_leads_to_itself_is_no_output(tmp_path: Path) -> None:
+    (tmp_path / "l.fap").symlink_to("l.fap")
+    for path in (tmp_path / "l.fap", tmp_path / "l.fap" / "x.fap"):
+        with pytest.raises((UsageError, ResourceError), match=r"leads to itself|cannot be written"):
+            write_bytes(path, b"new")
+        with pytest.raises(UsageError, match="leads to itself"):
+            check_outputs([path])
+    with pytest.raises(UsageError, match="cannot be read"):
+        read_bytes(tmp_path / "l.fap")
+
+
+@pytest.mark.parametrize("name", [".", "..", "/"])
+def test_a_name_that_is_none_has_nothing_beside_it(name: str) -> None:
+    with pytest.raises(UsageError, match="expected a name"):
+        beside(Path(name), ".wav")

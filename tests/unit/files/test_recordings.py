@@ -100,3 +100,10 @@ def test_scans(tmp_path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "trimesh", None)
     with pytest.raises(ResourceError, match=r"fapengine\[lab\]"):
         load_surface(tmp_path / "scan.obj")
+
+
+def test_an_index_beyond_all_vertices_is_refused_before_it_costs_memory(tmp_path, monkeypatch):
+    monkeypatch.setattr("trimesh.load_mesh", lambda *_, **__: pytest.fail("trimesh allocates 8 GB"))
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1111111111/1/1 2/1/1 3/1/1\n")
+    with pytest.raises(DataError, match="mesh: got index 1111111111 in 53 bytes"):
+        load_surface(tmp_path / "a.obj")

@@ -184,3 +184,37 @@ def test_damaged_files_are_read_or_refused(
         assert str(path) in message
     else:
         assert samples.dtype == np.int16
+
+
+def silence(path: Path, seconds: int) -> Path:
+    """A FLAC file of silence of few bytes."""
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream(
+            "flac", rate=8000, layout="mono", options={"compression_level": "0", "frame_size": "65535"}
+        )
+        for start in range(0, seconds, 10):
+            frame = av.AudioFrame.from_ndarray(np.zeros((1, 80_000), np.int16), format="s16", layout="mono")
+            frame.sample_rate, frame.pts = 8000, start * 8000
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    return path
+
+
+def test_a_small_file_of_long_silence_is_refused_unless_it_is_wanted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert len(load_sound(silence(tmp_path / "short.flac", 300))[0]) == 300 * 8000
+    long = silence(tmp_path / "long.flac", 320)
+    assert long.stat().st_size < 30_000
+    with pytest.raises(DataError, match=r"got more than 300 s of sound in \d+ bytes, .*FAPENGINE_LONG=1 reads it"):
+        load_sound(long)
+    monkeypatch.setenv("FAPENGINE_LONG", "1")
+    assert len(load_sound(long)[0]) == 320 * 8000
+
+
+def test_sound_is_read_a_minute_beyond_its_timings(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    path = silence(tmp_path / "long.flac", 100)
+    assert len(load_sound(path, spoken_s=40.0)[0]) == 100 * 8000
+    assert not caplog.messages
+    assert len(load_sound(path, spoken_s=1.0)[0]) == 61 * 8000
+    assert caplog.messages == [f"{path}: only the first 61 s were read, as the speech ends at 1.00 s"]
