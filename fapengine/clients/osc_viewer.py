@@ -10,7 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.errors import DataError, ResourceError
+from fapengine.files.profiles import load_profile
 from fapengine.mpeg4 import fap
+from fapengine.speaking import DEFAULT_PROFILE
+from fapengine.trajectory.high_level import HighLevelFaps
 from fapengine.wire import osc
 from fapengine.wire.fap_osc import FRAME, FapFrame, parse_frame
 
@@ -63,6 +66,7 @@ class OscViewer:
         self._clock, self._heard_s = clock, -np.inf
         self._frame: FapFrame | None = None
         self._values = np.zeros(fap.FAP_COUNT, np.int32)
+        self._high_level: HighLevelFaps | None = None
         try:
             family, kind, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
             with ExitStack() as failed:
@@ -116,4 +120,9 @@ class OscViewer:
             self.counts.missed += frame.number - before.number - 1
         self.counts.frames += 1
         self._frame = frame
-        self._values = np.where(frame.mask, frame.values, self._values).astype(np.int32)
+        values, mask = frame.values, frame.mask
+        if self._high_level is None and mask[: fap.column(3)].any():
+            self._high_level = HighLevelFaps(load_profile(DEFAULT_PROFILE))
+        if self._high_level is not None:
+            values, mask = self._high_level.show(values, mask, frame.visemes, frame.expressions)
+        self._values = np.where(mask, values, self._values).astype(np.int32)

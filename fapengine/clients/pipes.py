@@ -17,7 +17,7 @@ class Pipe:
     """A socket and its address. Stateful."""
 
     is_refused = False
-    """Whether the system has reported that nobody listens there; for UDP only."""
+    """Whether the system has reported that no program listens there; for UDP only."""
 
     def __init__(self, name: str, connected: socket.socket) -> None:
         self.name, self._socket = name, connected
@@ -27,7 +27,7 @@ class Pipe:
         self._socket.close()
 
     def _wait(self, wait_s: float, wake: socket.socket) -> bool:
-        """Wait for packets, the end of the time, or a byte on ``wake``; return whether packets are there."""
+        """Wait up to ``wait_s`` for packets or a byte on ``wake``; return whether packets have arrived."""
         ready, _, _ = select.select([self._socket, wake], [], [], wait_s)
         if wake in ready:
             wake.recv(4096)
@@ -66,7 +66,7 @@ class Datagrams(Pipe):
             self.is_refused |= isinstance(error, ConnectionRefusedError)
 
     def receive(self, wait_s: float, wake: socket.socket) -> list[bytes]:
-        """Return packets, once there are some, the time is over, or ``wake`` has a byte."""
+        """Wait up to ``wait_s`` for packets or a byte on ``wake``; return the packets that have arrived."""
         self._wait(wait_s, wake)
         packets: list[bytes] = []
         for _ in range(MAX_AT_ONCE):
@@ -92,7 +92,7 @@ class Stream(Pipe):
     Raises
     ------
     ResourceError
-        If nobody listens there.
+        If no program listens there.
     UsageError
         For another framing.
     """

@@ -1,7 +1,7 @@
-"""Plays what a server's face says, and reports to the server where the sound is, so that its face follows our sound.
+"""Plays the sound of a server's face, and reports its position to the server, so that the face follows our sound.
 
-Frames reach us some time after they were made; the server is told of a place that is so much ahead, and what is seen
-then fits what is heard.
+Frames reach us some time after they were made. The position that is reported is ahead by this time, so that the image
+matches the sound.
 """
 
 from fapengine.audio.device import open_output
@@ -9,7 +9,7 @@ from fapengine.audio.player import OpenOutput, Playing, SoundPlayer
 from fapengine.clients.websocket_viewer import WebSocketViewer
 
 
-class ViewerSound:
+class ViewerSound(SoundPlayer):
     """The sound of a :class:`WebSocketViewer` that plays. Close it.
 
     Stateful.
@@ -23,15 +23,11 @@ class ViewerSound:
     """
 
     def __init__(self, link: WebSocketViewer, *, opens: OpenOutput = open_output) -> None:
-        self._link, self._player = link, SoundPlayer(opens)
+        super().__init__(opens)
+        self._link = link
 
-    @property
-    def is_playing(self) -> bool:
-        """Whether a sound plays or waits."""
-        return bool(self._player.playing)
-
-    def follow(self, now_s: float) -> None:
-        """Play what has come, and report where it is; call it before each frame.
+    def play(self, now_s: float) -> None:
+        """Play the sounds that have arrived, and report their positions; call it before each frame.
 
         Parameters
         ----------
@@ -40,31 +36,19 @@ class ViewerSound:
         """
         ended = self._link.ended()
         for announced in self._link.sounds():
-            self._player.add(announced.utterance, announced.samples, announced.sample_rate_hz, now_s)
+            self.add(announced.utterance, announced.samples, announced.sample_rate_hz, now_s)
         if self._link.state != "open":
             self.stop()
         for utterance in ended:
-            self._player.drop(utterance)
-        for entry in self._player.follow(now_s):
+            self.drop(utterance)
+        for entry in self.follow(now_s):
             self._report(entry, now_s)
-
-    def pause(self, on: bool) -> None:
-        """Pause sound with the face, or resume it; its sound's position is then not reported."""
-        self._player.pause(on)
-
-    def stop(self) -> None:
-        """Drop all sounds."""
-        self._player.stop()
-
-    def close(self) -> None:
-        """Close the devices."""
-        self._player.close()
 
     def _report(self, entry: Playing, now_s: float) -> None:
         place_s, server_s = entry.position_s(now_s), self._link.server_s(now_s)
         if place_s is None or server_s is None or not entry.is_due(place_s, now_s):
             return
-        if self._player.is_paused and not entry.is_still:
+        if self.is_paused and not entry.is_still:  # while the face is paused, positions are not reported
             return
         ahead_s = 0.0 if entry.is_still else max(self._link.age_s or 0.0, 0.0)
         rate = 0.0 if entry.is_still else 1.0

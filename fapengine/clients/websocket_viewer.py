@@ -1,4 +1,4 @@
-"""Edge: receiver of a live face over a server's WebSocket, for a window; from a UDP port: :mod:`.osc_viewer`.
+"""Edge: receiver of a live face over a server's WebSocket, for a window (over UDP: :mod:`.osc_viewer`).
 
 Both return the newest frame that has arrived, and never wait for one.
 """
@@ -162,7 +162,7 @@ class WebSocketViewer:
         return [self._ended.popleft() for _ in range(len(self._ended))]
 
     def faps(self) -> Faps:
-        """Return the newest frame, (68,) FAPU; a face at rest before the first, and without a connection."""
+        """Return the newest frame, (68,) FAPU; a neutral face before the first, and without a connection."""
         frame = self._frame
         return np.zeros(fap.FAP_COUNT, np.int32) if frame is None else frame[2]
 
@@ -191,9 +191,9 @@ class WebSocketViewer:
                 ):
                     self._refusal = ""
                     await self._talk(client, link)
-                self.trouble = self._refusal or "the server went away"
+                self.trouble = self._refusal or "the server closed the connection"
             except (self._aiohttp.ClientError, OSError, TimeoutError) as error:
-                self.trouble = self._in_words(error)
+                self.trouble = self._described(error)
             if self.state == "open":
                 pause_s = RETRY_S[0]
             self.state = "lost"
@@ -202,18 +202,18 @@ class WebSocketViewer:
             await asyncio.sleep(pause_s)
             pause_s = min(2 * pause_s, RETRY_S[1])
 
-    def _in_words(self, error: Exception) -> str:
+    def _described(self, error: Exception) -> str:
         """Describe an error of the connection, and what to do."""
         where = urlsplit(self._url).netloc
         if isinstance(error, self._aiohttp.WSServerHandshakeError):
             if error.status == HTTPStatus.FORBIDDEN:
-                return "the server wants its token: use the address that it printed"
-            return f"what answers at {where} is no fapengine serve (status {error.status})"
+                return "the server requires its token: use the address that it printed"
+            return f"the program at {where} is not fapengine serve (status {error.status})"
         if isinstance(error, ConnectionRefusedError | self._aiohttp.ClientConnectorError):
-            return f"nobody answers at {where}: is fapengine serve running there?"
+            return f"no answer from {where}: is fapengine serve running there?"
         if isinstance(error, TimeoutError):
             return f"{where} does not answer in time"
-        return f"the line to {where} broke"
+        return f"the connection to {where} broke"
 
     async def _talk(self, client: Any, link: Any) -> None:
         self._queue = asyncio.Queue()
@@ -341,7 +341,7 @@ def parse_wav(data: bytes) -> tuple[NDArray[np.int16], int]:
             channels, width, rate_hz = sound.getnchannels(), sound.getsampwidth(), sound.getframerate()
             frames = sound.readframes(sound.getnframes())
     except (wave.Error, EOFError, ValueError, RuntimeError) as error:
-        raise DataError(f"sound: is no WAV ({str(error) or type(error).__name__})") from error
+        raise DataError(f"sound: is not a WAV file ({str(error) or type(error).__name__})") from error
     if width != np.dtype(np.int16).itemsize or not rate_hz:
         raise DataError(f"sound: got {8 * width} bits at {rate_hz} Hz, expected 16 bits")
     whole = frames[: len(frames) - len(frames) % (2 * channels)]

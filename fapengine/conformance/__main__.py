@@ -2,6 +2,7 @@
 
 import argparse
 import asyncio
+import socket
 import sys
 from collections.abc import Sequence
 
@@ -17,7 +18,7 @@ EPILOG = """examples:
   python -m fapengine.conformance fba-decoder 'mydecoder {in} {out}'     .fba in, .fap out
   python -m fapengine.conformance fba-encoder 'myencoder {in} {out}'     .fap in, .fba out
 
-exit code: 0 every case passed or was not tried, 1 one failed, 2 wrong use, 3 nobody there or no such port"""
+exit code: 0 every case passed or was not tried, 1 one failed, 2 wrong use, 3 no answer or no such port"""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -67,8 +68,9 @@ def _verdicts(suite: str, options: argparse.Namespace) -> list[Verdict]:
             return run(CASES, server)
     if suite == "osc-sender":
         from fapengine.conformance import osc_sender
+        from fapengine.server.intake.listeners import bound
 
-        with osc_sender.open_port("127.0.0.1", _port(subject)) as own:
+        with bound("127.0.0.1", _port(subject), socket.SOCK_DGRAM) as own:
             _say(f"listens at 127.0.0.1:{own.getsockname()[1]}; let your sender speak, for {seconds:g} s")
             return run(osc_sender.CASES, osc_sender.listen(own, seconds, _say))
     if suite.startswith("page"):

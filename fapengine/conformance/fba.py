@@ -39,9 +39,9 @@ class Program:
                 raise BreachError(f"the program does not run: {error}") from error
             out = Path(places["{out}"])
             if done.returncode or not out.is_file():
-                told = done.stderr.decode(errors="replace").strip()[-200:]
+                said = done.stderr.decode(errors="replace").strip()[-200:]
                 wrote = "a file" if out.is_file() else "no file"
-                raise BreachError(f"the program ended with {done.returncode} and wrote {wrote}: {told}")
+                raise BreachError(f"the program ended with {done.returncode} and wrote {wrote}: {said}")
             return out.read_bytes()
 
 

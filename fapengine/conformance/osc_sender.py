@@ -9,7 +9,6 @@ from typing import TypeVar
 from fapengine.conformance.cases import Case, NotTriedError, demand
 from fapengine.conformance.osc_server import GOOD, ROBUST
 from fapengine.errors import DataError
-from fapengine.server.intake.listeners import bound
 from fapengine.wire import osc
 from fapengine.wire.speech_osc import codec, schema
 from fapengine.wire.speech_osc.codec import surplus
@@ -36,7 +35,7 @@ class Heard:
 
 
 def listen(own: socket.socket, for_s: float, tell: Callable[[str], None] = lambda line: None) -> Heard:
-    """Receive from a sender and answer as an engine does, except to the first hello and the first phones.
+    """Receive from a sender, and answer as an engine does, except to the first hello and the first phones.
 
     Parameters
     ----------
@@ -63,11 +62,6 @@ def listen(own: socket.socket, for_s: float, tell: Callable[[str], None] = lambd
         for answer in _answers(heard, packet, round(now_s * 1e6), held):
             own.sendto(codec.encode(answer), peer)
     return heard
-
-
-def open_port(host: str, port: int) -> socket.socket:
-    """Open a UDP port; raises ResourceError if it is taken."""
-    return bound(host, port, socket.SOCK_DGRAM)
 
 
 def _answers(heard: Heard, packet: bytes, now_us: int, held: dict[int, int]) -> list[schema.FromEngine]:
@@ -163,8 +157,8 @@ def _begins(heard: Heard) -> None:
 
 def _indices(heard: Heard) -> None:
     for (session, number), phones in _utterances(heard).items():
-        lacking = sorted(set(range(max(phones, default=-1) + 1)) - set(phones))
-        demand(not lacking, f"{session} {number}: phones {lacking[:8]} were never sent")
+        missing = sorted(set(range(max(phones, default=-1) + 1)) - set(phones))
+        demand(not missing, f"{session} {number}: phones {missing[:8]} were never sent")
 
 
 def _times(heard: Heard) -> None:

@@ -112,7 +112,7 @@ class Caller:
         self.send(*wires)
         heard = self.hear(lambda heard: bool(found(heard)))
         answers = found(heard)
-        others = ", ".join(sorted({_address(wire) for wire in heard})) or "nothing"
+        others = ", ".join(sorted({str(getattr(wire, "ADDRESS", "")) for wire in heard})) or "nothing"
         demand(answers, f"no {kind.ADDRESS} came, but {others}")
         return answers[0]
 
@@ -132,10 +132,6 @@ class Caller:
             schema.Phones(self.session, number, 0, 0, phones),
             schema.EndUtterance(self.session, number, len(phones), len(phones) * STEP_US),
         )
-
-
-def _address(wire: schema.Wire) -> str:
-    return "" if isinstance(wire, schema.SessionCommand) else wire.ADDRESS
 
 
 def _welcome(server: OscServer) -> None:
@@ -198,8 +194,8 @@ def _repeats(server: OscServer) -> None:
     begin, phones, end = caller.utterance(0, "ma")
     caller.send(begin, phones, phones, begin, end, phones, end)
     heard = caller.hear(for_s=1.5)
-    told = {wire.engine_us for wire in heard if isinstance(wire, schema.Notice) and wire.kind == "started"}
-    demand(len(told) == 1, f"got {len(told)} beginnings of one utterance that was sent twice")
+    starts = {wire.engine_us for wire in heard if isinstance(wire, schema.Notice) and wire.kind == "started"}
+    demand(len(starts) == 1, f"got {len(starts)} starts of one utterance that was sent twice")
 
 
 def _order(server: OscServer) -> None:

@@ -32,7 +32,15 @@ class PageServer:
 
     url: str
 
-    def exchange(
+    def exchange(self, *texts: str | bytes, **options: Any) -> list[Any]:
+        """Run :meth:`talk`."""
+        return asyncio.run(self.talk(*texts, **options))
+
+    def answers(self, kind: str, *texts: str | bytes, **options: Any) -> list[dict[str, Any]]:
+        """Connect, send, and collect answers until one is of a kind; return those of that kind."""
+        return _texts(self.exchange(*texts, until=lambda heard: bool(_texts(heard, kind)), **options), kind)
+
+    async def talk(
         self,
         *texts: str | bytes,
         until: Callable[[list[Any]], bool] = lambda heard: False,
@@ -40,11 +48,6 @@ class PageServer:
         session: str = "conformance",
     ) -> list[Any]:
         """Connect, send, and collect answers: texts as dicts, frames as bytes, the close as its code."""
-        return asyncio.run(self._exchange(texts, until, for_s, session))
-
-    async def _exchange(
-        self, texts: tuple[str | bytes, ...], until: Callable[[list[Any]], bool], for_s: float, session: str
-    ) -> list[Any]:
         from aiohttp import ClientError, ClientSession, WSMsgType
 
         heard: list[Any] = []
@@ -100,8 +103,7 @@ def _shows(server: PageServer) -> None:
 
 
 def _pongs(server: PageServer) -> None:
-    heard = server.exchange(text_of("ping", number=42), until=lambda heard: bool(_texts(heard, "pong")))
-    pongs = _texts(heard, "pong")
+    pongs = server.answers("pong", text_of("ping", number=42))
     demand(pongs and pongs[0].get("number") == 42, f"got {pongs[:1]} to ping 42")
     demand(isinstance(pongs[0].get("time_s"), int | float), "a pong has no time_s")
 
@@ -122,30 +124,31 @@ INVALID = (
 
 def _refuses_nonsense(server: PageServer) -> None:
     for text in INVALID:
-        heard = server.exchange(text, until=lambda heard: bool(_texts(heard, "error")))
-        demand(_texts(heard, "error"), f"{text}: got no error")
+        demand(server.answers("error", text), f"{text}: got no error")
 
 
 def _survives_nonsense(server: PageServer) -> None:
     wrong = ('{"type": "nothing"}', b"\xff" * 20, b"")
-    heard = server.exchange(*wrong, text_of("ping", number=1), until=lambda heard: bool(_texts(heard, "pong")))
-    demand(_texts(heard, "pong"), "it no longer answers after three invalid messages")
+    pongs = server.answers("pong", *wrong, text_of("ping", number=1))
+    demand(pongs, "it no longer answers after three invalid messages")
 
 
 def _closes_on_long(server: PageServer) -> None:
-    heard = server.exchange("x" * 70_000, until=lambda heard: isinstance(heard[-1:], int))
+    heard = server.exchange("x" * 70_000)
     demand(1009 in heard, f"a message of 70000 characters was accepted (closed with {heard[-1] if heard else None})")
 
 
 def _guards_origin(server: PageServer) -> None:
     async def status() -> int:
-        from aiohttp import ClientSession
+        from aiohttp import ClientSession, WSServerHandshakeError
 
-        url = web_socket_of(server.url).replace("ws", "http", 1)
-        headers = {"Origin": "http://evil.example", "Connection": "Upgrade", "Upgrade": "websocket",
-                   "Sec-WebSocket-Version": "13", "Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA=="}  # fmt: skip
-        async with ClientSession() as client, client.get(url, headers=headers) as answer:
-            return answer.status
+        try:
+            async with ClientSession() as client, client.ws_connect(
+                web_socket_of(server.url), headers={"Origin": "http://evil.example"}
+            ):  # fmt: skip
+                return 101
+        except WSServerHandshakeError as error:
+            return error.status
 
     found = asyncio.run(status())
     demand(found == 403, f"a page of another site got {found}, expected 403")
@@ -199,7 +202,8 @@ async def watch(port: int, for_s: float, tell: Callable[[str], None], host: str 
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout_at(stop_s if client.connections == 1 else None):
                 async for message in socket:
-                    _note(client, message.data if message.type in (WSMsgType.TEXT, WSMsgType.BINARY) else None)
+                    if message.type in (WSMsgType.TEXT, WSMsgType.BINARY):
+                        _note(client, message.data)
                 client.left_after_unknown = client.connections == 1
         sending.cancel()
         await socket.close()
@@ -233,9 +237,7 @@ async def watch(port: int, for_s: float, tell: Callable[[str], None], host: str 
     return client
 
 
-def _note(client: PageClient, data: str | bytes | None) -> None:
-    if data is None:
-        return
+def _note(client: PageClient, data: str | bytes) -> None:
     try:
         if isinstance(data, bytes):
             parse_sound(data)

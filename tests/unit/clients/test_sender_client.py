@@ -9,7 +9,7 @@ import time
 import numpy as np
 import pytest
 
-from fapengine.clients import sender
+from fapengine.clients import connection
 from fapengine.clients.sender import Client
 from fapengine.engine.engine import Engine
 from fapengine.errors import ResourceError, UsageError
@@ -126,7 +126,7 @@ def test_what_was_said_has_come_when_the_client_is_closed():
             face.wait(SOON_S).say(PhoneTrack.of(phones))
         one = place.engine.utterance("anna", 0)
         assert one.phone_count == 200
-        assert one.next_index == 200
+        assert one.size == 200
 
 
 def test_phones_that_become_known_one_by_one():
@@ -361,7 +361,7 @@ def test_an_error_inside_the_block_goes_before_a_connection_that_was_lost():
 
 
 def test_only_the_last_utterances_are_remembered(monkeypatch):
-    monkeypatch.setattr(sender, "KEPT_OVER", 3)
+    monkeypatch.setattr(connection, "KEPT_ENDED", 3)
     with Place() as place, Client(port=place.port) as face:
         numbers = [face.begin() for _ in range(5)]
         for number in numbers:
@@ -397,7 +397,7 @@ def door() -> socket.socket:
 
 @pytest.mark.parametrize("is_closed", [True, False])
 def test_a_port_that_nobody_answers_at_is_left_for_the_known_one(is_closed, monkeypatch):
-    monkeypatch.setattr(sender, "LOST_S", 0.2)
+    monkeypatch.setattr(connection, "LOST_S", 0.2)
     known, other = door(), door()
     port = other.getsockname()[1]
     if is_closed:

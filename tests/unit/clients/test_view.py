@@ -148,11 +148,9 @@ def test_frames_of_a_port_are_shown(windows: list[FakeWindow]) -> None:
 
 
 def test_a_server_that_is_not_there_is_told_of(windows: list[FakeWindow]) -> None:
-    with pytest.raises(
-        ResourceError, match=r"^server: nobody answers at 127.0.0.1:9: is fapengine serve running there"
-    ):
+    with pytest.raises(ResourceError, match=r"^server: no answer from 127.0.0.1:9: is fapengine serve running there"):
         call("view", "http://127.0.0.1:9/", "--for", "0.5")
-    assert "no server: nobody answers" in windows[0].name
+    assert "no server: no answer" in windows[0].name
     assert windows[0].is_closed
 
 

@@ -65,6 +65,28 @@ def opening(faps: np.ndarray) -> float:
     return -float(faps[fap.column(51)] + faps[fap.column(52)])
 
 
+def test_a_viseme_of_a_live_stream_opens_the_mouth() -> None:
+    values, mask, viseme = np.zeros(68, np.int32), np.arange(68) == 0, np.array([10, 0, 63, 0])
+    viewer = OscViewer("127.0.0.1", 0)
+    try:
+        frame = FapFrame(
+            session="a",
+            number=0,
+            time_us=0,
+            values=values,
+            mask=mask,
+            visemes=viseme,
+            expressions=np.zeros(6, np.int32),
+        )
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+            sender.sendto(encode_frame(frame), ("127.0.0.1", viewer.port))
+        while not viewer.counts.frames:
+            shown = viewer.faps()
+        assert shown[fap.column(3)] > 300
+    finally:
+        viewer.close()
+
+
 def test_a_server_is_watched_told_lost_and_found_again(coarse_head: Path) -> None:
     port = free_port()
     server = serve(port, coarse_head)
@@ -115,10 +137,10 @@ def play_here(port: int) -> None:
 
         def step() -> bool:
             now_s = time.monotonic()
-            sound.follow(now_s)
+            sound.play(now_s)
             if opened:
                 seen.append((opened[0].position_s(1, now_s) or 0.0, opening(link.faps())))
-            return bool(seen) and not sound.is_playing
+            return bool(seen) and not sound.playing
 
         assert until(step)
         assert opened[0].is_over(1, time.monotonic())
@@ -138,13 +160,13 @@ def play_here(port: int) -> None:
         time.sleep(0.5)
         assert all(shown(wide=False) for _ in range(20))
         assert source.is_paused
-        assert sound.is_playing
+        assert sound.playing
         place_s = opened[0].position_s(2, time.monotonic())
         source.press(PAUSE)
         assert until(lambda: shown(wide=True))
         assert opened[0].position_s(2, time.monotonic()) > place_s
         source.press(STOP)
-        assert not sound.is_playing
+        assert not sound.playing
         assert until(lambda: shown(wide=False) and not link.is_speaking)
         assert link.counts.refused == 0
     finally:
@@ -301,7 +323,7 @@ def test_the_server_is_told_where_the_sound_is_and_when_it_stands() -> None:
     def run(seconds: float) -> None:
         for _ in range(round(seconds * 100)):
             now[0] += 0.01
-            sound.follow(now[0])
+            sound.play(now[0])
 
     run(0.5)
     assert 15 <= len(link.sent) <= 26  # every 20 ms, at frames
@@ -324,25 +346,25 @@ def test_the_server_is_told_where_the_sound_is_and_when_it_stands() -> None:
     assert link.sent[-1]["utterance"] == 8  # what waited behind goes on
     link.over.append(8)
     run(0.02)
-    assert not sound.is_playing
+    assert not sound.playing
     link.queue.append(AnnouncedSound(8, np.ones(800, np.int16), 8000))
     run(0.03)
-    assert sound.is_playing
+    assert sound.playing
     run(0.2)
-    assert not sound.is_playing
+    assert not sound.playing
     sound.pause(True)
     link.queue.append(AnnouncedSound(9, np.ones(4000, np.int16), 4000))
     run(0.3)
     assert made[-1].position_s(1, now[0]) == pytest.approx(0.01)  # of another rate: it stands still, too
     link.state = "lost"
     run(0.02)
-    assert not sound.is_playing
+    assert not sound.playing
     sound.close()
 
 
 @pytest.mark.parametrize("data", [b"", b"RIFF", b"RIFF\x24\0\0\0WAVEfmt \x10\0\0\0"])
 def test_a_sound_that_is_none_is_refused(data: bytes) -> None:
-    with pytest.raises(DataError, match="sound: is no WAV"):
+    with pytest.raises(DataError, match="sound: is not a WAV file"):
         parse_wav(data)
 
 

@@ -4,6 +4,7 @@ import asyncio
 import json
 import re
 import shlex
+import socket
 import sys
 import threading
 import time
@@ -23,6 +24,7 @@ from fapengine.conformance.__main__ import SUITES, main
 from fapengine.conformance.cases import run
 from fapengine.conformance.fba import DECODER_CASES, ENCODER_CASES, Program
 from fapengine.server.config import Listen
+from fapengine.server.intake.listeners import bound
 from fapengine.speech.phone_track import Phone
 from fapengine.wire.speech_osc import receiver, schema
 from tests.live.stage import config_of, on_a_loop, running
@@ -93,7 +95,7 @@ def test_our_own_page_passes() -> None:
 @contextmanager
 def listening(monkeypatch: pytest.MonkeyPatch, say: Callable[[int], None], seconds: float = 3.0):
     """What the suite of senders hears of somebody."""
-    own, heard = osc_sender.open_port("127.0.0.1", 0), []
+    own, heard = bound("127.0.0.1", 0, socket.SOCK_DGRAM), []
     thread = threading.Thread(target=lambda: heard.append(osc_sender.listen(own, seconds)))
     thread.start()
     say(own.getsockname()[1])
