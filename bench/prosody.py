@@ -21,7 +21,8 @@ from fapengine.recognition.protocol import RATE_HZ
 from fapengine.recognition.recording import Recording, follow, listen
 from fapengine.recognition.sphinx import words_of
 from fapengine.recognition.sphinx_aligner import SphinxAligner
-from fapengine.scoring.score import score_motion
+from fapengine.scoring.mouth import mouth_of
+from fapengine.scoring.score import score_mouth
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.speech.prosody import is_vowel, with_prosody
 from fapengine.trajectory.planner import plan
@@ -69,7 +70,7 @@ def row(name: str, phones: PhoneTrack, truth: PhoneTrack, sound: np.ndarray, len
     nod_deg = np.rad2deg(track.values[:, 47] * AU_RAD)
     edges = [round(n * length_s * RATE_FPS) for n in range(len(PARTS_DB) + 1)]
     spans = [slice(*edges[n : n + 2]) for n in range(len(PARTS_DB))]
-    score = score_motion(track, phones=truth, power=power_of(sound, RATE_HZ))
+    score = score_mouth(mouth_of(track), phones=truth, power=power_of(sound, RATE_HZ))
     opened = " ".join(f"{opening_mm[span].max():5.1f}" for span in spans)
     nodded = " ".join(f"{nod_deg[span].max():4.1f}" for span in spans)
     closures = score.phones.closures

@@ -17,8 +17,8 @@ from bench.fidelity import NAMES, load
 from design.data_files import FOLDER
 from fapengine.files.profiles import load_profile
 from fapengine.mpeg4.track import FapTrack
-from fapengine.scoring.mouth import Contacts
-from fapengine.scoring.score import score_motion
+from fapengine.scoring.mouth import Contacts, mouth_of
+from fapengine.scoring.score import score_mouth
 from fapengine.trajectory.faps import displacements_to_faps
 
 
@@ -40,12 +40,12 @@ def main() -> None:
         filmed = FapTrack.of(np.round(faps).astype(int), rate_hz=corpus.rate_hz)
         planned = fapengine.animate(clip.phones, rate_hz=corpus.rate_hz).track
         for who, track in (("filmed", filmed), ("planned", planned)):
-            found = score_motion(track, phones=clip.phones).phones
+            found = score_mouth(mouth_of(track), phones=clip.phones).phones
             assert found is not None
             counts[f"{who}: p b m"].append(found.closures)
             counts[f"{who}: f v"].append(found.teeth)
             note(f"{who}: lag by phones, ms", found.timing.lag_ms)
-        against = score_motion(planned, truth=filmed).truth
+        against = score_mouth(mouth_of(planned), truth=mouth_of(filmed)).truth
         assert against is not None
         note("planned against filmed: opening r", against.likeness.opening_r)
         note("planned against filmed: lag, ms", against.timing.lag_ms)

@@ -13,7 +13,7 @@ import fapengine
 from fapengine.files.report.score_page import draw_openings, score_rows
 from fapengine.mpeg4.track import FapTrack
 from fapengine.scoring.mouth import mouth_of
-from fapengine.scoring.score import score_motion
+from fapengine.scoring.score import score_mouth
 from fapengine.speech.formats.registry import parse_timings
 from fapengine.speech.formats.rhubarb import cues_of_phones, format_rhubarb
 
@@ -30,10 +30,11 @@ def main() -> None:
     late = FapTrack.of(
         np.concatenate([np.repeat(shaped[:1], LATE_FRAMES, axis=0), shaped[:-LATE_FRAMES]]), rate_hz=RATE_HZ
     )
-    score = score_motion(late, truth=spoken.track, phones=spoken.phones)
+    made, truth = mouth_of(late), mouth_of(spoken.track)
+    score = score_mouth(made, truth=truth, phones=spoken.phones)
     for name, rows in score_rows(score).items():
         print(name, *("   ".join(row) for row in rows), sep="\n  ")
-    PICTURE.write_bytes(draw_openings(score, mouth_of(late), mouth_of(spoken.track), spoken.phones))
+    PICTURE.write_bytes(draw_openings(score, made, truth, spoken.phones))
 
 
 if __name__ == "__main__":

@@ -1,1 +1,1 @@
-"""Mathematics of (..., 3) points: rotations, splines. Not a face word in it."""
+"""Mathematics of (..., 3) points: rigid motions, smooth functions, surfaces. Nothing here is specific to faces."""

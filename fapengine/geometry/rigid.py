@@ -13,9 +13,9 @@ Quaternions are ``(w, x, y, z)``. Batch axes lead everywhere.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from fapengine._arrays import frozen
+from fapengine._arrays import Array, frozen
 from fapengine.errors import UsageError
 
 MIN_POINTS = 3
@@ -27,9 +27,9 @@ UNDETERMINED = 1e-9
 class RigidMotion:
     """Rotation and translation for each batch element: ``target = rotation @ point + translation``. Read-only."""
 
-    rotation: NDArray[np.float64]
+    rotation: Array
     """(..., 3, 3), determinant +1."""
-    translation_mm: NDArray[np.float64]
+    translation_mm: Array
     """(..., 3)."""
 
     def __post_init__(self) -> None:
@@ -42,20 +42,20 @@ class RigidMotion:
                 f"translation_mm: got batch {self.translation_mm.shape[:-1]}, expected {self.rotation.shape[:-2]}"
             )
 
-    def apply(self, points_mm: ArrayLike) -> NDArray[np.float64]:
+    def apply(self, points_mm: ArrayLike) -> Array:
         """Transform (..., M, 3) points; NaN stays NaN."""
         points = np.asarray(points_mm, dtype=np.float64)
-        moved: NDArray[np.float64] = points @ np.swapaxes(self.rotation, -1, -2) + self.translation_mm[..., None, :]
-        return moved
+        return np.asarray(points @ np.swapaxes(self.rotation, -1, -2) + self.translation_mm[..., None, :])
 
     def inverse(self) -> "RigidMotion":
         """Return the inverse motion."""
         back = np.swapaxes(self.rotation, -1, -2)
         return RigidMotion(back, -(back @ self.translation_mm[..., None])[..., 0])
 
-    def quaternions(self) -> NDArray[np.float64]:
-        """(..., 4): unit quaternions (w, x, y, z) with ``w >= 0``."""
-        return quaternions_from_rotations(self.rotation)
+    def __matmul__(self, first: "RigidMotion") -> "RigidMotion":
+        """Return the motion that does ``first``, then this one; batches broadcast."""
+        shift = (self.rotation @ first.translation_mm[..., None])[..., 0] + self.translation_mm
+        return RigidMotion(self.rotation @ first.rotation, shift)
 
 
 def fit_rigid(points_mm: ArrayLike, target_mm: ArrayLike, weights: ArrayLike | None = None) -> RigidMotion:
@@ -94,7 +94,7 @@ def fit_rigid(points_mm: ArrayLike, target_mm: ArrayLike, weights: ArrayLike | N
             f"points: {_first(gap <= UNDETERMINED * size)}: all on one line, so the rotation is not unique"
         )
     rotation = rotations_from_quaternions(vectors[..., :, 3])
-    return _motion(rotation, centre, target_centre)
+    return RigidMotion(rotation, target_centre - (rotation @ centre[..., None])[..., 0])
 
 
 def fit_rigid_robust(
@@ -104,7 +104,7 @@ def fit_rigid_robust(
     *,
     noise_mm: float = 0.5,
     steps: int = 5,
-) -> tuple[RigidMotion, NDArray[np.float64]]:
+) -> tuple[RigidMotion, Array]:
     """Fit like :func:`fit_rigid`, but give outliers less weight: a slipped head band, a swapped marker.
 
     Parameters
@@ -141,48 +141,29 @@ def fit_rigid_robust(
     return motion, trust
 
 
-def fit_template(frames_mm: ArrayLike, weights: ArrayLike | None = None, *, steps: int = 10) -> NDArray[np.float64]:
-    """Compute the mean shape of a moving rigid body, (M, 3), in the pose of its first complete frame.
+def fit_template(frames_mm: ArrayLike, *, steps: int = 10) -> Array:
+    """Compute the mean shape of a moving rigid body, (M, 3), in the pose of its first frame.
 
     Frames and mean shape are fitted to each other alternately (generalised Procrustes, no scale).
 
     Parameters
     ----------
     frames_mm : (T, M, 3) array_like, mm
-    weights : (T, M) array_like, optional
-        0 where a marker is missing. Frames with fewer than 3 markers are left out.
+        T >= 1; every frame shows all markers.
 
     Raises
     ------
     UsageError
-        If shapes do not fit, or no frame has all markers (the first template needs one).
+        If the shape does not fit.
     """
-    frames = np.asarray(frames_mm, dtype=np.float64)
-    if frames.ndim != 3 or frames.shape[-1] != 3:
-        raise UsageError(f"frames_mm: got shape {frames.shape}, expected (T, M, 3)")
-    weight = np.ones(frames.shape[:2]) if weights is None else np.asarray(weights, dtype=np.float64)
-    complete = np.flatnonzero((weight > 0).all(axis=1))
-    if not len(complete):
-        raise UsageError(f"frames_mm: none of {len(frames)} frames has all {frames.shape[1]} markers")
-    first = template = frames[complete[0]]
-    usable = (weight > 0).sum(axis=1) >= MIN_POINTS
-    frames, weight = np.where(weight[..., None] > 0, frames, 0.0)[usable], weight[usable]
+    frames = frozen(frames_mm, "frames_mm", ("T", "M", 3), np.float64)
+    template = frames[0]
     for _ in range(steps):
-        moved = fit_rigid(frames, template, weight).apply(frames)
-        template = (weight[..., None] * moved).sum(0) / weight.sum(0)[:, None]
-    return fit_rigid(template, first).apply(template)
+        template = fit_rigid(frames, template).apply(frames).mean(axis=0)
+    return fit_rigid(template, frames[0]).apply(template)
 
 
-def quaternions_from_rotations(rotation: ArrayLike) -> NDArray[np.float64]:
-    """(..., 3, 3) rotations -> (..., 4) unit quaternions with ``w >= 0``; numerically stable at half turns."""
-    values, vectors = np.linalg.eigh(_horn_matrix(np.swapaxes(np.asarray(rotation, dtype=np.float64), -1, -2)))
-    del values
-    q = vectors[..., :, 3]
-    result: NDArray[np.float64] = np.where(q[..., :1] < 0, -q, q)
-    return result
-
-
-def rotations_from_quaternions(quaternions: ArrayLike) -> NDArray[np.float64]:
+def rotations_from_quaternions(quaternions: ArrayLike) -> Array:
     """(..., 4) unit quaternions (w, x, y, z) -> (..., 3, 3) rotations."""
     w, x, y, z = np.moveaxis(np.asarray(quaternions, dtype=np.float64), -1, 0)
     rows = [
@@ -193,19 +174,16 @@ def rotations_from_quaternions(quaternions: ArrayLike) -> NDArray[np.float64]:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
-def _checked(
-    points_mm: ArrayLike, target_mm: ArrayLike, weights: ArrayLike | None
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def _checked(points_mm: ArrayLike, target_mm: ArrayLike, weights: ArrayLike | None) -> tuple[Array, Array, Array]:
     points, target = np.asarray(points_mm, dtype=np.float64), np.asarray(target_mm, dtype=np.float64)
     weight = np.ones(points.shape[-2:-1]) if weights is None else np.asarray(weights, dtype=np.float64)
+    shapes = f"got shapes {points.shape}, {target.shape}, weights {weight.shape}, expected (..., M, 3), (..., M)"
     try:
         shape = np.broadcast_shapes(points.shape, target.shape, (*weight.shape, 3))
     except ValueError as error:
-        raise UsageError(
-            f"points: got shapes {points.shape}, {target.shape}, weights {weight.shape}, expected (..., M, 3), (..., M)"
-        ) from error
+        raise UsageError(f"points: {shapes}") from error
     if points.ndim < 2 or points.shape[-2:] != target.shape[-2:] or points.shape[-1] != 3:
-        raise UsageError(f"points: got shapes {points.shape} and {target.shape}, expected (..., M, 3)")
+        raise UsageError(f"points: {shapes}")
     if not (weight >= 0).all():
         raise UsageError("weights: must be 0 or more")
     weight = np.broadcast_to(weight, shape[:-1])
@@ -225,14 +203,12 @@ def _first(bad: ArrayLike) -> str:
     return "the points" if np.ndim(bad) == 0 else f"element {tuple(np.argwhere(bad)[0].tolist())}"
 
 
-def _centred(
-    points: NDArray[np.float64], weight: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _centred(points: Array, weight: Array) -> tuple[Array, Array]:
     centre = (weight[..., None, :] @ points)[..., 0, :] / weight.sum(-1)[..., None]
     return points - centre[..., None, :], centre
 
 
-def _horn_matrix(s: NDArray[np.float64]) -> NDArray[np.float64]:
+def _horn_matrix(s: Array) -> Array:
     """Horn's symmetric matrix of ``s[..., a, b] = sum point[a] * target[b]``: (..., 3, 3) -> (..., 4, 4)."""
     n = np.empty((*s.shape[:-2], 4, 4))
     trace = np.trace(s, axis1=-2, axis2=-1)
@@ -243,9 +219,3 @@ def _horn_matrix(s: NDArray[np.float64]) -> NDArray[np.float64]:
     for axis in range(3):
         n[..., axis + 1, axis + 1] -= trace
     return n
-
-
-def _motion(
-    rotation: NDArray[np.float64], centre: NDArray[np.float64], target_centre: NDArray[np.float64]
-) -> RigidMotion:
-    return RigidMotion(rotation, target_centre - (rotation @ centre[..., None])[..., 0])

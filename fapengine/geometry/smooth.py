@@ -1,12 +1,13 @@
 """Smooth steps and bumps with continuous curvature (C2), Gaussian spots, and a low-pass filter without delay."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from fapengine._arrays import Array
 from fapengine.errors import UsageError
 
 
-def smoothstep(x: ArrayLike) -> NDArray[np.float64]:
+def smoothstep(x: ArrayLike) -> Array:
     """Minimum-jerk step from 0 at ``x <= 0`` to 1 at ``x >= 1``; value, slope and curvature join at both ends.
 
     ``6 x^5 - 15 x^4 + 10 x^3``: rest to rest with the least squared jerk (Flash and Hogan 1985).
@@ -17,13 +18,10 @@ def smoothstep(x: ArrayLike) -> NDArray[np.float64]:
     [0.0, 0.0, 0.5, 1.0, 1.0]
     """
     t = np.clip(np.asarray(x, dtype=np.float64), 0.0, 1.0)
-    step: NDArray[np.float64] = t * t * t * (10.0 + t * (6.0 * t - 15.0))
-    return step
+    return np.asarray(t * t * t * (10.0 + t * (6.0 * t - 15.0)))
 
 
-def bump(
-    x: ArrayLike, start: float | NDArray[np.float64], stop: float | NDArray[np.float64], rise: float, fall: float
-) -> NDArray[np.float64]:
+def bump(x: ArrayLike, start: float | Array, stop: float | Array, rise: float, fall: float) -> Array:
     """1 between ``start`` and ``stop``; rises over ``rise`` before and falls over ``fall`` after; C2.
 
     Examples
@@ -32,17 +30,10 @@ def bump(
     [0.0, 1.0, 1.0, 1.0, 0.0]
     """
     t = np.asarray(x, dtype=np.float64)
-    height: NDArray[np.float64] = smoothstep((t - start + rise) / rise) * smoothstep((stop + fall - t) / fall)
-    return height
+    return np.asarray(smoothstep((t - start + rise) / rise) * smoothstep((stop + fall - t) / fall))
 
 
-def spot(
-    x: NDArray[np.float64],
-    y: NDArray[np.float64],
-    centre: tuple[float, float],
-    size: tuple[float, float],
-    power: float = 2.0,
-) -> NDArray[np.float64]:
+def spot(x: Array, y: Array, centre: tuple[float, float], size: tuple[float, float], power: float = 2.0) -> Array:
     """Gaussian over a plane, (...): 1 at the centre, 1 / e at a distance of ``size`` along either axis.
 
     Examples
@@ -50,13 +41,11 @@ def spot(
     >>> spot(np.array([3.0, 5.0]), np.array([1.0, 1.0]), (3.0, 1.0), (2.0, 4.0)).round(4).tolist()
     [1.0, 0.3679]
     """
-    height: NDArray[np.float64] = np.exp(
-        -(np.abs((x - centre[0]) / size[0]) ** power) - np.abs((y - centre[1]) / size[1]) ** power
-    )
+    height: Array = np.exp(-(np.abs((x - centre[0]) / size[0]) ** power) - np.abs((y - centre[1]) / size[1]) ** power)
     return height
 
 
-def soft_positive(x: ArrayLike, width: float) -> NDArray[np.float64]:
+def soft_positive(x: ArrayLike, width: float) -> Array:
     """0 for ``x <= 0``, ``x - width / 2`` for ``x >= width``, C2 between: a smooth ``max(x, 0)``.
 
     Its slope is the cubic smoothstep ``3 s^2 - 2 s^3`` with ``s = x / width``.
@@ -68,11 +57,10 @@ def soft_positive(x: ArrayLike, width: float) -> NDArray[np.float64]:
     """
     x = np.asarray(x, dtype=np.float64)
     s = np.clip(x / width, 0.0, 1.0)
-    soft: NDArray[np.float64] = width * s * s * s * (1.0 - s / 2) + np.maximum(x - width, 0.0)
-    return soft
+    return np.asarray(width * s * s * s * (1.0 - s / 2) + np.maximum(x - width, 0.0))
 
 
-def low_pass(values: NDArray[np.float64], rate_hz: float, cutoff_hz: float) -> NDArray[np.float64]:
+def low_pass(values: Array, rate_hz: float, cutoff_hz: float) -> Array:
     """Remove frequencies above ``cutoff_hz`` without delay: (T, ...) -> (T, ...).
 
     A second-order Butterworth filter, run forwards and backwards.
@@ -86,5 +74,4 @@ def low_pass(values: NDArray[np.float64], rate_hz: float, cutoff_hz: float) -> N
 
     if not 0 < cutoff_hz < rate_hz / 2:
         raise UsageError(f"cutoff_hz: must be between 0 and half the rate, {rate_hz / 2}, got {cutoff_hz}")
-    smooth: NDArray[np.float64] = sosfiltfilt(butter(2, cutoff_hz, fs=rate_hz, output="sos"), values, axis=0)
-    return smooth
+    return np.asarray(sosfiltfilt(butter(2, cutoff_hz, fs=rate_hz, output="sos"), values, axis=0))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fapengine._arrays import frozen
+from fapengine._arrays import Array, Indices, Mask, frozen
 from fapengine.errors import UsageError
 
 if TYPE_CHECKING:
@@ -36,8 +36,8 @@ class Surface:
         If there is no triangle, or a vertex index is out of range.
     """
 
-    vertices_mm: NDArray[np.float64]
-    triangles: NDArray[np.int64]
+    vertices_mm: Array
+    triangles: Indices
 
     def __init__(self, vertices_mm: ArrayLike, triangles: ArrayLike) -> None:
         self.vertices_mm = frozen(vertices_mm, "vertices_mm", ("V", 3), np.float64)
@@ -45,16 +45,17 @@ class Surface:
         count = len(self.vertices_mm)
         if not len(self.triangles) or self.triangles.min() < 0 or self.triangles.max() >= count:
             raise UsageError(f"triangles: must be one or more, with vertex indices 0 to {count - 1}")
-        from scipy.spatial import cKDTree  # late: a film of FAPs loads this module and does without
+        from scipy.spatial import cKDTree  # late: a video of FAPs loads this module and does not need it
 
-        corners = self.vertices_mm[self.triangles]
-        self._corners = corners
-        self._tree = cKDTree(corners.mean(axis=1))
+        self._corners = self.vertices_mm[self.triangles]
+        self._tree = cKDTree(self._corners.mean(axis=1))
         self.normals = vertex_normals(self.vertices_mm, self.triangles)
         """(V, 3): unit length."""
-        self._rim = _rim_vertices(self.triangles, count)
+        edges, uses = np.unique(np.sort(edges_of(self.triangles), axis=1), axis=0, return_counts=True)
+        self._rim = np.zeros(count, dtype=bool)
+        self._rim[edges[uses == 1]] = True
 
-    def closest(self, points_mm: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    def closest(self, points_mm: ArrayLike) -> tuple[Array, Array, Mask]:
         """Find the closest points on the surface.
 
         Parameters
@@ -71,19 +72,16 @@ class Surface:
         """
         triangle, weight, places = self._nearest(frozen(points_mm, "points_mm", ("N", 3), np.float64))
         normals = unit_vectors(np.einsum("nc,nca->na", weight, self.normals[triangle]), TINY)
-        on_rim: NDArray[np.bool_] = np.all((weight < 1e-9) | self._rim[triangle], axis=1)
+        on_rim: Mask = np.all((weight < 1e-9) | self._rim[triangle], axis=1)
         return places, normals, on_rim
 
-    def carry(self, values: ArrayLike, points_mm: ArrayLike) -> NDArray[np.float64]:
+    def carry(self, values: ArrayLike, points_mm: ArrayLike) -> Array:
         """Interpolate vertex values, such as texture coordinates, at the closest points: (V, C) -> (N, C)."""
         field = frozen(values, "values", (len(self.vertices_mm), "C"), np.float64)
         triangle, weight, _ = self._nearest(frozen(points_mm, "points_mm", ("N", 3), np.float64))
-        carried: NDArray[np.float64] = np.einsum("nc,ncd->nd", weight, field[triangle])
-        return carried
+        return np.asarray(np.einsum("nc,ncd->nd", weight, field[triangle]))
 
-    def meet(
-        self, points_mm: ArrayLike, directions: ArrayLike, reach_mm: float
-    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    def meet(self, points_mm: ArrayLike, directions: ArrayLike, reach_mm: float) -> tuple[Array, Mask]:
         """Intersect lines through points with the surface; the hit nearest to the point counts, on either side of it.
 
         Parameters
@@ -110,9 +108,7 @@ class Surface:
         met = np.abs(nearest) <= reach_mm
         return points + np.where(met, nearest, 0.0)[:, None] * along, met
 
-    def _nearest(
-        self, points: NDArray[np.float64]
-    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    def _nearest(self, points: Array) -> tuple[Indices, Array, Array]:
         """Corners (N, 3) of the nearest triangle, barycentric weights (N, 3) and the place (N, 3)."""
         near = self._candidates(points)
         weights = _closest_barycentric(points[:, None], self._corners[near])
@@ -121,24 +117,23 @@ class Surface:
         rows = np.arange(len(points))
         return self.triangles[near[rows, best]], weights[rows, best], places[rows, best]
 
-    def _candidates(self, points: NDArray[np.float64]) -> NDArray[np.intp]:
+    def _candidates(self, points: Array) -> NDArray[np.intp]:
         count = min(CANDIDATES, len(self.triangles))
         return np.asarray(self._tree.query(points, k=count)[1], dtype=np.intp).reshape(len(points), count)
 
 
-def edges_of(triangles: ArrayLike) -> NDArray[np.int64]:
+def edges_of(triangles: ArrayLike) -> Indices:
     """(3 F, 2): the edges of all triangles, (F, 3); two triangles that share an edge give it once each."""
     corners = np.asarray(triangles)
     return np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
 
 
-def unit_vectors(vectors: NDArray[np.floating], least: float = 0.0) -> NDArray[np.float64]:
+def unit_vectors(vectors: NDArray[np.floating], least: float = 0.0) -> Array:
     """(..., 3): vectors scaled to length 1; those shorter than ``least`` become shorter."""
-    unit: NDArray[np.float64] = vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), least)
-    return unit
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), least))
 
 
-def vertex_normals(vertices: NDArray[np.floating], triangles: ArrayLike) -> NDArray[np.float64]:
+def vertex_normals(vertices: NDArray[np.floating], triangles: ArrayLike) -> Array:
     """(..., V, 3) vertices -> unit normals, weighted by triangle area; (0, 0, 1) for vertices without a triangle."""
     from scipy.sparse import csr_array
 
@@ -152,18 +147,10 @@ def vertex_normals(vertices: NDArray[np.floating], triangles: ArrayLike) -> NDAr
     summed = np.asarray(uses @ flat.reshape(len(corner), math.prod(flat.shape[1:])), dtype=np.float64)
     total = np.moveaxis(summed.reshape(count, *flat.shape[1:]), 0, -2)
     length = np.linalg.norm(total, axis=-1, keepdims=True)
-    unit: NDArray[np.float64] = np.where(length > 1e-12, total / np.maximum(length, TINY), [0.0, 0.0, 1.0])
-    return unit
+    return np.asarray(np.where(length > 1e-12, total / np.maximum(length, TINY), [0.0, 0.0, 1.0]))
 
 
-def _rim_vertices(triangles: NDArray[np.int64], count: int) -> NDArray[np.bool_]:
-    unique, uses = np.unique(np.sort(edges_of(triangles), axis=1), axis=0, return_counts=True)
-    rim = np.zeros(count, dtype=bool)
-    rim[unique[uses == 1]] = True
-    return rim
-
-
-def _closest_barycentric(points: NDArray[np.float64], corners: NDArray[np.float64]) -> NDArray[np.float64]:
+def _closest_barycentric(points: Array, corners: Array) -> Array:
     """Barycentric weights of the closest point: (..., 3) and (..., 3 corners, 3) -> (..., 3)."""
     a, b, c = corners[..., 0, :], corners[..., 1, :], corners[..., 2, :]
     inside = _plane_barycentric(points, corners)
@@ -182,7 +169,7 @@ def _closest_barycentric(points: NDArray[np.float64], corners: NDArray[np.float6
     return np.take_along_axis(stacked, best, axis=-2)[..., 0, :]
 
 
-def _plane_barycentric(points: NDArray[np.float64], corners: NDArray[np.float64]) -> NDArray[np.float64]:
+def _plane_barycentric(points: Array, corners: Array) -> Array:
     """Barycentric coordinates of the foot of the perpendicular in the triangle's plane; may be negative."""
     a = corners[..., 0, :]
     u, v, w = corners[..., 1, :] - a, corners[..., 2, :] - a, points - a
@@ -193,9 +180,7 @@ def _plane_barycentric(points: NDArray[np.float64], corners: NDArray[np.float64]
     return np.stack(np.broadcast_arrays(1.0 - second - third, second, third), axis=-1)
 
 
-def _line_distance(
-    points: NDArray[np.float64], along: NDArray[np.float64], corners: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _line_distance(points: Array, along: Array, corners: Array) -> Array:
     """Signed distance along unit lines to triangles, infinite where they miss (Möller and Trumbore 1997)."""
     a = corners[..., 0, :]
     u, v = corners[..., 1, :] - a, corners[..., 2, :] - a
@@ -209,16 +194,14 @@ def _line_distance(
     return np.where(hit, (v * q).sum(-1) / safe, np.inf)
 
 
-def sphere_directions(count: int) -> NDArray[np.float64]:
+def sphere_directions(count: int) -> Array:
     """(count, 3): unit vectors spread evenly over a sphere, along a spiral."""
     index = np.arange(count) + 0.5
     polar, azimuth = np.arccos(1 - 2 * index / count), np.pi * (1 + 5**0.5) * index
     return np.stack([np.cos(azimuth) * np.sin(polar), np.cos(polar), np.sin(azimuth) * np.sin(polar)], axis=-1)
 
 
-def ambient_light(
-    points_mm: NDArray[np.float64], normals: NDArray[np.float64], *, directions: int = 60, cell_mm: float = 5.0
-) -> NDArray[np.float64]:
+def ambient_light(points_mm: Array, normals: Array, *, directions: int = 60, cell_mm: float = 5.0) -> Array:
     """(V,): fraction of ambient light that reaches each vertex, from depth maps in many directions.
 
     For each direction the vertices are sorted into the cells of a map; a vertex more than two cells behind the nearest
@@ -248,12 +231,10 @@ def _links(triangles: ArrayLike, count: int) -> "csr_array[np.float64]":
     return csr_array((np.ones(len(rows)), (rows, columns)), shape=(count, count))
 
 
-def average_over_mesh(
-    values: NDArray[np.float64], triangles: ArrayLike, rounds: int, weight: float | NDArray[np.float64] = 0.5
-) -> NDArray[np.float64]:
+def average_over_mesh(values: Array, triangles: ArrayLike, rounds: int, weight: float | Array = 0.5) -> Array:
     """(V, ...): values that move towards the mean of their neighbours in each round, by ``weight``, one or (V,)."""
     links = _links(triangles, len(values))
-    degree: NDArray[np.float64] = links.sum(axis=1)
+    degree: Array = links.sum(axis=1)
     share = np.broadcast_to(weight * (degree > 0), len(values))[:, None]
     average = values.reshape(len(values), math.prod(values.shape[1:]))
     for _ in range(rounds):
@@ -261,7 +242,7 @@ def average_over_mesh(
     return average.reshape(values.shape)
 
 
-def continue_smoothly(values: ArrayLike, known: ArrayLike, triangles: NDArray[np.int64]) -> NDArray[np.float64]:
+def continue_smoothly(values: ArrayLike, known: ArrayLike, triangles: Indices) -> Array:
     """Extend values of known vertices, (V, C), over a mesh with least bending (graph bilaplacian).
 
     A connected part without a known vertex gets the mean value.
@@ -282,7 +263,7 @@ def continue_smoothly(values: ArrayLike, known: ArrayLike, triangles: NDArray[np
         return field.copy()
     links = _links(triangles, len(field))
     links.data[:] = 1.0
-    degree: NDArray[np.float64] = links.sum(axis=1)
+    degree: Array = links.sum(axis=1)
     laplacian = diags_array((degree > 0).astype(float)) - diags_array(1.0 / np.maximum(degree, 1.0)) @ links
     # A trace of pull to the mean keeps parts without a known vertex solvable.
     mean = field[mask].mean(axis=0)

@@ -8,9 +8,9 @@ and the farther a feature, the more it is shrunk. How much each kind is shrunk w
 sentences: all that a user makes a face say is new words, while the words of a held-out sentence are in other sentences
 (``bench/new_words``).
 
-**Letters that were not recorded** (:func:`add_unheard`). The ways of a letter
+**Letters that were not recorded** (:func:`add_unrecorded`). The gestures of a letter
 (:func:`fapengine.trajectory.context.ways`) give it a shape by regression over all phones; a shape of its own is
-better where a rule can give one. So such a letter gets a row ``phone`` of its own:
+better where a rule gives one. So such a letter gets a row ``phone``:
 
 - the row of its twin, whose lips do the same, voiced or not: ð from θ, ʒ from ʃ, ɥ from w;
 - as a consonant, the end of a recorded affricate: ʃ from the second keyframe of tʃ, protruded and yet open (Toda,
@@ -20,18 +20,18 @@ better where a rule can give one. So such a letter gets a row ``phone`` of its o
   between u and ɔ, in the order of their heights. Rounded ones may differ in place, which lips do not show (y is as u);
   unrounded ones by half of the distance from front to back.
 
-Recorded phones stay as they were. Which two stand beside each other still comes from ways alone.
+Recorded phones do not change. The effect of neighbours still comes from gestures alone.
 
 **Openings of the lips** (:func:`lean_on_phonetics`). One speaker's few words do not show how a vowel is usually said.
 GRID's i come from letters of the alphabet, said with lips drawn back and as far apart as for ɑ, which is recorded in
 the letter R alone. :data:`fapengine.speech.articulation.OPENINGS` has the usual openings; they are scaled to the
 speaker by the mean of the recorded vowels. The row ``phone`` of a letter moves to its usual opening, along the pose of
-a jaw drop. Each recorded ``pair`` of the letter and a neighbour takes back half of that move (:data:`TAKEN_BACK`). So
-between two neighbours with recorded pairs the letter stays as recorded; with one recorded pair it moves half of the
-way; with none it moves all of it. Planning costs nothing more.
+a jaw drop. Each recorded ``pair`` of the letter and a neighbour undoes half of that move (:data:`TAKEN_BACK`). So
+between two neighbours with recorded pairs the letter stays as recorded; with one recorded pair it moves by half,
+with none fully. Planning needs no extra time.
 
-Few letters are recorded alone, between pauses, and the sum for such a place is mostly chance. So a letter without a
-recorded pair with a pause gets one for each side, with half of what it lacks at :data:`ALONE_S`. Letters said alone
+Few letters are recorded alone, between pauses, and the sum for such a place is mostly noise. So a letter without a
+recorded pair with a pause gets one for each side, with half of what is missing at :data:`ALONE_S`. Letters said alone
 then open as :data:`fapengine.speech.articulation.OPENINGS_ALONE` says.
 """
 
@@ -42,6 +42,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine._arrays import Array
 from fapengine.errors import UsageError
 from fapengine.models.viseme_space import VisemeSpace
 from fapengine.profiles import ContextModel, PhoneTarget
@@ -52,13 +53,12 @@ from fapengine.speech.phone_track import SILENCE, Phone
 from fapengine.trajectory.context import GESTURELESS, Part, Token, alone, features, ways
 from fapengine.trajectory.style import jaw_pose
 
-Array = NDArray[np.float64]
 LIPS = ("push", "round")
-"""Ways of the lips; the tongue is not in a viseme space."""
+"""Gestures of the lips; the tongue is not in a viseme space."""
 TWINS_APART = 0.25
-"""Greatest difference of twins in one of :data:`LIPS`."""
+"""Largest difference of twins in one of :data:`LIPS`."""
 NEAR_PLACE = 0.5
-"""Greatest difference in place between an unrounded vowel and those that it stands between."""
+"""Largest difference in place between an unrounded vowel and the two that it is between."""
 FRACTIONS = (0.2, 0.7)
 """Fractions of a phone's duration at which its keyframes stand; splines through captured values there are within 0.35
 mm of the captured lips (through those at 30 % alone, 0.79)."""
@@ -73,7 +73,7 @@ SENTENCE = 6.0
 """Ridge of each sentence's offset of the whole face and its drift: timing does not predict them (none of their
 variance in other sentences), and phones need not bend to them. 3 and 10 measure the same."""
 MIN_TOKENS = 3
-"""Least number of tokens with a feature; rarer ones are chance."""
+"""Least number of tokens with a feature; rarer ones are noise."""
 BLOCK = 256
 """Columns of the normal matrix that are computed at a time."""
 
@@ -85,8 +85,8 @@ def fit_context(sentences: Sequence[Sequence[Token]], weights: Sequence[Array]) 
     ----------
     weights : sequence of (N, keyframes, K) arrays
         Captured weights at :data:`FRACTIONS` of each token. Rows of silences are ignored, and so are rows with NaN:
-        tokens that were not captured, but stand beside others. Letters without a gesture (h) teach nothing: one
-        speaker's stood before w alone, and looked like it.
+        tokens that were not captured, but are neighbours of others. Letters without a gesture (h) are left out: one
+        speaker's were all before w, and looked like it.
     """
     goals: list[Array] = []
     said: list[tuple[int, float]] = []
@@ -121,7 +121,7 @@ def fit_context(sentences: Sequence[Sequence[Token]], weights: Sequence[Array]) 
     normal[np.diag_indices_from(normal)] += [_penalty(name) for name in names]
     coefficients = solve(normal, design.T @ goal - shared.T @ (own.T @ goal), assume_a="pos", overwrite_a=True)
     shape = (len(names), *goals[0].shape)
-    return add_unheard(
+    return add_unrecorded(
         ContextModel(fractions=FRACTIONS, features=tuple(names), coefficients=coefficients.reshape(shape))
     )
 
@@ -130,7 +130,7 @@ def _of_sentences(said: Sequence[tuple[int, float]]) -> tuple[Array, tuple[NDArr
     """Values, rows and columns of each sentence's offset and drift, for tokens of ``(sentence, time in s)``.
 
     A column of ones and one of times from their mean for each sentence, orthogonal, so that ridge regression on them
-    beside others is what their products, divided by their sums of squares and :data:`SENTENCE`, take from the others'.
+    with others is what their products, divided by sums of squares and :data:`SENTENCE`, subtract from the others'.
     """
     sentences, times_s = np.array(said).T
     _, sentence, count = np.unique(sentences, return_inverse=True, return_counts=True)
@@ -148,28 +148,27 @@ def _penalty(name: str) -> float:
     return by_distance[abs(int(rest[0]))] if len(by_distance) > 1 else by_distance[0]
 
 
-def add_unheard(model: ContextModel) -> ContextModel:
-    """Add a row for every IPA letter that the model lacks and that a rule covers."""
-    heard = tuple(name.removeprefix("phone ") for name in model.features if name.startswith("phone "))
-    heard = tuple(name for name in heard if " " not in name)
-    looks = {name: look_of(model, name) for name in heard}
+def add_unrecorded(model: ContextModel) -> ContextModel:
+    """Add a row for every IPA letter that is missing in the model and that a rule covers."""
+    recorded = tuple(name.removeprefix("phone ") for name in model.features if name.startswith("phone "))
+    recorded = tuple(name for name in recorded if " " not in name)
+    looks = {name: look_of(model, name) for name in recorded}
     rows: dict[str, Array] = {}
-    for letter in [*ipa.SOUNDS, *ipa.SOUNDS]:  # twice: a twin may itself be unheard
-        if letter not in looks:
-            look = _from_twin(letter, looks)
-            look = _from_likes(letter, heard, looks) if look is None else look
-            if look is not None:
-                looks[letter] = look
-                rows[f"phone {letter}"] = look - look_of(model, letter)
-    if not rows:
-        return model
-    coefficients = np.concatenate([model.coefficients, np.stack(list(rows.values()))])
-    return replace(model, features=(*model.features, *rows), coefficients=coefficients)
+    for letter in [*ipa.SOUNDS, *ipa.SOUNDS]:  # twice: a twin may itself be derived
+        look = None if letter in looks else _from_others(letter, recorded, looks)
+        if look is not None:
+            looks[letter] = look
+            rows[f"phone {letter}"] = look - look_of(model, letter)
+    return _with_rows(model, rows)
 
 
 def look_of(model: ContextModel, name: str) -> Array:
     """(keyframes, K): a phone by itself, of typical length."""
-    named = alone(Part(name, ipa.letters(name)[0]))
+    return _added_up(model, alone(Part(name, ipa.letters(name)[0])))
+
+
+def _added_up(model: ContextModel, named: Mapping[str, float]) -> Array:
+    """(keyframes, K): sum of the features that the model has."""
     total = np.zeros(model.coefficients.shape[1:])
     for feature, value in named.items():
         if feature in model.rows:
@@ -177,11 +176,19 @@ def look_of(model: ContextModel, name: str) -> Array:
     return total
 
 
-def _from_twin(letter: str, looks: Mapping[str, Array]) -> Array | None:
-    sound = ipa.SOUNDS[letter]
-    if sound.vowel or not ways(letter):
-        return None
-    return next((look for other, look in looks.items() if len(other) == 1 and _lips_do_the_same(letter, other)), None)
+def _from_others(letter: str, recorded: tuple[str, ...], looks: Mapping[str, Array]) -> Array | None:
+    """(keyframes, K): a letter that was not recorded, by the rules of the theory of operation; None if none fits."""
+    if ipa.SOUNDS[letter].vowel:
+        return _between(letter, recorded, looks)
+    if ways(letter):
+        twin = next((other for other in looks if len(other) == 1 and _lips_do_the_same(letter, other)), None)
+        if twin is not None:
+            return looks[twin]
+    if letter in GESTURELESS:
+        vowels = [looks[name] for name in recorded if len(name) == 1 and ipa.SOUNDS[name].vowel]
+        return np.mean(vowels, axis=0) if vowels else None
+    affricate = next((name for name in recorded if len(name) == 2 and name[1] == letter), None)
+    return None if affricate is None else np.repeat(looks[affricate][-1:], len(looks[affricate]), axis=0)
 
 
 def _lips_do_the_same(letter: str, other: str) -> bool:
@@ -190,48 +197,31 @@ def _lips_do_the_same(letter: str, other: str) -> bool:
     return one == two and apart <= TWINS_APART
 
 
-def _from_likes(letter: str, heard: tuple[str, ...], looks: Mapping[str, Array]) -> Array | None:
-    if ipa.SOUNDS[letter].vowel:
-        return _between(letter, heard, looks)
-    if letter in GESTURELESS:
-        vowels = [looks[name] for name in heard if len(name) == 1 and ipa.SOUNDS[name].vowel]
-        return np.mean(vowels, axis=0) if vowels else None
-    affricate = next((name for name in heard if len(name) == 2 and name[1] == letter), None)
-    if affricate is None:
-        return None
-    late = looks[affricate][-1:]
-    return np.repeat(late, len(looks[affricate]), axis=0)
-
-
-def _between(letter: str, heard: tuple[str, ...], looks: Mapping[str, Array]) -> Array | None:
+def _between(letter: str, recorded: tuple[str, ...], looks: Mapping[str, Array]) -> Array | None:
     sound = ipa.SOUNDS[letter]
-
-    def is_like(name: str) -> bool:
-        other = ipa.SOUNDS[name[0]]
-        apart = abs(other.place - sound.place)
-        return len(name) == 1 and other.vowel and other.rounding == sound.rounding and (
-            sound.rounding == 1.0 or apart <= NEAR_PLACE
-        )  # fmt: skip
 
     def far(name: str) -> tuple[float, float, float]:
         other = ipa.SOUNDS[name]
         spread = abs(ways(name).get("round", 0.0) - ways(letter).get("round", 0.0))
         return abs(other.opening - sound.opening), abs(other.place - sound.place), spread
 
-    likes = [name for name in heard if is_like(name)]
-    closer = [name for name in likes if ipa.SOUNDS[name].opening <= sound.opening]
-    opener = [name for name in likes if ipa.SOUNDS[name].opening >= sound.opening]
+    vowels = [(name, ipa.SOUNDS[name]) for name in recorded if len(name) == 1 and ipa.SOUNDS[name].vowel]
+    likes = [
+        (name, other.opening) for name, other in vowels
+        if other.rounding == sound.rounding and (sound.rounding == 1.0 or abs(other.place - sound.place) <= NEAR_PLACE)
+    ]  # fmt: skip
+    closer = [name for name, opening in likes if opening <= sound.opening]
+    opener = [name for name, opening in likes if opening >= sound.opening]
     if not closer or not opener:
         return None
     low, high = min(closer, key=far), min(opener, key=far)
     span = ipa.SOUNDS[high].opening - ipa.SOUNDS[low].opening
-    share = (sound.opening - ipa.SOUNDS[low].opening) / span if span else 0.0
-    between: Array = (1 - share) * looks[low] + share * looks[high]
-    return between
+    part = (sound.opening - ipa.SOUNDS[low].opening) / span if span else 0.0
+    return np.asarray((1 - part) * looks[low] + part * looks[high])
 
 
 TAKEN_BACK = 0.5
-"""Part that a recorded pair takes back; a token is in two pairs."""
+"""Fraction of the move that a recorded pair undoes; a token is in two pairs."""
 ALONE_S = 0.3
 """Length of a letter said alone."""
 INNER_LIPS = ("2.2", "2.3")
@@ -246,7 +236,7 @@ def lean_on_phonetics(model: ContextModel, space: VisemeSpace, phones: Mapping[s
     space : VisemeSpace
         Of the model's weights.
     phones : mapping of str to PhoneTarget
-        Tell what pose goes with a drop of the chin.
+        Have the pose that goes with a drop of the chin.
 
     Returns
     -------
@@ -288,7 +278,7 @@ def lean_on_phonetics(model: ContextModel, space: VisemeSpace, phones: Mapping[s
 
 
 def _with_rows(model: ContextModel, rows: Mapping[str, Array]) -> ContextModel:
-    """Add rows of coefficients, (keyframes, K) each, that a model lacks; those that it has stay."""
+    """Add rows of coefficients, (keyframes, K) each, that are missing in a model; those that it has do not change."""
     new = [name for name in rows if name not in model.rows]
     if not new:
         return model
@@ -300,14 +290,11 @@ def _alone(model: ContextModel, letter: str) -> Array:
     """(K,): a letter between pauses, the mean of its keyframes."""
     phone = Phone(letter, 0.0, ALONE_S)
     named = features([Token(phone, letter, (letter,), 0.0, ALONE_S)], 0)
-    total = sum(value * model.coefficients[model.rows[name]] for name, value in named.items() if name in model.rows)
-    mean: Array = np.asarray(total).mean(axis=0)
-    return mean
+    return np.asarray(_added_up(model, named).mean(axis=0))
 
 
 def _opening(weights: Array, space: VisemeSpace) -> Array:
-    """Way between the inner lips, mm, of weights (K,)."""
+    """Distance between the inner lips, mm, of weights (K,)."""
     upper, lower = (space.points.index(name) for name in INNER_LIPS)
     moved = space.to_points_mm(weights[None])[0]
-    opening: Array = moved[upper, 1] - moved[lower, 1]
-    return opening
+    return np.asarray(moved[upper, 1] - moved[lower, 1])

@@ -1,18 +1,18 @@
-"""The dense face that a fit has learned: what paper 003 and paper 004 need to move it, in one value.
+"""The dense face that a fit has learned, with all that papers 003 and 004 need to move it.
 
-:mod:`.dense_file` writes and reads it; :func:`make_dense_head` makes a head of it, which FAPs and takes move.
+:mod:`.dense_file` writes and reads it; :func:`make_dense_head` makes a head of it, moved by FAPs and takes.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine._arrays import frozen
+from fapengine._arrays import Array, Indices, freeze
 from fapengine.errors import DataError, UsageError
 from fapengine.geometry.rigid import RigidMotion
-from fapengine.laboratory.marker_driver import DrivenTake, HeadReference, MarkerDriver
+from fapengine.laboratory.marker_driver import DrivenTake, MarkerDriver, SessionMarkers
 from fapengine.laboratory.setup import Paint
 from fapengine.mesh.deform import BONE_COUNT, HEAD, Pose
 from fapengine.mesh.face_mesh import Channel, DeformationBasis, FaceMesh
@@ -20,34 +20,22 @@ from fapengine.mesh.rig.blendshape_basis import ROW_FAPU, USUAL_WEIGHT
 from fapengine.mesh.rig.blendshape_mesh import Blendshape, BlendshapeMesh
 from fapengine.mesh.rig.import_head import ImportedHead, import_head
 from fapengine.models.dense import DenseModes, LinearEstimator
-from fapengine.models.missing import GapModel
-
-Array = NDArray[np.float64]
 
 NEAR_MM = 8.0
-"""Distance from its marker within which a feature point's vertex is looked for; beyond it the nearest is taken."""
+"""Distance from its marker within which a feature point's vertex is looked for; without one, the nearest is used."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class DenseFace:
+class DenseFace(SessionMarkers):
     """Dense vertices, their origin, and the markers that drive them. Arrays are read-only."""
 
     subject: str
     licence: str
-    labels: tuple[str, ...]
-    """(M,): markers of the session's face."""
-    points: tuple[str, ...]
-    """(M,): feature point of each, or ``""``."""
-    neutral_mm: Array
-    """(M, 3): the session's neutral pose, head axes."""
-    reference: HeadReference
-    sparse: GapModel
-    """Paper 003, section 3."""
     modes: DenseModes
     """Paper 003, section 4: moved by the weights of ``sparse``."""
     estimator: LinearEstimator
     """Paper 004: all modes that the scans span."""
-    triangles: NDArray[np.int64]
+    triangles: Indices
     """(F, 3): of the reference scan."""
     paint: Paint | None
     noise_mm: float
@@ -59,28 +47,24 @@ class DenseFace:
     """(T, J) by take: weights of ``sparse`` in each frame."""
 
     def __post_init__(self) -> None:
-        count = len(self.labels)
-        object.__setattr__(self, "neutral_mm", frozen(self.neutral_mm, "neutral_mm", (count, 3), np.float64))
-        object.__setattr__(self, "triangles", frozen(self.triangles, "triangles", ("F", 3), np.int64))
+        SessionMarkers.__post_init__(self)
         vertices, weights = len(self.estimator.mean_face_mm), len(self.sparse.modes_mm)
+        freeze(self, scan_weights=("S", weights))
+        freeze(self, np.int64, triangles=("F", 3))
+        paint = self.paint or Paint()
         for name, got, expected in (
-            ("points", len(self.points), count),
-            ("sparse markers", len(self.sparse.mean_mm), count),
-            ("estimator markers", len(self.estimator.mean_markers_mm), count),
-            ("vertices of the modes", len(self.modes.mean_mm), vertices),
-            ("dense modes", len(self.modes.modes_mm), weights),
+            ("estimator markers", self.estimator.mean_markers_mm, len(self.labels)),
+            ("vertices of the modes", self.modes.mean_mm, vertices),
+            ("dense modes", self.modes.modes_mm, weights),
+            ("paint: vertices", paint.uv, vertices),
+            ("paint: vertices", paint.albedo, vertices),
         ):
-            if got != expected:
-                raise UsageError(f"{name}: got {got}, expected {expected}")
+            if got is not None and len(got) != expected:
+                raise UsageError(f"{name}: got {len(got)}, expected {expected}")
         if self.triangles.size and not 0 <= self.triangles.min() <= self.triangles.max() < vertices:
-            raise UsageError(f"triangles: expected vertices 0..{vertices - 1}")
+            raise UsageError(f"triangles: must have vertices 0 to {vertices - 1}")
         if not (self.estimator.variances > 0).all():
-            raise UsageError("variances: expected positive numbers")
-        shape = ("S", weights)
-        object.__setattr__(self, "scan_weights", frozen(self.scan_weights, "scan_weights", shape, np.float64))
-        for colours in (self.paint.uv, self.paint.albedo) if self.paint else ():
-            if colours is not None and len(colours) != vertices:
-                raise UsageError(f"paint: got {len(colours)} vertices, expected {vertices}")
+            raise UsageError("variances: must be positive")
 
     @property
     def deviations_mm(self) -> Array:
@@ -97,16 +81,12 @@ class DenseFace:
         return self.neutral_face_mm + np.tensordot(weights * self.deviations_mm, self.estimator.modes, axes=1)
 
     def driver(self) -> MarkerDriver:
-        """Return what turns markers into weights of the estimator's modes."""
+        """Return the driver that converts markers into weights of the estimator's modes."""
         rows = self.estimator.modes.reshape(len(self.deviations_mm), -1)
         neutral = self.estimator.coefficients(self.neutral_mm)
         off = (self.modes.mean_mm - self.estimator.mean_face_mm).reshape(-1)
         return MarkerDriver(
-            labels=self.labels,
-            points=self.points,
-            neutral_mm=self.neutral_mm,
-            reference=self.reference,
-            sparse=self.sparse,
+            **{shared.name: getattr(self, shared.name) for shared in fields(SessionMarkers)},
             matrix=self.estimator.matrix / self.deviations_mm[:, None],
             from_sparse=self.modes.modes_mm.reshape(len(self.modes.modes_mm), -1) @ rows.T / self.deviations_mm,
             offset=(rows @ off - neutral) / self.deviations_mm,
@@ -128,17 +108,15 @@ class ModeRig:
     """(3,): the session's origin in the head's space."""
 
     def __post_init__(self) -> None:
-        shape = (len(self.driver.matrix), "V", 3)
-        object.__setattr__(self, "modes_mm", frozen(self.modes_mm, "modes_mm", shape, np.float32))
-        object.__setattr__(self, "axes", frozen(self.axes, "axes", (3, 3), np.float64))
-        object.__setattr__(self, "origin_mm", frozen(self.origin_mm, "origin_mm", (3,), np.float64))
+        freeze(self, np.float32, modes_mm=(len(self.driver.matrix), "V", 3))
+        freeze(self, axes=(3, 3), origin_mm=(3,))
         if not (np.isfinite(self.scale) and self.scale > 0):
             raise UsageError(f"scale: must be a positive number, got {self.scale}")
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """(K,): names of the modes, as morph targets bear them."""
-        return tuple(f"mode {number + 1}" for number in range(len(self.modes_mm)))
+    def names(self) -> list[str]:
+        """(K,): names of the modes, those of their morph targets."""
+        return mode_names(len(self.modes_mm))
 
     def head_transforms(self, motion: RigidMotion) -> Array:
         """(T, 4, 4): motion of the head, in the head's space."""
@@ -165,7 +143,7 @@ def moved_by_modes(mesh: FaceMesh, rig: ModeRig) -> FaceMesh:
 
 
 def poses(rig: ModeRig, take: DrivenTake, *, still_head: bool = False) -> list[Pose]:
-    """Values that a renderer draws of each frame of a take, on the head of :func:`moved_by_modes`."""
+    """Poses of the head of :func:`moved_by_modes`, one for each frame of a take."""
     transforms = np.tile(np.eye(4), (len(take.weights), BONE_COUNT, 1, 1))
     if not still_head:
         transforms[:, HEAD] = rig.head_transforms(take.head)
@@ -175,7 +153,7 @@ def poses(rig: ModeRig, take: DrivenTake, *, still_head: bool = False) -> list[P
 def make_dense_head(
     face: DenseFace, standard: FaceMesh, points: Mapping[str, int] | None = None
 ) -> tuple[ImportedHead, ModeRig]:
-    """Make a head of the dense face: FAPs ask its modes first, and fields of least bending for what these lack.
+    """Make a head of the dense face: its modes make the FAPs; fields of least bending add what the modes lack.
 
     Parameters
     ----------
@@ -184,21 +162,11 @@ def make_dense_head(
     points : mapping of str to int, optional
         Vertices of further feature points, or in place of those that the markers show.
     """
-    neutral = face.neutral_face_mm
     modes = face.deviations_mm[:, None, None] * face.estimator.modes
-    everything = np.arange(len(neutral))
-    names = [f"mode {number + 1}" for number in range(len(modes))]
-    paint = face.paint or Paint()
-    mesh = BlendshapeMesh(
-        vertices=neutral, triangles=face.triangles,
-        blendshapes={
-            name: Blendshape(everything, move / USUAL_WEIGHT) for name, move in zip(names, modes, strict=True)
-        },
-        uv=paint.uv, texture=paint.texture, albedo=paint.albedo,
-    )  # fmt: skip
-    chosen = dict(points or {})
-    found = find_points(face, neutral, sorted(set(chosen.values())))
-    imported = import_head(mesh, names, {**found, **chosen}, standard)
+    names = mode_names(len(modes))
+    shapes = [Blendshape(np.arange(modes.shape[1]), move / USUAL_WEIGHT) for move in modes]
+    mesh, vertices = neutral_mesh(face, dict(zip(names, shapes, strict=True)), points)
+    imported = import_head(mesh, names, vertices, standard)
     placed = imported.placed
     rig = ModeRig(
         driver=face.driver(),
@@ -210,19 +178,37 @@ def make_dense_head(
     return imported, rig
 
 
-def find_points(face: DenseFace, neutral_mm: Array, taken: Sequence[int]) -> dict[str, int]:
-    """Find the vertices of the markers that are feature points: near in place, and moving alike in each mode.
+def mode_names(count: int) -> list[str]:
+    """Names of modes as blendshapes."""
+    return [f"mode {number + 1}" for number in range(count)]
 
-    Motion tells the lips apart where they touch.
+
+def neutral_mesh(
+    face: DenseFace, blendshapes: Mapping[str, Blendshape], points: Mapping[str, int] | None = None
+) -> tuple[BlendshapeMesh, dict[str, int]]:
+    """Mesh of the face in the neutral pose of the markers, with its colours, and the vertices of its feature points.
 
     Parameters
     ----------
-    neutral_mm : (V, 3) mm
-        Its vertices at rest.
-    taken : sequence of int
-        Vertices that are points already.
+    blendshapes : mapping of str to Blendshape
+        Of the mesh; displacements (N, 3) mm.
+    points : mapping of str to int, optional
+        Vertices of more feature points; they replace those that the markers show.
     """
-    used, found = set(taken), {}
+    neutral, chosen, paint = face.neutral_face_mm, dict(points or {}), face.paint or Paint()
+    mesh = BlendshapeMesh(
+        vertices=neutral, triangles=face.triangles, blendshapes=blendshapes,
+        uv=paint.uv, texture=paint.texture, albedo=paint.albedo,
+    )  # fmt: skip
+    return mesh, _find_points(face, neutral, set(chosen.values())) | chosen
+
+
+def _find_points(face: DenseFace, neutral_mm: Array, used: set[int]) -> dict[str, int]:
+    """Find the vertices, of (V, 3) mm, of markers that are feature points: nearby, unused, and moving alike.
+
+    Motion in each mode separates the lips where they touch.
+    """
+    found: dict[str, int] = {}
     for marker, point in enumerate(face.points):
         if not point:
             continue
@@ -235,5 +221,5 @@ def find_points(face: DenseFace, neutral_mm: Array, taken: Sequence[int]) -> dic
                 found[point] = vertex
                 break
     if not found:
-        raise DataError("markers: none is a feature point; the lips and the chin are needed", where=face.subject)
+        raise DataError("markers: contain no feature point; requires lips and chin", where=face.subject)
     return found

@@ -3,24 +3,16 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fapengine._arrays import Array
 from fapengine.errors import DataError
 from fapengine.geometry.surface import Surface
 from fapengine.laboratory.dense_face import DenseFace
 from fapengine.laboratory.prepare import Prepared
 from fapengine.laboratory.setup import Scan, Setup
-from fapengine.models.dense import (
-    bind,
-    fit_dense_modes,
-    fit_estimator,
-    remesh,
-    sparse_facets,
-)
+from fapengine.models.dense import bind, fit_dense_modes, fit_estimator, remesh, sparse_facets
 from fapengine.models.missing import GapModel, fit_gaps
 from fapengine.models.scans import ScanFit, fit_scan
-
-Array = NDArray[np.float64]
 
 MIN_SCANS, MIN_MARKERS, MIN_LANDMARKS = 3, 12, 3
 FRAMES = 4000
@@ -33,7 +25,7 @@ class DenseStudy:
 
     face: DenseFace
     fits: tuple[tuple[str, ScanFit, float], ...]
-    """Scan, its fit, and the fraction of the vertices that met it."""
+    """Name of the scan, its fit, and the fraction of the vertices that are on it."""
 
 
 def densify(prepared: Prepared, setup: Setup, *, modes: int) -> DenseStudy:
@@ -67,42 +59,29 @@ def densify(prepared: Prepared, setup: Setup, *, modes: int) -> DenseStudy:
         met.append(float(hit.mean()))
     noise_mm = _noise(prepared, fits)
     scores, marks, dense = np.stack([fit.scores for fit in fits]), np.stack(points), np.stack(faces)
-    everything = np.ones(frames.shape[1:2], bool)
     face = DenseFace(
         subject=prepared.subject, licence=setup.licence, labels=prepared.labels, points=prepared.points,
         neutral_mm=prepared.neutral_mm, reference=prepared.reference, sparse=sparse,
         modes=fit_dense_modes(dense, scores), estimator=fit_estimator(dense, marks, noise_mm=noise_mm),
         triangles=fitted[0].triangles, paint=scans[0].paint, noise_mm=noise_mm,
         left_out_mm=_left_out(dense, scores, marks, noise_mm), scan_weights=scores,
-        take_weights={
-            take.name: sparse.scores(
-                prepared.neutral_mm + take.moved_mm, np.broadcast_to(everything, take.moved_mm.shape[:2])
-            )
-            for take in prepared.takes
-        },
+        take_weights={take.name: sparse.scores(prepared.neutral_mm + take.moved_mm) for take in prepared.takes},
     )  # fmt: skip
-    names = (scan.name for scan in scans)
-    return DenseStudy(face=face, fits=tuple(zip(names, fits, met, strict=True)))
+    return DenseStudy(face=face, fits=tuple(zip((scan.name for scan in scans), fits, met, strict=True)))
 
 
 def _find(sparse: GapModel, scan: Scan, prepared: Prepared) -> ScanFit:
-    marks, places = [], []
-    for name, position in scan.landmarks.items():
-        if name in prepared.labels:
-            marks.append(prepared.labels.index(name))
-        elif name in prepared.named:
-            marks.append(prepared.column(name))
-        else:
-            raise DataError(
-                f"landmark {name!r}: is not a marker, nor a recorded feature point", where=f"scan {scan.name}"
-            )
-        places.append(position)
+    marks, where = [], f"scan {scan.name}"
+    for name in scan.landmarks:
+        if name not in (*prepared.labels, *prepared.named):
+            raise DataError(f"landmark {name!r}: is neither a marker nor a recorded feature point", where=where)
+        marks.append(prepared.labels.index(name) if name in prepared.labels else prepared.points.index(name))
     if len(set(marks)) < MIN_LANDMARKS:
-        raise DataError(f"landmarks: needs at least {MIN_LANDMARKS}, got {len(set(marks))}", where=f"scan {scan.name}")
+        raise DataError(f"landmarks: needs at least {MIN_LANDMARKS}, got {len(set(marks))}", where=where)
     try:
-        return fit_scan(sparse, scan.surface, marks, places)
+        return fit_scan(sparse, scan.surface, marks, list(scan.landmarks.values()))
     except DataError as error:
-        raise type(error)(error.message, where=f"scan {scan.name}") from error
+        raise type(error)(error.message, where=where) from error
 
 
 def _noise(prepared: Prepared, fits: list[ScanFit]) -> float:
@@ -119,12 +98,12 @@ def _noise(prepared: Prepared, fits: list[ScanFit]) -> float:
 
 def _left_out(faces: Array, scores: Array, marks: Array, noise_mm: float) -> tuple[float, float]:
     """Predict each scan from the others: mean vertex distance of the dense modes and of the estimator."""
-    dense: list[float] = []
-    linear: list[float] = []
+    misses = []
     for index in range(len(faces)):
         others = np.arange(len(faces)) != index
         modes = fit_dense_modes(faces[others], scores[others])
         estimator = fit_estimator(faces[others], marks[others], noise_mm=noise_mm)
-        for misses, guess in ((dense, modes.faces_mm(scores[index])), (linear, estimator.faces_mm(marks[index]))):
-            misses.append(float(np.linalg.norm(guess - faces[index], axis=-1).mean()))
-    return float(np.mean(dense)), float(np.mean(linear))
+        guesses = np.stack([modes.faces_mm(scores[index]), estimator.faces_mm(marks[index])])
+        misses.append(np.linalg.norm(guesses - faces[index], axis=-1).mean(axis=-1))
+    by_modes, by_estimator = np.mean(misses, axis=0).tolist()
+    return by_modes, by_estimator

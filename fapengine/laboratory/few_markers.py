@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import RBFInterpolator
 from scipy.spatial import cKDTree
 
+from fapengine._arrays import Array, Indices, Mask
 from fapengine.capture.marker_track import MarkerTrack
 from fapengine.errors import DataError, UsageError
 from fapengine.geometry.rigid import fit_rigid
@@ -20,13 +21,11 @@ from fapengine.models.missing import fit_gaps
 from fapengine.models.subset import MarkerSubset, factorise_gram, fit_weights, gram, search_swaps, select
 from fapengine.models.subset_study import error_curve, interpolate_regions
 
-Array = NDArray[np.float64]
-
 MAX_K = 15
 PIECES, FOLDS = 12, 6
-"""Number of parts of a recording, each left out once for the error curve."""
+"""Largest number of parts of a recording that are left out for the error curve, and number of folds."""
 MAX_CANDIDATES = 300
-"""Points among which the markers are chosen at most, spread over the face; a mesh has thousands."""
+"""Largest number of points to choose markers from, spread over the face; a mesh has thousands."""
 GAP_RANK = 8
 MIN_NAMED = 4
 """Feature points among the markers that give the pose of the face."""
@@ -34,7 +33,7 @@ MIN_NAMED = 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Choice:
-    """The markers that drive, and the reason for their number."""
+    """The driving markers, and the reason for their number."""
 
     subset: MarkerSubset
     reason: str
@@ -46,26 +45,26 @@ class FaceGrid:
 
     rest_mm: Array
     """(N, 3)."""
-    triangles: NDArray[np.int64]
+    triangles: Indices
     """(F, 3), counter-clockwise seen from outside."""
     weights: Array
     """(k, N): of each driving marker."""
 
 
 def displacements(track: MarkerTrack, labels: Sequence[str], reference: HeadReference) -> tuple[Array, Array]:
-    """Rest position, (M, 3), and displacements from it, (T, M, 3) mm, of some markers; head motion off, gaps filled.
+    """Rest position, (M, 3), and displacements from it, (T, M, 3) mm, without head motion, gaps filled.
 
-    The rest is the first position, as in the paper: the first frame that shows each marker.
+    The rest position is the first, as in the paper: that in the first frame that shows the marker.
     """
     still, _ = reference.hold(track, track.select(labels))
-    seen: NDArray[np.bool_] = np.logical_not(np.isnan(still[..., 0]))
+    seen: Mask = np.logical_not(np.isnan(still[..., 0]))
     never = [labels[int(index)] for index in np.flatnonzero(~seen.any(axis=0))]
     if never:
-        raise DataError(f"markers: {', '.join(never[:6])} never seen, expected each in some frame")
+        raise DataError(f"markers: no frame shows {', '.join(never[:6])}")
     if not seen.all():
         rank = min(GAP_RANK, 3 * len(labels) - 1, int(seen.sum(axis=0).min()) - 2, len(still) - 1)
         if rank < 1:
-            raise DataError("markers: got too few frames to fill gaps, expected each marker in three at least")
+            raise DataError("markers: too few frames to fill gaps, requires each marker in three or more")
         still = fit_gaps(still, seen, rank).fill(still, seen)
     first = seen.argmax(axis=0)
     rest = still[first, np.arange(len(first))]
@@ -88,7 +87,7 @@ def choose_markers(
         Displacements to learn from.
     rest_mm : (M, 3) mm
     wanted : int or sequence of int, optional
-        How many (QR chooses which, swaps follow), or which; without it the cross-validated error decides how many.
+        Their number (QR with swaps chooses them), or themselves; by default the cross-validated error sets the number.
     tolerance_mm : float
         Mean error that the choice of their number may leave.
     """
@@ -102,21 +101,13 @@ def choose_markers(
         factor = factorise_gram(square)
         k, reason = wanted, "asked for"
         if k is None:
-            k, reason = _count(candidates, min(MAX_K, len(spread) - 1, factor.rank()), tolerance_mm, rng)
+            parts = np.array_split(candidates, min(PIECES, max(2, len(candidates) // PIECES)))
+            sizes = range(1, min(MAX_K, len(spread) - 1, factor.rank()) + 1)
+            k, reason = error_curve(parts, sizes, folds=min(FOLDS, len(parts)), rng=rng).choose_within(tolerance_mm)
         if not 1 <= k < len(spread):
             raise UsageError(f"markers: must be 1 to {len(spread) - 1} (fewer than the face has), got {k}")
         chosen = spread[search_swaps(square, select(factor, k)).primary]
-    if len(spread) == count:
-        return Choice(fit_weights(square, chosen), reason)
-    return Choice(_weights_of_all(moved_mm, chosen), reason)
-
-
-def _count(moved_mm: Array, largest: int, tolerance_mm: float, rng: np.random.Generator) -> tuple[int, str]:
-    sentences = np.array_split(moved_mm, min(PIECES, max(2, len(moved_mm) // PIECES)))
-    curve = error_curve(sentences, range(1, largest + 1), folds=min(FOLDS, len(sentences)), rng=rng)
-    if (curve.mean_mm + curve.standard_error_mm).min() <= tolerance_mm:
-        return curve.choose(tolerance_mm), f"the first whose error is within {tolerance_mm:g} mm"
-    return curve.choose(), f"none comes within {tolerance_mm:g} mm: the first near the least"
+    return Choice(fit_weights(square, chosen) if len(spread) == count else _weights_of_all(moved_mm, chosen), reason)
 
 
 def _weights_of_all(moved_mm: Array, chosen: NDArray[np.intp]) -> MarkerSubset:
@@ -142,7 +133,7 @@ def facing(rest_mm: Array, labels: Sequence[str], face_mm: Mapping[str, Array]) 
     """(3, 3): rows of a face's axes, its left, up and out.
 
     Markers that are feature points of the standard are laid onto ``face_mm``, a standard face. Where too few are, up is
-    +y, and out is where the face is thinnest and bulges to.
+    +y, and out is the direction in which the face is thinnest and bulges.
     """
     named = [index for index, name in enumerate(labels) if name in face_mm]
     if len(named) >= MIN_NAMED:
@@ -151,8 +142,7 @@ def facing(rest_mm: Array, labels: Sequence[str], face_mm: Mapping[str, Array]) 
         scale = np.sqrt((theirs**2).sum() / max(float((ours**2).sum()), 1e-9))
         return np.asarray(fit_rigid(scale * ours, theirs).rotation)
     off = rest_mm - rest_mm.mean(axis=0)
-    level = off * [1.0, 0.0, 1.0]
-    _, vectors = np.linalg.eigh(level[:, [0, 2]].T @ level[:, [0, 2]])
+    _, vectors = np.linalg.eigh(off[:, [0, 2]].T @ off[:, [0, 2]])
     out = np.array([vectors[0, 0], 0.0, vectors[1, 0]])
     across = np.hypot(off @ np.cross([0.0, 1.0, 0.0], out), off[:, 1])
     middle = across <= np.median(across)
@@ -172,15 +162,10 @@ def make_grid(subset: MarkerSubset, rest_mm: Array, columns: int) -> FaceGrid:
     rows = max(2, round(columns * (high[1] - low[1]) / max(high[0] - low[0], 1e-9)))
     across, along = np.meshgrid(np.linspace(low[0], high[0], columns), np.linspace(low[1], high[1], rows))
     flat = np.stack([across.ravel(), along.ravel()], axis=1)
-    _, one = np.unique(np.round(rest_mm[:, :2], 3), axis=0, return_index=True)  # two markers may lie behind each other
+    _, one = np.unique(np.round(rest_mm[:, :2], 3), axis=0, return_index=True)  # two markers may have one position
     height = RBFInterpolator(rest_mm[one, :2], rest_mm[one, 2], kernel="cubic", degree=1)(flat)
     places = np.column_stack([flat, height])
-    if len(one) < len(rest_mm):
-        kept = np.isin(np.arange(len(rest_mm)), one)
-        part = MarkerSubset(np.arange(len(subset.primary)), subset.weights[:, kept], subset.residual_mm)
-        regions = interpolate_regions(part, rest_mm[kept], places)
-    else:
-        regions = interpolate_regions(subset, rest_mm, places)
+    regions = interpolate_regions(subset, rest_mm, places)
     at = np.arange(len(places)).reshape(rows, columns)
     quads = np.stack([at[:-1, :-1], at[:-1, 1:], at[1:, 1:], at[1:, :-1]], axis=-1).reshape(-1, 4)
     triangles = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])

@@ -5,30 +5,31 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fapengine._arrays import Array
 from fapengine.errors import DataError, UsageError
 from fapengine.expressions import EXPRESSIONS, Expression
+from fapengine.geometry.smooth import low_pass
 from fapengine.laboratory.densify import DenseStudy, densify
 from fapengine.laboratory.phones import PhoneStudy, learn_context, spoken, study_phones
 from fapengine.laboratory.prepare import Displacements, Prepared
 from fapengine.laboratory.selection import Selection, study_selection
 from fapengine.laboratory.setup import Setup
-from fapengine.laboratory.space import SpaceStudy, find_expressions, measure_fapu, pick, study_space
-from fapengine.models.via_points import Reduction, reduction_curve, without_noise
+from fapengine.laboratory.space import SpaceStudy, find_expressions, measure_fapu, study_space
+from fapengine.models.via_points import Reduction, reduction_curve
 from fapengine.mpeg4.fapu import Fapu
 from fapengine.profiles import PhoneTarget, Profile
 from fapengine.trajectory.expression import Mood, mood_ramps
 from fapengine.trajectory.ramps import sample_ramps
 from fapengine.trajectory.targets import weights_of
 
-Array = NDArray[np.float64]
-
 TAKES_TO_SPLIT = 5
-"""Fewer takes leave none to judge by."""
+"""Number of takes below which none is held out."""
 VIA_TOLERANCES_MM = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0)
 VIA_FRAMES = 600
 LIPS = (*(f"8.{n}" for n in range(1, 9)), *(f"2.{n}" for n in range(2, 10)))
+MIDDLE_OF_LIPS = (("2.2", "2.3"), ("8.1", "8.2"))
+"""Middle of the upper and the lower lip; the inner contour is preferred."""
 
 STEPS = (
     "head motion and gaps",
@@ -43,22 +44,22 @@ STEPS = (
 """Steps of :func:`fit_session`, in order."""
 
 MOOD = Mood(Expression.JOY, 0.6)
-"""Expression of the report's picture of components."""
+"""Expression in the report's figure of components."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FitOptions:
-    """Choices of a fit; the defaults suit a first try."""
+    """Options of a fit; the defaults suit a first try."""
 
     modes: int | None = None
     """Components of the space; by default as many as carry ``variance``."""
     variance: float = 0.99
     held_out: float = 0.2
-    """Share of takes to judge by."""
+    """Fraction of the takes that is held out and predicted."""
     k: int | None = None
     """Size of the marker subset; by default the cross-validated curve decides."""
     tolerance_mm: float = 0.35
-    """Mean error that the subset may leave: half of what points from a video tracker are uncertain by."""
+    """Largest mean error that the subset may leave: half the uncertainty of points from a video tracker."""
 
     def __post_init__(self) -> None:
         if not 0 < self.variance < 1:
@@ -69,10 +70,10 @@ class FitOptions:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prediction:
-    """Held-out takes from their phones alone, with a profile of the other takes."""
+    """Prediction of held-out takes from their phones alone, by a profile of the other takes."""
 
     lips_mm: float
-    """Mean distance of the recorded lip points."""
+    """Mean distance of the lip points from the recorded ones."""
     mean_pose_mm: float
     """The same for the mean pose: the score of a face that does not move."""
     opening_r: float
@@ -83,7 +84,7 @@ class Prediction:
     """Weights of the space in the first take, (T, K) each: captured, predicted, predicted with :data:`MOOD`."""
     take: str
     context: bool = False
-    """Targets depend on neighbours: that predicts better than one look for each phone."""
+    """True if targets depend on neighbours, which predicted better than one target for each phone."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -91,9 +92,8 @@ class Fitted:
     """A profile, and the evidence for it."""
 
     prepared: Prepared
-    options: FitOptions
-    training: tuple[str, ...]
     held_out: tuple[str, ...]
+    """Names of the takes that it was judged on."""
     selection: Selection | None
     space: SpaceStudy
     phones: Mapping[str, PhoneStudy]
@@ -126,28 +126,28 @@ def fit_session(
     prepared : Prepared
         From :func:`fapengine.laboratory.prepare.prepare`; its session, which may be large, is not needed any more.
     setup : Setup
-        What the laboratory says about it.
+        Facts about it that the recordings do not contain.
     profile_id : str
         Name of the new profile.
     origin : mapping of str to str
         Provenance: at least ``source`` and ``command``.
     standard : Profile
-        Lends the expressions that the session lacks.
+        Has the expressions that are missing in the session.
     face_fapu : Fapu
         Units of a standard face.
     rng : numpy.random.Generator
         Splits takes, hides entries, draws random subsets.
     on_step : callable
-        Told each of :data:`STEPS` but the first, which preparing is, as it begins.
+        Called with each of :data:`STEPS` but the first, which is preparing, when it begins.
     warnings : tuple of str
         From reading; those of the fit are added.
     """
-    remarks = [*warnings, *prepared.warnings]
-    training, held_out = _split(prepared, options, rng, remarks)
+    notes = [*warnings, *prepared.warnings]
+    training, held_out = _split(prepared, options, rng, notes)
     on_step(STEPS[1])
     selection = study_selection(prepared, training, held_out, k=options.k, tolerance_mm=options.tolerance_mm, rng=rng)
     if selection is None:
-        remarks.append(f"marker subset: not studied, {len(prepared.labels)} markers are too few")
+        notes.append(f"marker subset: not studied, {len(prepared.labels)} markers are too few")
     on_step(STEPS[2])
     judged = study_space(prepared, training, held_out, modes=options.modes, variance=options.variance)
     space = replace(
@@ -156,16 +156,12 @@ def fit_session(
         error_from_mean_mm=judged.error_from_mean_mm,
     )
     fapu, guessed = measure_fapu(prepared, setup, face_fapu)
-    remarks += _space_remarks(space, guessed)
     on_step(STEPS[3])
     phones, strange = study_phones(prepared.takes, prepared, space.space, setup.held_phones)
-    remarks += _phone_remarks(phones, strange)
     expressions, borrowed = find_expressions(prepared, setup, space.space, fapu, standard)
-    if borrowed:
-        names = ", ".join(expression.label for expression in borrowed)
-        remarks.append(f"expressions {names}: no pose was recorded, borrowed from profile {standard.id!r}")
+    notes += _notes(space, guessed, phones, strange, [expression.label for expression in borrowed], standard.id)
     profile = Profile(
-        id=profile_id, language=setup.language, licence=setup.licence, origin=MappingProxyType(dict(origin)), fapu=fapu,
+        id=profile_id, language=setup.language, licence=setup.licence, origin=origin, fapu=fapu,
         space=space.space, phones=_targets(phones), expressions=MappingProxyType(dict(expressions)),
     )  # fmt: skip
     on_step(STEPS[4])
@@ -175,16 +171,13 @@ def fit_session(
     on_step(STEPS[6])
     dense = densify(prepared, setup, modes=min(8, space.space.mode_count)) if setup.scans else None
     on_step(STEPS[7])
-    context = None
     if prediction is not None and prediction.context:
-        context = learn_context(prepared.takes, prepared, space.space, profile.phones)
-    evidence = _evidence(prepared, space, prediction, training, held_out)
+        profile = replace(profile, context=learn_context(prepared.takes, prepared, space.space, profile.phones))
+    evidence = _evidence(prepared, space, prediction, len(training), len(held_out))
     return Fitted(
-        prepared=prepared, options=options, training=tuple(take.name for take in training),
-        held_out=tuple(take.name for take in held_out), selection=selection, space=space, phones=phones,
-        prediction=prediction, reduction=reduction, dense=dense, borrowed=borrowed,
-        profile=replace(profile, origin=MappingProxyType({**origin, **evidence}), context=context),
-        warnings=tuple(remarks),
+        prepared=prepared, held_out=tuple(take.name for take in held_out), selection=selection, space=space,
+        phones=phones, prediction=prediction, reduction=reduction, dense=dense, borrowed=borrowed,
+        profile=replace(profile, origin=MappingProxyType({**origin, **evidence})), warnings=tuple(notes),
     )  # fmt: skip
 
 
@@ -194,10 +187,10 @@ Takes = tuple[Displacements, ...]
 def _split(
     prepared: Prepared, options: FitOptions, rng: np.random.Generator, warnings: list[str]
 ) -> tuple[Takes, Takes]:
-    """Choose takes to learn from and to judge by; whole ones, because neighbouring frames are nearly equal."""
+    """Choose takes to learn from and to hold out; whole ones, because neighbouring frames are nearly equal."""
     count = len(prepared.takes)
     if count < TAKES_TO_SPLIT or not options.held_out:
-        warnings.append(f"no take was held out ({count} takes): errors are those of the training data, and flatter")
+        warnings.append(f"no take was held out ({count} takes): errors are those of the training data, and too small")
         return prepared.takes, ()
     out = set(rng.permutation(count)[: max(1, round(options.held_out * count))].tolist())
     return (
@@ -206,26 +199,32 @@ def _split(
     )
 
 
-def _space_remarks(space: SpaceStudy, guessed: Sequence[str]) -> list[str]:
-    remarks = [f"feature point {at} was not recorded: it follows {source}" for at, source in space.borrowed.items()]
+def _notes(
+    space: SpaceStudy,
+    guessed: Sequence[str],
+    phones: Mapping[str, PhoneStudy],
+    strange: Sequence[str],
+    borrowed: Sequence[str],
+    standard: str,
+) -> list[str]:
+    """Warnings about feature points, FAPU, phones and expressions that the session does not have."""
+    notes = [f"feature point {at} was not recorded: it follows {source}" for at, source in space.borrowed.items()]
     if guessed:
-        remarks.append(
-            f"FAPU {', '.join(guessed)}: not to be measured from these markers, a standard face's at this size"
-            " ([fapu_mm] in session.toml gives them)"
+        notes.append(
+            f"FAPU {', '.join(guessed)}: these markers do not show them, so they are a standard face's at this size"
+            " ([fapu_mm] in session.toml sets them)"
         )
-    return remarks
-
-
-def _phone_remarks(phones: Mapping[str, PhoneStudy], strange: Sequence[str]) -> list[str]:
-    remarks = [f"phone {label!r} is no IPA: left out" for label in strange]
+    notes += [f"phone {label!r} is not IPA: left out" for label in strange]
     rare = [
         f"{name} ({'with ' + ' '.join(study.like) if study.like else f'{study.tokens} tokens, none like it'})"
         for name, study in phones.items()
         if study.like or study.rare
     ]
     if rare:
-        remarks.append(f"phones {', '.join(rare)}: too rare alone")
-    return remarks
+        notes.append(f"phones {', '.join(rare)}: too rare alone")
+    if borrowed:
+        notes.append(f"expressions {', '.join(borrowed)}: no pose was recorded, borrowed from profile {standard!r}")
+    return notes
 
 
 def _judge(training: Takes, held_out: Takes, prepared: Prepared, setup: Setup, profile: Profile) -> Prediction | None:
@@ -242,15 +241,6 @@ def _judge(training: Takes, held_out: Takes, prepared: Prepared, setup: Setup, p
     return replace(better, context=True) if better.lips_mm < prediction.lips_mm else prediction
 
 
-def with_mood(weights: Array, profile: Profile, rate_hz: float) -> Array:
-    """Add :data:`MOOD` to weights of the space, (T, K), from beginning to end (paper 001, figures 6 and 7)."""
-    times_s = np.arange(len(weights)) / rate_hz
-    levels = sample_ramps(np.zeros(len(EXPRESSIONS)), mood_ramps([MOOD], profile, len(weights) / rate_hz), times_s)
-    level = levels[EXPRESSIONS.index(MOOD.expression)]
-    added: Array = level[:, None] * profile.expressions[MOOD.expression].target
-    return weights + added
-
-
 def _predict(takes: Takes, prepared: Prepared, profile: Profile) -> Prediction:
     lips = tuple(point for point in LIPS if point in prepared.named)
     columns = [profile.space.points.index(point) for point in lips]
@@ -260,33 +250,31 @@ def _predict(takes: Takes, prepared: Prepared, profile: Profile) -> Prediction:
         phones = spoken(take)
         planned.append(weights_of(phones, profile, times))
         guesses.append(profile.space.to_points_mm(planned[-1])[:, columns])
-        truths.append(pick((take,), prepared, lips))
+        truths.append(prepared.pick(lips, take))
     guess, truth = np.concatenate(guesses), np.concatenate(truths)
-    upper, lower = _opening_points(lips)
+    middle = next((pair for pair in MIDDLE_OF_LIPS if set(pair) <= set(lips)), None)
+    if middle is None:
+        raise DataError("lips: middle points are missing; requires markers 8.1 and 8.2, or 2.2 and 2.3")
+    upper, lower = (lips.index(point) for point in middle)
     captured, predicted = (a[:, upper, 1] - a[:, lower, 1] for a in (truth, guess))
     first = len(truths[0])
-    moves = np.ptp(captured) > 0 and np.ptp(predicted) > 0
+    times_s = np.arange(first) / prepared.rate_hz
+    ramps = mood_ramps([MOOD], profile, first / prepared.rate_hz)  # as figures 6 and 7 of paper 001
+    level = sample_ramps(np.zeros(len(EXPRESSIONS)), ramps, times_s)[EXPRESSIONS.index(MOOD.expression)]
+    is_moving = np.ptp(captured) > 0 and np.ptp(predicted) > 0
     return Prediction(
         lips_mm=float(np.linalg.norm(guess - truth, axis=-1).mean()),
         mean_pose_mm=float(np.linalg.norm(truth - truth.mean(axis=0), axis=-1).mean()),
-        opening_r=float(np.corrcoef(captured, predicted)[0, 1]) if moves else 0.0,
-        opening_slope=float(np.polyfit(captured, predicted, 1)[0]) if moves else 0.0,
+        opening_r=float(np.corrcoef(captured, predicted)[0, 1]) if is_moving else 0.0,
+        opening_slope=float(np.polyfit(captured, predicted, 1)[0]) if is_moving else 0.0,
         opening_mm=(captured[:first], predicted[:first]),
         components=(
-            profile.space.to_space(pick(takes[:1], prepared, profile.space.points[: profile.space.marker_count])),
+            profile.space.to_space(prepared.pick(profile.space.markers, takes[0])),
             planned[0],
-            with_mood(planned[0], profile, prepared.rate_hz),
+            planned[0] + level[:, None] * profile.expressions[MOOD.expression].target,
         ),
         take=takes[0].name,
     )
-
-
-def _opening_points(lips: tuple[str, ...]) -> tuple[int, int]:
-    """Middle of upper and lower lip, the inner contour if it was recorded."""
-    for upper, lower in (("2.2", "2.3"), ("8.1", "8.2")):
-        if upper in lips and lower in lips:
-            return lips.index(upper), lips.index(lower)
-    raise DataError("lips: middle points are missing; the markers need 8.1 and 8.2, or 2.2 and 2.3")
 
 
 def _reduce(takes: Takes, prepared: Prepared) -> tuple[Reduction, ...]:
@@ -294,7 +282,7 @@ def _reduce(takes: Takes, prepared: Prepared) -> tuple[Reduction, ...]:
     frames = longest.moved_mm[:VIA_FRAMES]
     if len(frames) < 16:
         return ()
-    smooth = without_noise(frames, prepared.rate_hz, min(12.0, 0.45 * prepared.rate_hz))
+    smooth = low_pass(frames.astype(np.float64), prepared.rate_hz, min(12.0, 0.45 * prepared.rate_hz))
     return tuple(reduction_curve(smooth, prepared.rate_hz, VIA_TOLERANCES_MM))
 
 
@@ -303,20 +291,21 @@ def _targets(studies: Mapping[str, PhoneStudy]) -> Mapping[str, PhoneTarget]:
 
 
 def _evidence(
-    prepared: Prepared, space: SpaceStudy, prediction: Prediction | None, training: Takes, held_out: Takes
+    prepared: Prepared, space: SpaceStudy, prediction: Prediction | None, learned: int, judged: int
 ) -> dict[str, str]:
-    """Entries of the profile's ``[origin]`` that say what it was learned from, and how well it predicts."""
+    """Entries of the profile's ``[origin]``: what it was learned from, and how well it predicts."""
     frames = sum(len(take.moved_mm) for take in prepared.takes)
-    remarks = {
+    modes = space.space.mode_count
+    entries = {
         "takes": f"{len(prepared.takes)} takes, {frames} frames at {prepared.rate_hz:g} Hz,"
-        f" {len(prepared.labels)} markers; learned from {len(training)}, judged on {len(held_out)}",
-        "variance": f"{space.space.mode_count} modes carry {100 * space.share[space.space.mode_count - 1]:.2f} % of the"
-        f" variance of {space.space.marker_count} markers",
+        f" {len(prepared.labels)} markers; learned from {learned}, judged on {judged}",
+        "variance": f"{modes} modes carry {100 * space.share[modes - 1]:.2f} % of the variance of"
+        f" {space.space.marker_count} markers",
     }
     if prediction is not None:
-        remarks["held_out"] = (
+        entries["held_out"] = (
             f"lips {prediction.lips_mm:.2f} mm (mean pose {prediction.mean_pose_mm:.2f}),"
             f" opening r {prediction.opening_r:.2f}, slope {prediction.opening_slope:.2f};"
             f" {'targets depend on neighbours' if prediction.context else 'one look for each phone'}"
         )
-    return remarks
+    return entries

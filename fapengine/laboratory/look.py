@@ -1,4 +1,4 @@
-"""A first look at a recording with unnamed markers: visible markers, rigid bodies, quiet frames."""
+"""Overview of a recording with unnamed markers: visible markers, rigid bodies, quiet frames."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -6,19 +6,18 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine._arrays import Array
 from fapengine.capture.marker_track import MarkerTrack
 from fapengine.mpeg4.feature_points import FEATURE_POINT_NAMES
-
-Array = NDArray[np.float64]
 
 FRAMES = 200
 """Frames from which the skull is guessed."""
 RIGID_MM = 0.8
-"""Standard deviation of the distance of two markers that belong to one rigid body: skin slides as much over bone."""
+"""Standard deviation of the distance of two markers up to which they are on one rigid body: skin slides over bone."""
 MIN_HEAD, MAX_MARKERS = 3, 300
 QUIET_S = 0.5
 SOFT = ("2.", "3.", "4.", "5.", "6.", "8.")
-"""Groups of feature points that move against the skull, however little they do in a take."""
+"""Groups of feature points that can move against the skull, even if they hardly do in a take."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -42,7 +41,7 @@ class Look:
 
 
 def look_over(track: MarkerTrack) -> Look:
-    """Look a recording over."""
+    """Make the overview of a recording."""
     valid = track.valid
     gaps, longest = np.zeros(len(track.labels), np.intp), np.zeros(len(track.labels))
     for marker in range(len(track.labels)):
@@ -100,14 +99,14 @@ def _quiet(track: MarkerTrack) -> tuple[float, float]:
     middle = np.nansum(track.positions_mm, axis=1) / np.maximum(track.valid.sum(axis=1), 1)[:, None]
     away = track.positions_mm - middle[:, None]
     speed = np.nan_to_num(np.linalg.norm(np.diff(away, axis=0, prepend=away[:1]), axis=-1)).sum(axis=1)
-    speed = np.where(track.valid.all(axis=1), speed, speed + speed.max(initial=0.0))  # rather a moment that shows all
+    speed = np.where(track.valid.all(axis=1), speed, speed + speed.max(initial=0.0))  # prefers a moment that shows all
     moved = np.convolve(speed, np.ones(width), mode="valid")
     first = int(moved.argmin())
     return first / track.rate_hz, (first + width) / track.rate_hz
 
 
 def session_lines(look: Look, track: MarkerTrack, take: str, *, mesh: bool = False) -> list[str]:
-    """Write a ``session.toml`` to start from: guesses, and blanks that only the laboratory can fill."""
+    """Make lines of a ``session.toml`` to start from: guesses, and blanks for the user to fill."""
     start_s, end_s = look.quiet_s
     quoted = ", ".join(f'"{name}"' for name in look.head)
     lines = ['subject = "NAME"', 'language = "en-GB"', 'licence = "not stated"']

@@ -2,11 +2,11 @@
 
 Theory of operation
 -------------------
-1. The take's head is laid onto the session's by the markers of the skull, as in :mod:`.prepare`; what it did is kept.
+1. The take's head is aligned with the session's by the markers of the skull, as in :mod:`.prepare`; its motion is kept.
 2. Markers that a frame does not show are filled by the sparse model (paper 003, section 3).
 3. ``"estimator"`` (paper 004, equation 11): ``a = A (p - neutral)``. ``"modes"`` (paper 003, section 4): the sparse
-   model's weights of the frame are the dense modes' (equation 3), told here in the estimator's modes: the scans span
-   both, so nothing is lost.
+   model's weights of the frame are the dense modes' (equation 3), here converted to the estimator's modes: the scans
+   span both, so nothing is lost.
 
 A weight is a mode's standard deviations over the scans, from the neutral face.
 """
@@ -15,38 +15,49 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fapengine._arrays import Mask, frozen
+from fapengine._arrays import Array, Mask, freeze, frozen
 from fapengine.capture.marker_track import MarkerTrack
 from fapengine.errors import DataError, UsageError
 from fapengine.geometry.rigid import RigidMotion, fit_rigid, fit_rigid_robust
 from fapengine.models.missing import GapModel
 
-Array = NDArray[np.float64]
 Way = Literal["estimator", "modes"]
 WAYS: tuple[Way, ...] = get_args(Way)
 MIN_SKULL = 3
+DISTRUSTED = 0.2
+"""Median trust of a marker of the skull below which it is reported: it is off by more than twice the noise."""
 MIN_SEEN_SHARE = 0.25
-"""Share of the face's markers, in the median frame, below which a take is refused."""
+"""Fraction of the face's markers, in the median frame, below which a take is refused."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeadReference:
-    """The session's head: where its skull's markers are, or how its room lies. Arrays are read-only."""
+    """The session's head: positions of its skull's markers, or axes of its room. Arrays are read-only."""
 
     labels: tuple[str, ...]
-    """(H,): markers of the skull; none, if the session's head stood still."""
+    """(H,): markers of the skull; empty if the session's head does not move."""
     markers_mm: Array
-    """(H, 3): their places, head axes."""
+    """(H, 3): their positions, head axes."""
     axes: RigidMotion
     """Room to head axes, for a session with a still head."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "markers_mm", frozen(self.markers_mm, "markers_mm", (len(self.labels), 3), np.float64))
+        freeze(self, markers_mm=(len(self.labels), 3))
 
-    def hold(self, track: MarkerTrack, face: MarkerTrack) -> tuple[Array, RigidMotion]:
-        """Free markers of a take from the head's motion.
+    def hold(
+        self, track: MarkerTrack, face: MarkerTrack, *, take: str = "", notes: list[str] | None = None
+    ) -> tuple[Array, RigidMotion]:
+        """Remove the head's motion from markers of a take.
+
+        Parameters
+        ----------
+        track, face : MarkerTrack
+            Markers of the skull, and those to free, of the same frames.
+        take : str
+            Name of the take, for messages.
+        notes : list of str, optional
+            Gets a line if frames do not show the head, and for each marker of the skull that slips.
 
         Returns
         -------
@@ -57,62 +68,54 @@ class HeadReference:
         """
         count = face.frame_count
         if not self.labels:
-            still: Array = self.axes.apply(face.positions_mm)
+            still = self.axes.apply(face.positions_mm)
             return still, RigidMotion(np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)))
-        missing = [name for name in self.labels if name not in track.labels]
-        if len(self.labels) - len(missing) < MIN_SKULL:
-            raise DataError(f"take: lacks {', '.join(missing)} of the skull's markers, expected at least {MIN_SKULL}")
-        kept = [name for name in self.labels if name not in missing]
-        goal = self.markers_mm[[self.labels.index(name) for name in kept]]
-        head_from_room, tracked, _ = follow_skull(
-            track.select(kept), goal, "take: no frame has 3 of the skull's markers"
-        )
+        where = f"take {take}" if take else ""
+        kept = [index for index, name in enumerate(self.labels) if name in track.labels]
+        if len(kept) < MIN_SKULL:
+            missing = ", ".join(name for name in self.labels if name not in track.labels)
+            raise DataError(f"head: missing {missing} of the skull's markers, requires {MIN_SKULL}", where=where)
+        skull = track.select([self.labels[index] for index in kept])
+        tracked = skull.valid.sum(axis=1) >= MIN_SKULL
+        if not tracked.any():
+            raise DataError(f"head: no frame shows {MIN_SKULL} of its markers", where=where)
+        head_from_room, trust = _fit_skull(skull, self.markers_mm[kept], tracked)
+        if notes is not None:
+            if not tracked.all():
+                hidden = f"{np.sum(~tracked)} of {count}"
+                notes.append(f"{where}: head unknown in {hidden} frames, which count as unseen")
+            for label, worth in zip(skull.labels, trust, strict=True):
+                if worth < DISTRUSTED:
+                    notes.append(f"{where}: head marker {label} slips, and gets less weight")
         still = head_from_room.apply(face.positions_mm)
         still[~tracked] = np.nan
-        room_from_head = head_from_room.inverse()
         first = RigidMotion(head_from_room.rotation[0], head_from_room.translation_mm[0])
-        turn = first.rotation @ room_from_head.rotation
-        shift = room_from_head.translation_mm @ first.rotation.T + first.translation_mm
-        return still, RigidMotion(turn, shift)
+        return still, first @ head_from_room.inverse()
 
 
-def follow_skull(
-    skull: MarkerTrack, template_mm: Array, trouble: str, where: str = ""
-) -> tuple[RigidMotion, Mask, Array | None]:
-    """Fit the markers of a skull to a template, (H, 3), in every frame.
-
-    Parameters
-    ----------
-    trouble, where : str
-        Error if no frame has :data:`MIN_SKULL` markers.
+def _fit_skull(skull: MarkerTrack, template_mm: Array, tracked: Mask) -> tuple[RigidMotion, Array]:
+    """Fit the markers of a skull to a template, (H, 3), in every tracked frame, (T,).
 
     Returns
     -------
     RigidMotion
-        (T,): template from room. Frames with too few markers get the motion of the next frame that has enough.
-    tracked : (T,) bool
-        Frames with enough markers.
-    trust : (H,) float64 or None
-        Median trust in each marker; None for three markers, which fit exactly.
+        (T,): template from room. Other frames get the motion of the next tracked one.
+    (H,) float64
+        Median trust in each marker; 1 for three markers, which fit exactly.
     """
-    tracked = skull.valid.sum(axis=1) >= MIN_SKULL
-    if not tracked.any():
-        raise DataError(trouble, where=where)
     frames = np.where(skull.valid[..., None], skull.positions_mm, 0.0)[tracked]
     weight = skull.valid[tracked].astype(np.float64)
-    trust = None
     if len(template_mm) == MIN_SKULL:
-        motion = fit_rigid(frames, template_mm, weight)
+        motion, trust = fit_rigid(frames, template_mm, weight), np.ones((1, MIN_SKULL))
     else:
-        motion, worth = fit_rigid_robust(frames, template_mm, weight)
-        trust = np.median(worth, axis=0)
+        motion, trust = fit_rigid_robust(frames, template_mm, weight)
     held = np.clip(np.searchsorted(np.flatnonzero(tracked), np.arange(len(tracked))), 0, tracked.sum() - 1)
-    return RigidMotion(motion.rotation[held], motion.translation_mm[held]), tracked, trust
+    return RigidMotion(motion.rotation[held], motion.translation_mm[held]), np.median(trust, axis=0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DrivenTake:
-    """A take as a dense face shows it. Arrays are read-only."""
+    """Motion of a dense face in a take. Arrays are read-only."""
 
     weights: Array
     """(T, K): standard deviations of each mode from the neutral face."""
@@ -125,18 +128,31 @@ class DrivenTake:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class MarkerDriver:
-    """Converts a take's markers into weights of the modes. Arrays are read-only."""
+class SessionMarkers:
+    """Markers of a session's face, and the model of their motion. Arrays are read-only."""
 
     labels: tuple[str, ...]
-    """(M,): markers of the session's face."""
+    """(M,): as recorded."""
     points: tuple[str, ...]
     """(M,): feature point of each, or ``""``."""
     neutral_mm: Array
-    """(M, 3), head axes."""
+    """(M, 3): the session's neutral pose, head axes."""
     reference: HeadReference
     sparse: GapModel
-    """Fills gaps, and gives paper 003's weights."""
+    """Fills gaps, and gives the weights of paper 003, section 3."""
+
+    def __post_init__(self) -> None:
+        count = len(self.labels)
+        freeze(self, neutral_mm=(count, 3))
+        for name, got in (("points", self.points), ("sparse markers", self.sparse.mean_mm)):
+            if len(got) != count:
+                raise UsageError(f"{name}: got {len(got)}, expected {count}, the number of labels")
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class MarkerDriver(SessionMarkers):
+    """Converts a take's markers into weights of the modes. Arrays are read-only."""
+
     matrix: Array
     """(K, 3M): weights for each mm of a marker's coordinate (paper 004, equation 12)."""
     from_sparse: Array
@@ -145,15 +161,9 @@ class MarkerDriver:
     """(K,): weights of the sparse model's mean face."""
 
     def __post_init__(self) -> None:
-        count = len(self.labels)
-        for name, shape in (("neutral_mm", (count, 3)), ("matrix", ("K", 3 * count))):
-            object.__setattr__(self, name, frozen(getattr(self, name), name, shape, np.float64))
-        modes = len(self.matrix)
-        if len(self.points) != count or len(self.sparse.mean_mm) != count:
-            raise UsageError(f"points, sparse: expected {count} markers, as there are labels")
-        shape = (len(self.sparse.modes_mm), modes)
-        object.__setattr__(self, "from_sparse", frozen(self.from_sparse, "from_sparse", shape, np.float64))
-        object.__setattr__(self, "offset", frozen(self.offset, "offset", (modes,), np.float64))
+        SessionMarkers.__post_init__(self)
+        freeze(self, matrix=("K", self.neutral_mm.size), offset=("K",))
+        freeze(self, from_sparse=(len(self.sparse.modes_mm), len(self.matrix)))
 
     def weights(self, markers_mm: Array, way: Way = "estimator") -> Array:
         """(T, K) of complete markers, (T, M, 3) mm, head axes."""
@@ -161,10 +171,8 @@ class MarkerDriver:
         if way not in WAYS:
             raise UsageError(f"way: got {way!r}, expected {' or '.join(WAYS)}")
         if way == "estimator":
-            driven: Array = (markers - self.neutral_mm).reshape(len(markers), -1) @ self.matrix.T
-            return driven
-        scores = self.sparse.scores(markers, np.ones(markers.shape[:2], bool))
-        return np.asarray(scores @ self.from_sparse + self.offset)
+            return np.asarray((markers - self.neutral_mm).reshape(len(markers), -1) @ self.matrix.T)
+        return np.asarray(self.sparse.scores(markers) @ self.from_sparse + self.offset)
 
     def follow(self, track: MarkerTrack, way: Way = "estimator") -> DrivenTake:
         """Drive the modes by a recording."""

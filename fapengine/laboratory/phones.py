@@ -1,28 +1,26 @@
 """Phones as points of the space, with error bars: paper 001, section 5.1."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fapengine._arrays import Array
+from fapengine.capture.marker_track import Interval
 from fapengine.errors import DataError, UsageError
 from fapengine.laboratory.context_fit import FRACTIONS, fit_context, lean_on_phonetics
 from fapengine.laboratory.prepare import Displacements, Prepared
 from fapengine.laboratory.setup import HeldPhone
-from fapengine.laboratory.space import pick
 from fapengine.models.viseme_space import VisemeSpace, sample_phones
 from fapengine.profiles import Contact, ContextModel, PhoneTarget
 from fapengine.speech import ipa
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.trajectory.context import Token, tokens_of
 
-Array = NDArray[np.float64]
-
 KEY, LATE = 0.3, 0.8
 """Fraction of a phone's duration at its keyframe (paper 001), and at the second one of a diphthong or affricate."""
 RARE = 8
-"""Tokens; below it a median is luck, and the tokens of the most similar frequent phone are taken in."""
+"""Number of tokens below which a median is unreliable, and those of the most similar frequent phone are added."""
 MIN_CONTEXT = 1000
 """Spoken tokens from which neighbours are learned; 1,000 are about 50 sentences."""
 CONTACTS: Mapping[Contact, tuple[str, ...]] = {"lips": ("p", "b", "m"), "teeth": ("f", "v", "ɱ")}
@@ -40,15 +38,15 @@ class PhoneStudy:
     like: tuple[str, ...]
     """Other phones with tokens that were added, because it is rare."""
     rare: bool
-    """Too few tokens for a median that is not luck, whatever was taken in."""
+    """Too few tokens for a reliable median, even with those that were added."""
     error: Array
-    """(keyframes, K): standard error of each weight; NaN where a single token cannot tell."""
+    """(keyframes, K): standard error of each weight; NaN for a single token."""
 
 
 def study_phones(
     takes: tuple[Displacements, ...], prepared: Prepared, space: VisemeSpace, held: tuple[HeldPhone, ...] = ()
 ) -> tuple[Mapping[str, PhoneStudy], tuple[str, ...]]:
-    """Find every phone's median point; of a phone said too seldom, the static shape that the subject held (section 3).
+    """Find every phone's median point; for a rare phone, the static shape that the subject held (section 3).
 
     Returns
     -------
@@ -58,60 +56,40 @@ def study_phones(
     """
     tokens, strange = _tokens(takes, prepared, space)
     if not tokens:
-        raise DataError("phones: missing in all takes; put timings beside the recordings", where=prepared.subject)
+        raise DataError("phones: missing in all takes; put timing files next to the recordings", where=prepared.subject)
     frequent = [name for name, occurrences in tokens.items() if len(occurrences) >= RARE]
     studies = {}
     for name in sorted(tokens):
-        used = [name]
-        group = next((list(members) for members in CONTACTS.values() if name in members), [])
-        used += [other for other in group if other != name and other in tokens]
-        own = tuple(used)
-        if sum(len(tokens[ipa_label]) for ipa_label in used) < RARE:
-            like = [other for other in frequent if other not in used and _comparable(name, other)]
-            used += [min(like, key=lambda other: _difference(name, other))] if like else []
-        values = np.concatenate([tokens[ipa_label] for ipa_label in used])  # (N, 2, K)
+        group = CONTACTS.get(_contact(name), ())
+        own = [name, *(other for other in group if other != name and other in tokens)]
+        like: list[str] = []
+        if sum(len(tokens[each]) for each in own) < RARE:
+            apart = {other: _difference(name, other) for other in frequent if other not in own}
+            like = [other for other in apart if apart[other] == min(apart.values()) < np.inf][:1]
+        values = np.concatenate([tokens[each] for each in (*own, *like)])  # (N, 2, K)
         values = values if len(ipa.letters(name)) > 1 else values[:, :1]
-        target = np.median(values, axis=0)
-        spread = np.median(np.abs(values - target), axis=0)
-        studies[name] = PhoneStudy(
-            PhoneTarget(
-                ipa=name,
-                fractions=(KEY, LATE)[: len(target)],
-                targets=target,
-                contact=_contact(name),
-                origin=f"median of {len(values)} tokens of {' '.join(used)}",
-            ),
-            len(tokens[name]),
-            tuple(ipa_label for ipa_label in used if ipa_label not in own),
-            len(values) < RARE,
-            MEDIAN_OF_MEAN * spread / np.sqrt(len(values)) if len(values) > 1 else np.full_like(spread, np.nan),
-        )
-    return studies | _static(held, prepared, space, tokens), strange
-
-
-def _static(
-    held: tuple[HeldPhone, ...], prepared: Prepared, space: VisemeSpace, tokens: Mapping[str, Array]
-) -> dict[str, PhoneStudy]:
-    """Find the points of static shapes, for phones with less than :data:`RARE` tokens."""
-    frames: dict[str, list[Array]] = {}
+        median = np.median(values, axis=0)
+        spread = np.median(np.abs(values - median), axis=0)
+        error = MEDIAN_OF_MEAN * spread / np.sqrt(len(values)) if len(values) > 1 else np.full_like(spread, np.nan)
+        target = _target(name, median, f"median of {len(values)} tokens of {' '.join((*own, *like))}")
+        studies[name] = PhoneStudy(target, len(tokens[name]), tuple(like), len(values) < RARE, error)
+    shapes: dict[str, list[Array]] = {}
     for pose in held:
-        take = next(candidate for candidate in prepared.takes if candidate.name == pose.moment.take)
-        weights = space.to_space(pick((take,), prepared, space.points[: space.marker_count]))
-        first = round(pose.moment.start_s * prepared.rate_hz)
-        last = max(round(pose.moment.end_s * prepared.rate_hz), first + 1)
-        frames.setdefault(pose.ipa, []).append(weights[first:last])
-    studies = {}
-    for name, parts in frames.items():
-        said = len(tokens.get(name, ()))
-        if said >= RARE:
-            continue
+        if len(tokens.get(pose.ipa, ())) < RARE:
+            shown = prepared.during(pose.moment)[:, [prepared.points.index(point) for point in space.markers]]
+            shapes.setdefault(pose.ipa, []).append(space.to_space(shown))
+    for name, parts in shapes.items():
         values = np.concatenate(parts)
         point = np.median(values, axis=0)[None]
-        target = PhoneTarget(
-            ipa=name, fractions=(KEY,), targets=point, contact=_contact(name), origin=f"held pose, {len(values)} frames"
-        )
-        studies[name] = PhoneStudy(target, said, (), False, np.full_like(point, np.nan))
-    return studies
+        target = _target(name, point, f"held pose, {len(values)} frames")
+        studies[name] = PhoneStudy(target, len(tokens.get(name, ())), (), False, np.full_like(point, np.nan))
+    return studies, strange
+
+
+def _target(name: str, targets: Array, origin: str) -> PhoneTarget:
+    """Target of a phone with the given keyframes, (1 or 2, K)."""
+    fractions = (KEY, LATE)[: len(targets)]
+    return PhoneTarget(ipa=name, fractions=fractions, targets=targets, contact=_contact(name), origin=origin)
 
 
 def _contact(name: str) -> Contact:
@@ -121,7 +99,7 @@ def _contact(name: str) -> Contact:
 def learn_context(
     takes: tuple[Displacements, ...], prepared: Prepared, space: VisemeSpace, known: Mapping[str, PhoneTarget]
 ) -> ContextModel | None:
-    """Learn what neighbours do to a phone, with what phonetics knows of it; None where there are too few tokens."""
+    """Learn the effect of neighbours on phones, with rules of phonetics; None if there are too few tokens."""
     sentences, weights = captured_tokens(takes, prepared, space, known)
     count = sum(token.name != SILENCE for tokens in sentences for token in tokens)
     return lean_on_phonetics(fit_context(sentences, weights), space, known) if count >= MIN_CONTEXT else None
@@ -139,18 +117,25 @@ def captured_tokens(
     weights : list of (N, keyframes, K) arrays
         Captured weights of each token.
     """
-    markers = space.points[: space.marker_count]
     sentences, weights = [], []
     for take in takes:
-        if not take.phones:
-            continue
-        tokens, _ = tokens_of(spoken(take), known)
-        starts, ends = [token.start_s for token in tokens], [token.end_s for token in tokens]
-        captured = space.to_space(pick((take,), prepared, markers))
-        at = [sample_phones(captured, prepared.rate_hz, starts, ends, fraction) for fraction in FRACTIONS]
-        sentences.append(tokens)
-        weights.append(np.stack(at, axis=1))
+        if take.phones:
+            sentences.append(tokens_of(spoken(take), known)[0])
+            weights.append(_captured(take, prepared, space, sentences[-1], FRACTIONS))
     return sentences, weights
+
+
+def _captured(
+    take: Displacements,
+    prepared: Prepared,
+    space: VisemeSpace,
+    phones: Sequence[Interval | Token],
+    fractions: Sequence[float],
+) -> Array:
+    """Captured weights of a take's phones at fractions of their durations: (N, fractions, K)."""
+    weights = space.to_space(prepared.pick(space.markers, take))
+    starts, ends = [phone.start_s for phone in phones], [phone.end_s for phone in phones]
+    return np.stack([sample_phones(weights, prepared.rate_hz, starts, ends, at) for at in fractions], axis=1)
 
 
 def spoken(take: Displacements) -> PhoneTrack:
@@ -161,14 +146,12 @@ def spoken(take: Displacements) -> PhoneTrack:
         raise DataError(str(error), where=f"take {take.name}") from error
 
 
-def _comparable(ipa_label: str, other: str) -> bool:
-    """Whether two labels have as many letters, with vowels at the same places."""
-    a, b = ([ipa.SOUNDS[letter].vowel for letter in ipa.letters(name)] for name in (ipa_label, other))
-    return a == b
-
-
-def _difference(ipa_label: str, other: str) -> float:
-    return sum(ipa.distance(a, b) for a, b in zip(ipa.letters(ipa_label), ipa.letters(other), strict=True))
+def _difference(name: str, other: str) -> float:
+    """Distance of two labels; infinite unless they have as many symbols, with vowels in the same positions."""
+    ours, theirs = ipa.letters(name), ipa.letters(other)
+    if [ipa.SOUNDS[symbol].vowel for symbol in ours] != [ipa.SOUNDS[symbol].vowel for symbol in theirs]:
+        return np.inf
+    return sum(ipa.distance(a, b) for a, b in zip(ours, theirs, strict=True))
 
 
 def _tokens(
@@ -177,15 +160,11 @@ def _tokens(
     """Weights of each phone's tokens at both fractions: (N, 2, K)."""
     occurrences: dict[str, list[Array]] = {}
     strange: dict[str, None] = {}
-    markers = space.points[: space.marker_count]
     for take in takes:
-        weights = space.to_space(pick((take,), prepared, markers))
-        spoken = [phone for phone in take.phones if phone.label != SILENCE]
-        if not spoken:
+        said = [phone for phone in take.phones if phone.label != SILENCE]
+        if not said:
             continue
-        starts, ends = [p.start_s for p in spoken], [p.end_s for p in spoken]
-        both = np.stack([sample_phones(weights, prepared.rate_hz, starts, ends, f) for f in (KEY, LATE)], axis=1)
-        for phone, values in zip(spoken, both, strict=True):
+        for phone, values in zip(said, _captured(take, prepared, space, said, (KEY, LATE)), strict=True):
             letters = ipa.letters(phone.label)
             if letters:
                 occurrences.setdefault("".join(letters), []).append(values)

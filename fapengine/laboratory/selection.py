@@ -5,13 +5,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine._arrays import Array
 from fapengine.errors import UsageError
 from fapengine.laboratory.few_markers import spread_out
 from fapengine.laboratory.prepare import Displacements, Prepared
 from fapengine.models.subset import (
     MarkerSubset,
     PivotedFactor,
-    centre_gram,
     factorise_gram,
     fit_weights,
     search_swaps,
@@ -30,8 +30,6 @@ from fapengine.models.subset_study import (
     stability,
 )
 
-Array = NDArray[np.float64]
-
 MIN_MARKERS = 5
 MAX_K = 15
 TRIALS, TRAINING_SHARE, LISTED = 10, 0.75, 12
@@ -42,9 +40,9 @@ PIECES = 12
 """Number of parts of a recording with fewer takes."""
 MIN_PIECE_FRAMES = 12
 MAX_MARKERS = 300
-"""Number of markers that are studied at most, spread over the face; a mesh sequence has thousands."""
+"""Largest number of markers to study, spread over the face; a mesh sequence has thousands."""
 GROUPS = 64
-"""Most groups of sentences; it bounds the memory."""
+"""Largest number of groups of sentences; it bounds the memory."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -71,7 +69,7 @@ class Selection:
     """Mean error of the driven markers: plain, swapped, full map, random subsets (mean and best)."""
     regions: KinematicRegions
     grid_mm: tuple[Array, Array]
-    """Columns and rows of the picture of the regions."""
+    """Columns and rows of the image of the regions."""
 
 
 def study_selection(
@@ -90,7 +88,7 @@ def study_selection(
     k : int, optional
         Size of the subset; without it the error curve decides.
     tolerance_mm : float
-        Error that the choice of k may leave.
+        Largest error that the choice of k may leave.
     """
     count = len(prepared.labels)
     if count < MIN_MARKERS:
@@ -115,24 +113,21 @@ def study_selection(
     factor = factorise_gram(whole)
     largest = min(MAX_K, count - 1, factor.rank())
     curve = error_curve(sentences, range(1, largest + 1), folds=min(10, len(sentences)), rng=rng)
-    chosen, reason = _choose(curve, k, tolerance_mm)
+    chosen, reason = (k, "asked for") if k is not None else curve.choose_within(tolerance_mm)
     plain = select(factor, chosen)
     swapped = search_swaps(whole, plain)
-    mean = np.sum([sentence.sum(axis=0) for sentence in sentences], axis=0)
+    total = np.sum([sentence.sum(axis=0) for sentence in sentences], axis=0)
     frames = sum(len(sentence) for sentence in sentences)
-    centred = select(factorise_gram(centre_gram(whole, mean, frames)), chosen)
+    exact = np.asarray(total, np.float64)
+    centred = select(factorise_gram(whole - exact @ exact.T / frames), chosen)
     full = fit_full_map(coordinate_gram(sentences), swapped.primary)
-    luck = [
+    random_mm = [
         fit_weights(whole, rng.choice(count, chosen, replace=False)).error_mm(*judged) for _ in range(RANDOM_SUBSETS)
     ]
     trials = pivots_of_trials(
-        grams,
-        training=max(1, round(TRAINING_SHARE * len(grams))),
-        count=min(LISTED, count),
-        trials=TRIALS,
-        rng=rng,
+        grams, training=max(1, round(TRAINING_SHARE * len(grams))), count=min(LISTED, count), trials=TRIALS, rng=rng
     )
-    columns, rows = _grid(prepared.neutral_mm)
+    columns, rows = (np.linspace(at.min(), at.max(), n) for at, n in zip(prepared.neutral_mm.T, GRID, strict=False))
     places = np.stack([*(a.ravel() for a in np.meshgrid(columns, rows)), np.zeros(columns.size * rows.size)], axis=1)
     return Selection(
         prepared=prepared,
@@ -148,25 +143,16 @@ def study_selection(
         held_out_mm={
             "QR pivots, one weight for each pair": plain.error_mm(*judged),
             "the same, from the mean pose in place of the neutral one": centred.error_mm(
-                *(each - mean / frames for each in judged)
+                *(each - total / frames for each in judged)
             ),
             "after swaps, one weight for each pair": swapped.error_mm(*judged),
             "after swaps, a matrix for each pair": full.error_mm(*judged),
-            f"{RANDOM_SUBSETS} random subsets, mean": float(np.mean(luck)),
-            f"{RANDOM_SUBSETS} random subsets, best": float(np.min(luck)),
+            f"{RANDOM_SUBSETS} random subsets, mean": float(np.mean(random_mm)),
+            f"{RANDOM_SUBSETS} random subsets, best": float(np.min(random_mm)),
         },
         regions=interpolate_regions(swapped, prepared.neutral_mm, places),
         grid_mm=(columns, rows),
     )
-
-
-def _choose(curve: ErrorCurve, k: int | None, tolerance_mm: float) -> tuple[int, str]:
-    if k is not None:
-        return k, "asked for"
-    if (curve.mean_mm + curve.standard_error_mm).min() <= tolerance_mm:
-        chosen = curve.choose(tolerance_mm)
-        return chosen, f"the first whose error, one standard error added, is within {tolerance_mm:g} mm"
-    return curve.choose(), f"none comes within {tolerance_mm:g} mm: the first within one standard error of the least"
 
 
 def _sentences(takes: tuple[Displacements, ...]) -> list[NDArray[np.float32]]:
@@ -179,8 +165,3 @@ def _sentences(takes: tuple[Displacements, ...]) -> list[NDArray[np.float32]]:
         for piece in np.array_split(take.moved_mm, max(1, min(each, len(take.moved_mm) // MIN_PIECE_FRAMES)))
     ]
     return pieces if len(pieces) >= 2 else [half for piece in pieces for half in np.array_split(piece, 2)]
-
-
-def _grid(neutral: Array) -> tuple[Array, Array]:
-    low, high = neutral[:, :2].min(axis=0), neutral[:, :2].max(axis=0)
-    return np.linspace(low[0], high[0], GRID[0]), np.linspace(low[1], high[1], GRID[1])

@@ -2,11 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine._arrays import frozen
+from fapengine._arrays import Array, freeze
 from fapengine.expressions import Expression
 from fapengine.geometry.surface import Surface
 
@@ -19,6 +20,11 @@ class Moment:
     start_s: float
     end_s: float
 
+    def frames(self, values: NDArray[Any], rate_hz: float) -> NDArray[Any]:
+        """Rows of its take's values, (T, ...), within it: (N, ...), one at least."""
+        first = round(self.start_s * rate_hz)
+        return values[first : max(round(self.end_s * rate_hz), first + 1)]
+
 
 @dataclass(frozen=True, slots=True)
 class Pose:
@@ -30,7 +36,7 @@ class Pose:
 
 @dataclass(frozen=True, slots=True)
 class HeldPhone:
-    """The static shape of a phone: the subject held its mouth so."""
+    """A phone whose mouth shape the subject held."""
 
     ipa: str
     moment: Moment
@@ -38,21 +44,20 @@ class HeldPhone:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Paint:
-    """Colours of a scan: a picture and the vertices' places in it, or a colour for each vertex."""
+    """Colours of a scan: an image and each vertex's position in it, or a colour for each vertex."""
 
-    uv: NDArray[np.float64] | None = None
-    """(V, 2): place in ``texture``, (0, 0) its top left corner."""
+    uv: Array | None = None
+    """(V, 2): position in ``texture``, (0, 0) is its top left corner."""
     texture: NDArray[np.uint8] | None = None
     """(H, W, 4), sRGB and straight alpha."""
-    albedo: NDArray[np.float64] | None = None
+    albedo: Array | None = None
     """(V, 3), linear RGB, 0..1."""
 
     def __post_init__(self) -> None:
-        shapes = (("uv", ("V", 2), np.float64), ("texture", ("H", "W", 4), np.uint8), ("albedo", ("V", 3), np.float64))
-        for name, shape, dtype in shapes:
-            value = getattr(self, name)
-            if value is not None:
-                object.__setattr__(self, name, frozen(value, name, shape, dtype))
+        given = {"uv": ("V", 2), "albedo": ("V", 3)}
+        freeze(self, **{name: shape for name, shape in given.items() if getattr(self, name) is not None})
+        if self.texture is not None:
+            freeze(self, np.uint8, texture=("H", "W", 4))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,16 +79,16 @@ class Setup:
     points: Mapping[str, str] = field(default_factory=dict)
     """Marker label to feature point; markers that bear a feature point's name need no entry."""
     head: tuple[str, ...] = ()
-    """Markers that only follow the skull (head band, forehead, nose bridge); none: head motion is already removed."""
+    """Markers that only follow the skull (head band, forehead, nose bridge); empty: head motion is already removed."""
     neutral: Moment | None = None
-    """Moment at which the face is at rest; none: the median of all silences."""
+    """Moment at which the face is neutral; None: the median of all silences."""
     fapu_mm: Mapping[str, float] = field(default_factory=dict)
     """Distances of the neutral face that the markers do not show: ``es0``, ``ens0`` ..."""
     poses: tuple[Pose, ...] = ()
     held_phones: tuple[HeldPhone, ...] = ()
-    """Stand for phones that are said too seldom for a median."""
+    """Used for phones with too few tokens for a median."""
     scans: tuple[Scan, ...] = ()
-    """The first is the reference, with the vertices that all others get; best the neutral pose."""
+    """The first is the reference, whose vertices all others get; preferably the neutral pose."""
     language: str = "und"
     licence: str = ""
     attribution: str = ""

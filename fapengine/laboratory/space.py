@@ -1,43 +1,38 @@
 """The viseme space of a session, its FAPU and expressions, and its takes as FAPs; paper 001, sections 3 and 4."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from fapengine._arrays import frozen
+from fapengine._arrays import Array
 from fapengine.errors import DataError, UsageError
 from fapengine.expressions import Expression
 from fapengine.laboratory.prepare import Displacements, Prepared
-from fapengine.laboratory.setup import Moment, Setup
+from fapengine.laboratory.setup import Setup
 from fapengine.models.viseme_space import MARKERS, ComponentName, VisemeSpace, fit_viseme_space, name_components
 from fapengine.mpeg4 import fap
-from fapengine.mpeg4.fapu import AU_RAD, Fapu
+from fapengine.mpeg4.fapu import AU_RAD, Fapu, faps_of_displacements, measure_distances
 from fapengine.mpeg4.track import FapTrack, to_codable
 from fapengine.profiles import ExpressionTarget, Profile
-from fapengine.trajectory.faps import DETERMINED, displacements_to_faps
+from fapengine.trajectory.faps import DETERMINED_POINTS, displacements_to_faps
 
-Array = NDArray[np.float64]
-
-POINTS = tuple(dict.fromkeys(fap.spec(number).point for number in DETERMINED))
-"""Feature points that a profile must move: those of the FAPs that it determines."""
 STAND_INS = {
     "2.2": ("8.1",), "2.3": ("8.2",), "2.4": ("8.3",), "2.5": ("8.4",), "2.6": ("8.5",), "2.7": ("8.6",),
     "2.8": ("8.7",), "2.9": ("8.8",), "8.1": ("2.2",), "8.2": ("2.3",), "8.3": ("2.4",), "8.4": ("2.5",),
     "8.5": ("2.6", "8.1"), "8.6": ("2.7", "8.1"), "8.7": ("2.8", "8.2"), "8.8": ("2.9", "8.2"), "2.1": ("2.10",),
     "2.10": ("2.1",), "5.1": ("5.3",), "5.2": ("5.4",), "5.3": ("5.1",), "5.4": ("5.2",),
 }  # fmt: skip
-"""Points that lend their motion to one that was not recorded: its other lip contour, or its nearest neighbour."""
+"""Points whose motion one that was not recorded gets: those of its other lip contour, or its nearest neighbours."""
 STILL = ("5.1", "5.2", "5.3", "5.4")
-"""Cheeks may stand still; lips and chin may not."""
+"""Cheeks may be without motion; lips and chin may not."""
 MIN_MARKERS = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SpaceStudy:
-    """The space, and how well it holds the recording."""
+    """The space, and its errors on the recording."""
 
     space: VisemeSpace
     share: Array
@@ -49,9 +44,9 @@ class SpaceStudy:
     """(3M,): mean marker distance of takes that the components were not learned from, with 1, 2, ... of them; empty if
     no take was left out."""
     error_from_mean_mm: Array
-    """(3M,): the same components laid through the mean pose, as other tools do, not through the neutral one."""
+    """(3M,): the same, with components about the mean pose, as in other tools, not the neutral one."""
     dimensions: int
-    """Components whose standard deviation exceeds a thousandth of the first's: the paper's limit for not zero."""
+    """Number of components whose standard deviation exceeds a thousandth of the first's, the paper's limit."""
     borrowed: dict[str, str]
     """Points that were not recorded, and the points that they follow (``"nothing"``: they do not move)."""
 
@@ -79,7 +74,7 @@ def study_space(
             where=prepared.subject,
         )
     followers = tuple(point for point in prepared.named if point not in markers)
-    frames = pick(training, prepared, (*markers, *followers))
+    frames = prepared.pick((*markers, *followers), *training)
     count = len(markers)
     whole, share = fit_viseme_space(frames[:, :count], markers, frames[:, count:], followers, mode_count=3 * count)
     kept = modes if modes is not None else int((share < variance).sum()) + 1
@@ -88,12 +83,10 @@ def study_space(
     deviations = whole.to_space(frames[:, :count]).std(axis=0)
     error = from_mean = np.zeros(0)
     if held_out:
-        truth = pick(held_out, prepared, markers)
+        truth = prepared.pick(markers, *held_out)
         vectors = whole.modes_mm[:, :count].reshape(3 * count, -1)
         error, from_mean = _errors(vectors, truth), _errors(vectors, truth - frames[:, :count].mean(axis=0))
-    space, borrowed = _complete(
-        VisemeSpace(points=whole.points, marker_count=count, modes_mm=whole.modes_mm[:kept]), prepared.subject
-    )
+    space, borrowed = _complete(replace(whole, modes_mm=whole.modes_mm[:kept]), prepared.subject)
     return SpaceStudy(
         space=space,
         share=share,
@@ -117,36 +110,25 @@ def _errors(vectors: Array, truth: Array) -> Array:
     return errors
 
 
-def pick(takes: tuple[Displacements, ...], prepared: Prepared, points: tuple[str, ...]) -> Array:
-    """All frames of some feature points: (T, P, 3) mm."""
-    columns = [prepared.column(point) for point in points]
-    return np.concatenate([take.moved_mm[:, columns] for take in takes])
-
-
 def _complete(space: VisemeSpace, where: str) -> tuple[VisemeSpace, dict[str, str]]:
-    """Add the points of :data:`POINTS` that were not recorded."""
+    """Add the points of :data:`fapengine.trajectory.faps.DETERMINED_POINTS` that were not recorded."""
     modes = dict(zip(space.points, np.moveaxis(space.modes_mm, 1, 0), strict=True))
     borrowed: dict[str, str] = {}
-    for point in POINTS:
-        if point in modes:
-            continue
-        source = next((stand_in for stand_in in STAND_INS[point] if stand_in in modes), None)
-        if source is None and point not in STILL:
-            raise DataError(
-                f"feature point {point}: was not recorded, nor was {' or '.join(STAND_INS[point])} in its stead",
-                where=where,
-            )
-        borrowed[point] = source or "nothing"
-    for point, source in borrowed.items():
-        modes[point] = modes[source] if source in modes else np.zeros((space.mode_count, 3))
-    return (
-        VisemeSpace(points=tuple(modes), marker_count=space.marker_count, modes_mm=np.stack([*modes.values()], axis=1)),
-        borrowed,
-    )
+    for point in DETERMINED_POINTS:
+        if point not in modes:
+            source = next((other for other in STAND_INS[point] if other in modes), "nothing")
+            if source == "nothing" and point not in STILL:
+                raise DataError(
+                    f"feature point {point}: was not recorded, nor was {' or '.join(STAND_INS[point])}", where=where
+                )
+            borrowed[point] = source
+    modes |= {point: modes.get(source, np.zeros((space.mode_count, 3))) for point, source in borrowed.items()}
+    whole = np.stack([*modes.values()], axis=1)
+    return VisemeSpace(points=tuple(modes), marker_count=space.marker_count, modes_mm=whole), borrowed
 
 
 def measure_fapu(prepared: Prepared, setup: Setup, standard: Fapu) -> tuple[Fapu, tuple[str, ...]]:
-    """Find the face's units: as the laboratory says, else from markers, else those of ``standard`` at its size.
+    """Find the face's units: those of ``session.toml``, else from markers, else those of ``standard`` at its size.
 
     Returns
     -------
@@ -154,18 +136,7 @@ def measure_fapu(prepared: Prepared, setup: Setup, standard: Fapu) -> tuple[Fapu
     guessed : tuple of str
         Units that come from the standard face alone.
     """
-    at = {point: prepared.neutral_mm[prepared.column(point)] for point in prepared.named}
-    measured: dict[str, float] = {}
-    if {"8.3", "8.4"} <= at.keys():
-        measured["mw0_mm"] = float(at["8.3"][0] - at["8.4"][0])
-    if {"9.15", "2.2"} <= at.keys():
-        measured["mns0_mm"] = float(at["9.15"][1] - at["2.2"][1])
-    if {"3.5", "3.6"} <= at.keys():
-        measured["es0_mm"] = float(at["3.5"][0] - at["3.6"][0])
-        if "9.15" in at:
-            measured["ens0_mm"] = float((at["3.5"][1] + at["3.6"][1]) / 2 - at["9.15"][1])
-    if {"3.1", "3.2", "3.3", "3.4"} <= at.keys():
-        measured["irisd0_mm"] = float(at["3.1"][1] - at["3.3"][1] + at["3.2"][1] - at["3.4"][1]) / 2
+    measured = measure_distances(prepared.by_point(prepared.neutral_mm))
     stated = {f"{name}_mm": length for name, length in setup.fapu_mm.items()}
     names = [field.name for field in fields(Fapu)]
     unknown = [name for name in stated if name not in names]
@@ -185,7 +156,7 @@ def measure_fapu(prepared: Prepared, setup: Setup, standard: Fapu) -> tuple[Fapu
 def find_expressions(
     prepared: Prepared, setup: Setup, space: VisemeSpace, fapu: Fapu, standard: Profile
 ) -> tuple[Mapping[Expression, ExpressionTarget], tuple[Expression, ...]]:
-    """Read the expressions that the subject held; borrow the others from ``standard``, through FAPU.
+    """Measure the expressions that the subject held; take the others from ``standard``, through FAPU.
 
     Returns
     -------
@@ -194,53 +165,28 @@ def find_expressions(
     """
     held: dict[Expression, list[Array]] = {}
     for pose in setup.poses:
-        held.setdefault(pose.expression, []).append(_frames(prepared.takes, pose.moment, prepared.rate_hz))
-    found = {
-        expression: _measured(np.median(np.concatenate(frames), axis=0), prepared, space, fapu)
-        for expression, frames in held.items()
-    }
-    borrowed = {
-        expression: _borrowed(target, space, fapu, standard)
-        for expression, target in standard.expressions.items()
-        if expression not in found
-    }
+        held.setdefault(pose.expression, []).append(prepared.during(pose.moment))
+    found = {}
+    for expression, frames in held.items():
+        weights, beyond = split(np.median(np.concatenate(frames), axis=0)[None], prepared, space, fapu)
+        found[expression] = ExpressionTarget(target=weights[0], fap=beyond[0])
+    borrowed = {}
+    size = fapu.mw0_mm / standard.fapu.mw0_mm
+    columns = [standard.space.points.index(point) for point in space.markers]
+    for expression, target in standard.expressions.items():
+        if expression not in found:
+            moved = size * standard.space.to_points_mm(target.target)[columns]
+            borrowed[expression] = ExpressionTarget(target=space.to_space(moved), fap=target.fap)
     return found | borrowed, tuple(borrowed)
 
 
-def _frames(takes: tuple[Displacements, ...], moment: Moment, rate_hz: float) -> Array:
-    take = next(candidate for candidate in takes if candidate.name == moment.take)
-    first = round(moment.start_s * rate_hz)
-    return take.moved_mm[first : max(round(moment.end_s * rate_hz), first + 1)].astype(np.float64)
-
-
-def _measured(moved: Array, prepared: Prepared, space: VisemeSpace, fapu: Fapu) -> ExpressionTarget:
-    """Find the pose's point in the space, and the FAPs of recorded points that the space leaves."""
-    weights, beyond = split(moved[None], prepared, space, fapu)
-    return ExpressionTarget(target=weights[0], fap=frozen(beyond[0], "fap", (fap.FAP_COUNT,), np.float64))
-
-
 def split(moved: Array, prepared: Prepared, space: VisemeSpace, fapu: Fapu) -> tuple[Array, Array]:
-    """Part captured displacements, (T, M, 3) mm: weights in the space, (T, K), and FAPs beyond it, (T, 68) FAPU."""
-    at = {point: moved[:, prepared.column(point)] for point in prepared.named}
-    weights = space.to_space(np.stack([at[point] for point in space.points[: space.marker_count]], axis=1))
+    """Split captured displacements, (T, M, 3) mm: weights in the space, (T, K), and FAPs beyond it, (T, 68) FAPU."""
+    at = prepared.by_point(moved)
+    weights = space.to_space(np.stack([at[point] for point in space.markers], axis=1))
     carried = dict(zip(space.points, np.moveaxis(space.to_points_mm(weights), 1, 0), strict=True))
-    beyond = np.zeros((len(moved), fap.FAP_COUNT))
-    for row in fap.FAPS:
-        axis = fap.HEAD_AXES.get(row.positive)
-        if axis is None or row.point not in at or row.unit is fap.FapUnit.AU:
-            continue
-        left = at[row.point] - (carried[row.point] if row.number in DETERMINED else 0.0)
-        if row.number == 18:  # the chin boss against the jaw, as in trajectory/faps.py
-            left = left - (at["2.1"] - carried["2.1"] if "2.1" in at else 0.0)
-        beyond[:, fap.column(row.number)] = left @ np.array(axis) / fapu.unit(row.unit)
-    return weights, beyond
-
-
-def _borrowed(target: ExpressionTarget, space: VisemeSpace, fapu: Fapu, standard: Profile) -> ExpressionTarget:
-    moved = dict(zip(standard.space.points, standard.space.to_points_mm(target.target), strict=True))
-    size = fapu.mw0_mm / standard.fapu.mw0_mm
-    markers = np.stack([size * moved[point] for point in space.points[: space.marker_count]])
-    return ExpressionTarget(target=space.to_space(markers), fap=target.fap)
+    left = {point: place - carried[point] if point in DETERMINED_POINTS else place for point, place in at.items()}
+    return weights, faps_of_displacements(left, fapu)
 
 
 def captured_faps(take: Displacements, prepared: Prepared, profile: Profile) -> FapTrack:

@@ -13,10 +13,10 @@ Gaze is the place of the iris between the corners of its eye, for an eyeball of 
 from the camera; head pitch and gaze count from their medians, because no landmark shows where up or straight ahead is.
 
 Live (:class:`WatchedFace`), landmarks come in as they are seen, and FAPs are asked for at any time; the caller has the
-clock. After :data:`FIRST_S` of a face, its neutral pose is taken from these frames. Every :data:`AGAIN_S` it is taken
-again from the last :data:`KEPT_S`, because a person does not begin with a face at rest, or sit still. Two neutral poses
-are blended for :data:`BLEND_S`, so nothing jumps. A lost face stays as it was for :data:`HOLD_S`, because a detector
-misses single frames, and then eases to rest; when it is seen again, it eases back.
+clock. After :data:`FIRST_S` of a face, its neutral pose is measured in these frames. Every :data:`AGAIN_S` it is
+measured again in the last :data:`KEPT_S`, because a person may not begin with a neutral face, or sit still. Two neutral
+poses are blended for :data:`BLEND_S`, so nothing jumps. A lost face keeps its pose for :data:`HOLD_S`, because a
+detector misses single frames, and then eases to neutral; when it is seen again, it eases back.
 """
 
 from collections import deque
@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import uniform_filter1d
 from scipy.spatial.transform import Rotation
 
-from fapengine._arrays import frozen
+from fapengine._arrays import Array, frozen
 from fapengine.capture.held_face import (
     FACE_68,
     FACE_MESH,
@@ -42,24 +42,18 @@ from fapengine.capture.held_face import (
 from fapengine.capture.landmarks import FEATURE_POINTS, OPENFACE_FEATURE_POINTS, OpenFaceTrack
 from fapengine.errors import DataError, UsageError
 from fapengine.mpeg4 import fap
-from fapengine.mpeg4.fapu import AU_RAD, Fapu
+from fapengine.mpeg4.fapu import AU_RAD, EYE_LIDS, Fapu, faps_of_displacements, measure_distances
 from fapengine.mpeg4.track import FapTrack, to_codable
 from fapengine.retarget.shape_rows import shape_rows
 
-Array = NDArray[np.float64]
-
 QUIET_SHARE, QUIET_S = 0.15, 0.2
-"""Share of the frames that count as quiet, and the time over which their motion is summed."""
+"""Fraction of the frames that count as quiet, and the time over which their motion is summed."""
 OPEN_LIDS = 0.75
-"""Quantile of the lids' distance at which they are open: blinks and glances down are rarer."""
+"""Quantile of the lids' distance at which they are open: blinks and looks down are rarer."""
 IRIS_SHOWN = 0.6
-"""Share of the open lids' distance under which the iris is guessed, not seen."""
+"""Fraction of the open lids' distance below which the iris is guessed, not seen."""
 EYE_RADIUS_ES = 12.0 / 62.0
 """Radius of an eyeball in distances of the pupils: those of an adult."""
-LIDS = {"3.1": 1.0, "3.2": 1.0, "3.3": -1.0, "3.4": -1.0}
-"""Points of the lids, and the direction in which each opens."""
-EYE_LIDS = (("3.1", "3.3"), ("3.2", "3.4"))
-"""Upper and lower lid of the left and the right eye."""
 EYES = {"3.5": (PUPILS[1], 263, 362), "3.6": (PUPILS[0], 33, 133)}
 """Iris and corners of the left and the right eye."""
 NEEDED = ("2.2", "2.3", "8.3", "8.4", "9.15", "3.5", "3.6")
@@ -71,7 +65,7 @@ def watched_faps(held: HeldFace, rate_hz: float) -> FapTrack:
     Parameters
     ----------
     rate_hz : float
-        Frames a second.
+        Frame rate.
     """
     points, gaze = points_of_face(held.still_mm)
     return faps_of_points(points, held.poses, rate_hz, gaze=gaze)
@@ -101,7 +95,7 @@ def points_of_face(still_mm: Array) -> tuple[dict[str, Array], Array | None]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RestingFace:
-    """A face at rest, from which FAPs count."""
+    """The neutral face, relative to which FAPs are measured."""
 
     points: Mapping[str, Array]
     """(3,) by feature point."""
@@ -125,9 +119,9 @@ def faps_of_points(points: Mapping[str, Array], poses: Array, rate_hz: float, *,
     poses : (T, 3, 3) float64
         Rotations of the head against the camera.
     rate_hz : float
-        Frames a second.
+        Frame rate.
     gaze : (T, 2, 3) float64, optional
-        Place of the left and the right iris from the middle of its eye's corners.
+        Position of the left and the right iris relative to the middle of its eye's corners.
     """
     rest = resting_face(points, poses, rate_hz, gaze=gaze)
     faps = faps_from_rest(rest, points, poses, gaze=gaze)
@@ -142,13 +136,13 @@ def faps_of_points(points: Mapping[str, Array], poses: Array, rate_hz: float, *,
 def resting_face(
     points: Mapping[str, Array], poses: Array, rate_hz: float, *, gaze: Array | None = None
 ) -> RestingFace:
-    """Find the face at rest, in frames of a face that does anything.
+    """Find the neutral face in frames with any motion.
 
-    Takes points, (T, 3) each, and raises what :func:`faps_of_points` does.
+    Points are (T, 3) each; parameters and errors are those of :func:`faps_of_points`.
     """
     missing = [name for name in NEEDED if name not in points]
     if missing:
-        raise UsageError(f"points: lacks {', '.join(missing)}, expected at least {', '.join(NEEDED)}")
+        raise UsageError(f"points: missing {', '.join(missing)}; requires {', '.join(NEEDED)}")
     quiet = quiet_frames(points, rate_hz)
     neutral = {name: np.median(place[quiet], axis=0) for name, place in points.items()}
     gaps = np.zeros(2)
@@ -172,15 +166,7 @@ def faps_from_rest(rest: RestingFace, points: Mapping[str, Array], poses: Array,
     (T, 68) float64, FAPU
         NaN where lids hide an iris, in the FAPs of its gaze.
     """
-    faps = np.zeros((len(poses), fap.FAP_COUNT))
-    for row in fap.FAPS:
-        axis = fap.HEAD_AXES.get(row.positive)
-        if axis is None or row.point not in points or row.unit is fap.FapUnit.AU:
-            continue
-        moved = points[row.point] - rest.points[row.point]
-        if row.number == 18:  # the chin boss against the jaw, as in trajectory/faps.py
-            moved = moved - (points["2.1"] - rest.points["2.1"])
-        faps[:, fap.column(row.number)] = moved @ np.array(axis) / rest.fapu.unit(row.unit)
+    faps = faps_of_displacements({name: place - rest.points[name] for name, place in points.items()}, rest.fapu)
     if gaze is not None:
         away = (gaze - rest.gaze) / (EYE_RADIUS_ES * rest.fapu.es0_mm)
         angles = np.arcsin(np.clip(away[..., :2], -1.0, 1.0))
@@ -199,7 +185,7 @@ def faps_from_rest(rest: RestingFace, points: Mapping[str, Array], poses: Array,
 
 def quiet_frames(points: Mapping[str, Array], rate_hz: float) -> NDArray[np.intp]:
     """(N,): frames at rest, those that move least of the half with the lips nearest to each other."""
-    places = np.stack([points[name] for name in points if name not in (*LIDS, *EYES)], axis=1)
+    places = np.stack([points[name] for name in points if name not in (*EYES, *EYE_LIDS[0], *EYE_LIDS[1])], axis=1)
     speed = np.linalg.norm(np.gradient(places, axis=0), axis=-1).mean(axis=1) if len(places) > 1 else np.zeros(1)
     speed = uniform_filter1d(speed, max(1, round(QUIET_S * rate_hz)), mode="nearest")
     opening = points["2.2"][:, 1] - points["2.3"][:, 1]
@@ -209,21 +195,10 @@ def quiet_frames(points: Mapping[str, Array], rate_hz: float) -> NDArray[np.intp
 
 
 def _measured(neutral: Mapping[str, Array]) -> Fapu:
-    """Units of a face; an iris is 11 of 62 mm that pupils are apart, where lids are not seen."""
-    es0 = float(neutral["3.5"][0] - neutral["3.6"][0])
-    lids = [
-        float(neutral[upper][1] - neutral[lower][1])
-        for upper, lower in EYE_LIDS
-        if upper in neutral and lower in neutral
-    ]
+    """Units of a face; where lids are not seen, an iris is 11 of the 62 mm between the pupils."""
+    found = measure_distances(neutral)
     try:
-        return Fapu(
-            irisd0_mm=float(np.mean(lids)) if lids else es0 * 11.0 / 62.0,
-            es0_mm=es0,
-            ens0_mm=float((neutral["3.5"][1] + neutral["3.6"][1]) / 2 - neutral["9.15"][1]),
-            mns0_mm=float(neutral["9.15"][1] - neutral["2.2"][1]),
-            mw0_mm=float(neutral["8.3"][0] - neutral["8.4"][0]),
-        )
+        return Fapu(**({"irisd0_mm": found["es0_mm"] * 11.0 / 62.0} | found))
     except UsageError as error:
         raise DataError(f"face: cannot be measured: {error}") from error
 
@@ -238,7 +213,7 @@ def openface_faps(track: OpenFaceTrack) -> FapTrack:
     """Read FAPs off OpenFace's 68 points and its gaze; off its action units, what no point shows: blinks and cheeks.
 
     Action unit 45 shuts the lids, 6 lifts the cheeks. The others (1 to 5, 7, 9 to 26) move brows, lids, nose, lips and
-    chin, whose places the points say better than an intensity of five steps does.
+    chin, for which the points are more precise than an intensity of five steps.
     """
     times = np.arange(len(track.points_mm)) / track.rate_hz
     held = hold_face(times, track.points_mm, pupils_mm=62.0, model=FACE_68)
@@ -251,39 +226,39 @@ def openface_faps(track: OpenFaceTrack) -> FapTrack:
         for number, angle in zip((23, 24, 25, 26), away.T[[0, 0, 1, 1]], strict=True):
             faps[:, fap.column(number)] = angle / AU_RAD
     if "AU45" in track.action_units:
+        lids = [fap.column(19), fap.column(20)]
         shut = BLINK * np.minimum(track.action_units["AU45"] / BLINK_AT, 1.0)
-        for number in (19, 20):
-            faps[:, fap.column(number)] = np.maximum(faps[:, fap.column(number)], shut)
+        faps[:, lids] = np.maximum(faps[:, lids], shut[:, None])
     if "AU06" in track.action_units:
-        share = np.minimum(track.action_units["AU06"] / RAISED_AT, 1.0)
+        raised = np.minimum(track.action_units["AU06"] / RAISED_AT, 1.0)
         columns = [fap.column(number) for number in CHEEK_FAPS]
-        faps[:, columns] = share[:, None] * shape_rows(CHEEKS).sum(axis=0)[columns]
+        faps[:, columns] = raised[:, None] * shape_rows(CHEEKS).sum(axis=0)[columns]
     return FapTrack.of(to_codable(faps), rate_hz=track.rate_hz)
 
 
 FIRST_S, AGAIN_S, KEPT_S = 1.5, 3.0, 30.0
-"""Time of a face until its neutral pose is taken; interval at which it is taken again; time that it is taken from."""
+"""Time of a face until its neutral pose is measured; interval of new measurements; time that they cover."""
 KEEP_HZ = 15.0
-"""Frames a second that are kept for it."""
+"""Frames per second that are kept for it."""
 BLEND_S = 1.0
 HOLD_S, EASE_S = 0.2, 0.5
-"""Time for which a lost face stays as it was, and in which it eases to rest, and back."""
+"""Time for which a lost face keeps its pose, and in which it eases to neutral, and back."""
 GAZE = tuple(fap.column(number) for number in (23, 24, 25, 26))
 PUPILS_MM = 62.0
-"""An adult's pupils are so far apart; no FAP depends on it."""
+"""Distance of an adult's pupils; no FAP depends on it."""
 
 Calibration = tuple[KnownHead, RestingFace]
 
 
 class WatchedFace:
-    """A face that is watched now; see the theory of operation.
+    """A face seen live; see the theory of operation.
 
     Stateful.
 
     Parameters
     ----------
     model : FaceModel
-        Whose landmarks they are: of the face mesh, with irises or without.
+        Model of the landmarks: the face mesh, with irises or without.
     """
 
     def __init__(self, model: FaceModel = FACE_MESH) -> None:
@@ -298,20 +273,20 @@ class WatchedFace:
         self._asked_s: float | None = None
         self._weight = 0.0
         self.calibrations = 0
-        """Number of times that the neutral pose was taken."""
+        """Number of times that the neutral pose was measured."""
 
     @property
     def is_known(self) -> bool:
-        """Whether the face at rest is known: before, it is shown at rest."""
+        """Whether the neutral face is known; before, it is shown neutral."""
         return self._known is not None
 
     def see(self, time_s: float, landmarks: ArrayLike) -> None:
-        """Take a frame.
+        """Add a frame.
 
         Parameters
         ----------
         time_s : float
-            When it was taken; rising.
+            Time of the image; rising.
         landmarks : (N, 3) array_like, px or mm
             To the right, down, and away from the camera; NaN where no face was seen.
         """
@@ -328,23 +303,23 @@ class WatchedFace:
         if self._known is None:
             return
         faps = self._read(self._known, points)
-        share = (time_s - self._known_since_s) / BLEND_S
-        if self._before is not None and share < 1:
-            faps = share * faps + (1 - share) * self._read(self._before, points)
+        blend = (time_s - self._known_since_s) / BLEND_S
+        if self._before is not None and blend < 1:
+            faps = blend * faps + (1 - blend) * self._read(self._before, points)
         self._shown, self._seen_s = faps, time_s
 
     def faps(self, time_s: float) -> NDArray[np.int32]:
         """Return the frame to show, (68,) int32 FAPU; times rise from call to call."""
         since_s = 0.0 if self._asked_s is None else max(time_s - self._asked_s, 0.0)
         self._asked_s = time_s
-        way = 1 if time_s - self._seen_s <= HOLD_S else -1
-        self._weight = float(np.clip(self._weight + way * since_s / EASE_S, 0.0, 1.0))
+        direction = 1 if time_s - self._seen_s <= HOLD_S else -1
+        self._weight = float(np.clip(self._weight + direction * since_s / EASE_S, 0.0, 1.0))
         eased = self._weight**2 * (3 - 2 * self._weight)
         values: NDArray[np.int32] = to_codable((eased * self._shown)[None])[0]
         return values
 
     def _calibrate(self, time_s: float) -> None:
-        """Take the neutral pose from the kept frames; a face that cannot be measured is tried again later."""
+        """Measure the neutral pose in the kept frames; a face that cannot be measured is retried later."""
         times, frames = zip(*self._kept, strict=True)
         rate_hz = (len(times) - 1) / (times[-1] - times[0])
         head = learn_head(np.stack(frames), pupils_mm=PUPILS_MM, model=self._model)

@@ -1,4 +1,4 @@
-"""Our own head put on to a scan: paper 004, "Face and lip mesh adaptation", for a head that FAPs move.
+"""The built-in head fitted to a scan: paper 004, "Face and lip mesh adaptation", for a head that FAPs move.
 
 Theory of operation
 -------------------
@@ -6,26 +6,26 @@ The scan lies on the standard's face already (:func:`fapengine.mesh.rig.placed_m
 
 1. feature points, and the contours of lips and eyes through them, move the head (:func:`.generic_mesh.adapt_mesh`); far
    from all points the motion fades, so back of the head and shoulders stay;
-2. the skin is laid onto the scan where the scan has skin: each vertex is drawn to the nearest place whose normal
-   agrees, neighbours are held together (a biharmonic membrane, stiff at first), and what the scan lacks follows;
+2. the skin is fitted to the scan where the scan has skin: each vertex is drawn to the nearest place with a similar
+   normal, neighbours are held together (a biharmonic membrane, stiff at first), and parts without a scan follow;
 3. eyeballs keep their size and go with their lids, which keep their height above the ball, so that they slide on it;
    teeth and tongue go with the lips, brows, lashes, ears and hair with the skin below.
 
-The deformation basis is then built on the new shape, as for every head of ours: all FAPs move it.
+The deformation basis is then built on the new shape, as for every built-in head: all FAPs move it.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.sparse import coo_array, csr_array, diags_array
+from scipy.sparse import csr_array, diags_array
 from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
+from fapengine._arrays import Array, Indices, Mask
 from fapengine.errors import DataError, UsageError
 from fapengine.geometry.smooth import smoothstep
-from fapengine.geometry.surface import Surface, vertex_normals
+from fapengine.geometry.surface import Surface, edges_of, vertex_normals
 from fapengine.mesh.default_head.eyes import Eye, moved_eye
 from fapengine.mesh.default_head.head import build_reshaped
 from fapengine.mesh.default_head.points import HeadParts
@@ -33,9 +33,6 @@ from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mesh.rig.placed_mesh import PlacedMesh
 from fapengine.models.generic_mesh import adapt_mesh, lip_nodes, spline_contour
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 LIPS = ("8.4", "8.6", "8.9", "8.1", "8.10", "8.5", "8.3", "8.7", "8.2", "8.8")
 INNER_LIPS = ("2.5", "2.7", "2.2", "2.6", "2.4", "2.8", "2.3", "2.9")
@@ -48,7 +45,7 @@ CONTOURS = (LIPS, LEFT_EYE, RIGHT_EYE)
 """Closed contours by their feature points, in order."""
 GROUPS = ("2.", "3.", "4.", "5.", "8.", "9.")
 BESIDE_SKIN = ("3.5", "3.6", "9.8", "9.9", "9.10", "9.11")
-"""Feature points of these groups that do not lie on the skin: pupils and teeth."""
+"""Feature points of these groups that are not on the skin: pupils and teeth."""
 NEAR_MM, FAR_MM = 50.0, 150.0
 """Distances from the nearest feature point between which the motion fades."""
 STIFFNESS = (30.0, 5.0, 1.0)
@@ -56,9 +53,9 @@ STIFFNESS = (30.0, 5.0, 1.0)
 REACHES_MM = (15.0, 10.0, 8.0)
 """Distance to the scan within which a vertex is drawn to it, round by round."""
 LOOSE = 0.01
-"""Pull on parts that the scan lacks, as a fraction of the scan's pull."""
+"""Pull on parts that are missing in the scan, as a fraction of the scan's pull."""
 MIN_COSINE = 0.5
-"""Cosine between normals of head and scan below which two surfaces do not belong together."""
+"""Cosine between normals of head and scan below which two places do not correspond."""
 TOUCH_MM = 1.0
 """Distance below which upper and lower lip touch, and move together."""
 SUNK_MM = 0.8
@@ -68,11 +65,11 @@ NECK_MM = 30.0
 EAR_MM = 10.0
 """Skin nearer to an ear follows its neighbours: ears are not laid."""
 PART_SHARE = 0.1
-"""Share of a scan's area that makes a part a large one."""
+"""Fraction of a scan's area from which a part is a large one."""
 FRONT_COSINE, MEASURED_MM = 0.3, 15.0
 """The front of the face: normals that look forwards, within this distance of the scan before it is adapted."""
 PARTS, MIN_LEFT_OUT = 3, 6
-"""Points off the contours are left out in so many parts in turn, if there are so many."""
+"""Number of parts in which points off the contours are left out in turn, and least number of such points."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +84,7 @@ class Nearness:
     """Number of points that were left out."""
 
 
-def on_large_parts(scan: PlacedMesh) -> NDArray[np.bool_]:
+def on_large_parts(scan: PlacedMesh) -> Mask:
     """(F,): triangles of the skin and of other large parts; not of eyeballs, lashes and teeth."""
     a, b, c = np.moveaxis(scan.vertices_mm[scan.triangles], 1, 0)
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
@@ -97,7 +94,7 @@ def on_large_parts(scan: PlacedMesh) -> NDArray[np.bool_]:
 
 
 def scan_surface(scan: PlacedMesh) -> Surface:
-    """Make a surface of a scan, joined where its file has one place twice, as along the seams of a picture."""
+    """Make a surface of a scan; vertices at one place, as along the seams of a texture, become one."""
     first = np.zeros(scan.node.max() + 1, np.int64)
     first[scan.node] = np.arange(len(scan.node))
     return Surface(scan.vertices_mm[first], scan.node[scan.triangles[on_large_parts(scan)]])
@@ -106,14 +103,14 @@ def scan_surface(scan: PlacedMesh) -> Surface:
 def adapt_head(
     scan: Surface, points_mm: Mapping[str, Array], style: HeadStyle | None = None
 ) -> tuple[FaceMesh, Nearness]:
-    """Put our own head on to a scan.
+    """Fit the built-in head to a scan.
 
     Parameters
     ----------
     scan : Surface
-        In head space, laid onto the standard's face. The mouth may be closed, and holes do no harm.
+        In head space, laid onto the standard's face. The mouth may be closed; holes are allowed.
     points_mm : mapping of str to (3,), mm
-        Where feature points lie on it; those of eyeballs, teeth, tongue, ears and hair are not used.
+        Its feature points; those of eyeballs, teeth, tongue, ears and hair are not used.
     style : HeadStyle, optional
         Hair and colours of the head.
     """
@@ -127,8 +124,7 @@ def adapt_head(
             if name in points_mm and name.startswith(GROUPS) and name not in BESIDE_SKIN
         ]  # fmt: skip
         goals = {name: np.asarray(points_mm[name], np.float64) for name in names}
-        lips = {name: feature_points[name] for name in (*LIPS, *INNER_LIPS)}
-        fit = _Fit(scan, points, triangles, head, {name: feature_points[name] for name in names}, lips)
+        fit = _Fit(scan, points, triangles, head, feature_points, names)
         moved = fit.laid(goals)
         nearness.append(fit.measure(moved, goals))
         return _with_parts(points, moved, head, fit.skin)
@@ -150,10 +146,9 @@ class _Fit:
         triangles: Indices,
         head: HeadParts,
         feature_points: dict[str, int],
-        lips: dict[str, int],
+        known: list[str],
     ) -> None:
-        self.scan, self.points, self.triangles = scan, points, triangles
-        self.feature_points, self.lips = feature_points, lips
+        self.scan, self.points, self.feature_points = scan, points, feature_points
         rings = (head.mouth, *(eye.lids for eye in head.eyes))
         self.skin = np.unique(np.concatenate([head.grid.ravel(), *(ring.indices.ravel() for ring in rings)]))
         outside = np.zeros(len(points), bool)
@@ -166,7 +161,7 @@ class _Fit:
         seen = (outside & shown)[self.skin]
         ears = np.concatenate([ear.ravel() for ear in head.ears])
         off_ears = cKDTree(points[ears]).query(points[self.skin])[0] > EAR_MM
-        lowest = min((points[at, 1] for at in feature_points.values()), default=0.0) - NECK_MM
+        lowest = min((points[feature_points[name], 1] for name in known), default=0.0) - NECK_MM
         self.laid_on = seen & off_ears & (points[self.skin, 1] > lowest)
         number = np.full(len(points), -1)
         number[self.skin] = np.arange(len(self.skin))
@@ -193,22 +188,22 @@ class _Fit:
             inside_out = cosine[near].sum() < 0  # a file whose triangles run clockwise
             drawn = near & ((-cosine if inside_out else cosine) >= MIN_COSINE)
             pull = np.where(drawn, 1.0, LOOSE)
-            wish = np.where(drawn[:, None], places - skin, 0.0)
+            pulled = np.where(drawn[:, None], places - skin, 0.0)
             solver = splu((diags_array(pull) + stiffness * self.bending).tocsc())
-            skin = skin + solver.solve(pull[:, None] * wish)
+            skin = skin + solver.solve(pull[:, None] * pulled)
         moved[self.skin] = skin
         return np.asarray(moved, np.float64)
 
     def _with_lips(self, moved: Array, goals: Mapping[str, Array]) -> Array:
-        """Carry the lips by a mesh of splines, which lies on our lips and on the scan's: paper 004's lip mesh.
+        """Move the lips by a mesh of splines that is known on the head's lips and on the scan's: paper 004's lip mesh.
 
-        A place between two feature points then goes where the contour goes, not only where the points go.
+        So a place between two feature points moves with the contour, not only with the points.
         """
         rings, level, mouth = self.mouth.indices, self.mouth.level, self.mouth
         ours, theirs = [], []
         for names, corner, row in ((LIPS, 6, 1.0), (INNER_LIPS, 4, 0.0)):
-            own = np.stack([self.points[self.lips[name]] for name in names])
-            goal = np.stack([goals.get(name, moved[self.lips[name]]) for name in names])
+            own = np.stack([self.points[self.feature_points[name]] for name in names])
+            goal = np.stack([goals.get(name, moved[self.feature_points[name]]) for name in names])
             at = np.linspace(0.0, len(names), LIP_SAMPLES + 1)
             ring = self.points[rings[np.abs(level - row).argmin()]]
             place = np.empty(len(ring))
@@ -226,8 +221,8 @@ class _Fit:
         off = np.zeros((*rings.shape, 3))
         off[lips] = self.points[rings[lips]] + (1 - part) * shift[low] + part * shift[low + 1] - moved[rings[lips]]
         border, rim = np.flatnonzero(lips)[[0, -1]]
-        share = 1 - np.asarray(smoothstep((level - 1.0) / (LIP_BORDER - 1.0)))
-        off[level > 1.0] = share[level > 1.0, None, None] * off[border]
+        fade = 1 - np.asarray(smoothstep((level - 1.0) / (LIP_BORDER - 1.0)))
+        off[level > 1.0] = fade[level > 1.0, None, None] * off[border]
         off[level < 0.0] = off[rim]
         carried = moved.copy()
         carried[rings] += off
@@ -241,7 +236,7 @@ class _Fit:
         normals = vertex_normals(before, self.own_triangles)
         front = self.laid_on & ~on_rim & (far_mm <= MEASURED_MM) & (normals[:, 2] >= FRONT_COSINE)
         if not front.any():
-            raise DataError("scan: lies nowhere within 15 mm of the face, expected a face where its points are")
+            raise DataError("scan: must be within 15 mm of the face; its points are not on a face")
         after_mm = np.linalg.norm(self.scan.closest(after[front])[0] - after[front], axis=1).mean()
         free = _anchors(goals)[1]
         misses: list[tuple[float, float]] = []
@@ -276,13 +271,12 @@ def _bending(points: Array, triangles: Indices, upper: Indices, lower: Indices) 
     """(S, S): squared bending of a displacement over the skin; where the lips touch they count as one piece."""
     distance, nearest = cKDTree(points[lower]).query(points[upper])
     touching = np.stack([upper, lower[nearest]], axis=1)[distance < TOUCH_MM]
-    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]], touching])
+    edges = np.concatenate([edges_of(triangles), touching])
     edges = np.unique(np.sort(edges, axis=1), axis=0)
     rows, columns = np.concatenate([edges, edges[:, ::-1]]).T
-    size = len(points)
-    degree = np.bincount(rows, minlength=size).clip(min=1)
-    around = coo_array((1.0 / degree[rows], (rows, columns)), shape=(size, size)).tocsr()
-    bend = diags_array((np.bincount(rows, minlength=size) > 0).astype(float)) - around
+    degree = np.bincount(rows, minlength=len(points))
+    around = csr_array((1.0 / degree[rows], (rows, columns)), shape=(len(points), len(points)))
+    bend = diags_array((degree > 0).astype(float)) - around
     return csr_array(bend.T @ bend)
 
 
@@ -302,7 +296,7 @@ def _with_parts(before: Array, moved: Array, head: HeadParts, skin: Indices) -> 
 
 
 def _with_eye(before: Array, after: Array, eye: Eye) -> Eye:
-    """Move the ball with its lids, and lay the lids round it; changes ``after``."""
+    """Move the ball with its lids, and fit the lids to it; changes ``after``."""
     rings, level = eye.lids.indices, eye.lids.level
     rim = np.flatnonzero(level == 1.0)[0]
     shift = (after - before)[rings[rim]].mean(axis=0)

@@ -20,20 +20,20 @@ squares and a new face is ``mean + U A (p - mean p)`` (equation 15).
 
 Equation 12, ``A = a P^T (P P^T)^-1``, cannot be computed from eight scans: ``P P^T`` is 54 x 54 and of rank 7
 (computed all the same, it answers 53 mm off, without an exception). Of all ``A`` that satisfy ``A P = a`` the pseudo-
-inverse is the shortest: marker motion that no scan has shown moves nothing. Markers that carry noise, or come from
-another instrument than the scans, want more: with ``noise_mm`` the estimator is ``A = a P^T (P P^T + S noise^2
+inverse is the shortest: marker motion that no scan has shown moves nothing. Markers with noise, or from another
+instrument than the scans, need more: with ``noise_mm`` the estimator is ``A = a P^T (P P^T + S noise^2
 I)^-1``, the minimum of the expected error, which trusts a direction by how far the scans moved in it.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial import Delaunay, cKDTree
 
-from fapengine._arrays import freeze, frozen
+from fapengine._arrays import Array, Indices, Mask, freeze, frozen
 from fapengine.errors import DataError, UsageError
-from fapengine.geometry.surface import Surface, continue_smoothly, vertex_normals
+from fapengine.geometry.surface import Surface, continue_smoothly, unit_vectors, vertex_normals
 from fapengine.models.viseme_space import signs
 
 NEAR_FACETS = 12
@@ -41,8 +41,12 @@ OUTSIDE = 0.5
 """Distance outside of its facet, in barycentric units, at which a vertex is still bound to it."""
 RIDGES = (0.0, 1e-3, 1e-2, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0)
 THINNEST = 0.02
-"""Height of a facet over its longest edge, as a fraction of it; thinner ones lie on the outline and have no
+"""Height of a facet over its longest edge, as a fraction of it; thinner ones are on the outline and have no
 direction."""
+MAX_STRETCH, MAX_EDGE_MM = 2.0, 45.0
+"""Largest ratio of an edge's lengths in two postures, and largest length of an edge."""
+REACH_MM = 4.0
+"""Largest distance of a scan from where the height of the reference puts a vertex."""
 NEWTON_STEPS = 12
 
 
@@ -50,13 +54,13 @@ NEWTON_STEPS = 12
 class Binding:
     """Vertices tied to facets of a sparse mesh. Arrays are read-only."""
 
-    facets: NDArray[np.int64]
+    facets: Indices
     """(V, 3): markers of each vertex's facet."""
-    weights: NDArray[np.float64]
+    weights: Array
     """(V, 3): a, b, c; they add up to 1."""
-    height_mm: NDArray[np.float64]
+    height_mm: Array
     """(V,): from the foot to the vertex, along the unit normal there."""
-    bound: NDArray[np.bool_]
+    bound: Mask
     """(V,): false for a vertex too far outside of every facet."""
 
     def __post_init__(self) -> None:
@@ -64,23 +68,20 @@ class Binding:
         freeze(self, weights=(len(self.facets), 3), height_mm=(len(self.facets),))
         freeze(self, np.bool_, bound=(len(self.facets),))
 
-    def lines(
-        self, points_mm: NDArray[np.float64], triangles: ArrayLike
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def lines(self, points_mm: Array, triangles: ArrayLike) -> tuple[Array, Array]:
         """Feet (V, 3) and unit directions (V, 3) in another posture of the sparse mesh, markers at (M, 3)."""
         normals = vertex_normals(points_mm, triangles)
-        feet = np.einsum("vc,vca->va", self.weights, points_mm[self.facets])
-        directions = np.einsum("vc,vca->va", self.weights, normals[self.facets])
-        return feet, directions / np.linalg.norm(directions, axis=1, keepdims=True)
+        feet, directions = (np.einsum("vc,vca->va", self.weights, at[self.facets]) for at in (points_mm, normals))
+        return feet, unit_vectors(directions)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DenseModes:
     """Mean and modes of all vertices, driven by the sparse model's weights. Arrays are read-only."""
 
-    mean_mm: NDArray[np.float64]
+    mean_mm: Array
     """(V, 3)."""
-    modes_mm: NDArray[np.float64]
+    modes_mm: Array
     """(K, V, 3), mm per standard deviation of the sparse weight."""
     ridge: float
     """Ridge that was chosen, in squared weights."""
@@ -90,18 +91,18 @@ class DenseModes:
     def __post_init__(self) -> None:
         freeze(self, mean_mm=("V", 3), modes_mm=("K", "V", 3))
 
-    def faces_mm(self, scores: ArrayLike) -> NDArray[np.float64]:
+    def faces_mm(self, scores: ArrayLike) -> Array:
         """Equation 3: (..., K) -> (..., V, 3)."""
         z = frozen(scores, "scores", ("...", len(self.modes_mm)), np.float64)
         return self.mean_mm + np.tensordot(z, self.modes_mm, axes=1)
 
 
-def sparse_facets(postures_mm: ArrayLike, *, stretch: float = 2.0, longest_mm: float = 45.0) -> NDArray[np.int64]:
+def sparse_facets(postures_mm: ArrayLike) -> Indices:
     """Triangles between markers that move together: (P, M, 3) postures -> (F, 3), counter-clockwise seen from +z.
 
-    A Delaunay triangulation of the mean posture, unrolled about the vertical axis. An edge whose length changes by
-    more than ``stretch`` between postures, or exceeds ``longest_mm``, bridges an opening such as the mouth: its
-    triangles go.
+    A Delaunay triangulation of the mean posture, unrolled about the vertical axis. An edge whose length changes by a
+    factor of more than :data:`MAX_STRETCH` between postures, or exceeds :data:`MAX_EDGE_MM`, bridges an opening such as
+    the mouth: its triangles are left out.
     """
     postures = frozen(postures_mm, "postures_mm", ("P", "M", 3), np.float64)
     mean = postures.mean(axis=0)
@@ -114,10 +115,10 @@ def sparse_facets(postures_mm: ArrayLike, *, stretch: float = 2.0, longest_mm: f
     triangles[clockwise] = triangles[clockwise][:, [0, 2, 1]]
     corners = postures[:, triangles]
     edges = np.linalg.norm(corners - np.roll(corners, 1, axis=2), axis=-1)  # (P, F, 3)
-    good = (edges.max(axis=0) <= stretch * edges.min(axis=0)) & (edges.max(axis=0) <= longest_mm)
+    good = (edges.max(axis=0) <= MAX_STRETCH * edges.min(axis=0)) & (edges.max(axis=0) <= MAX_EDGE_MM)
     flat = np.cross(corners[:, :, 1] - corners[:, :, 0], corners[:, :, 2] - corners[:, :, 0])
     slender = np.linalg.norm(flat, axis=-1) < THINNEST * edges.max(axis=-1) ** 2
-    kept: NDArray[np.int64] = triangles[good.all(axis=1) & ~slender.any(axis=0)]
+    kept: Indices = triangles[good.all(axis=1) & ~slender.any(axis=0)]
     if not len(kept):
         raise DataError(f"markers: none of {len(triangles)} facets stays together")
     return kept
@@ -153,14 +154,8 @@ def bind(vertices_mm: ArrayLike, points_mm: ArrayLike, triangles: ArrayLike) -> 
 
 
 def remesh(
-    binding: Binding,
-    reference: Surface,
-    scan: Surface,
-    points_mm: ArrayLike,
-    triangles: ArrayLike,
-    *,
-    reach_mm: float = 4.0,
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    binding: Binding, reference: Surface, scan: Surface, points_mm: ArrayLike, triangles: ArrayLike
+) -> tuple[Array, Mask]:
     """Find the reference's vertices on a scan (steps 2 and 3).
 
     Parameters
@@ -170,11 +165,9 @@ def remesh(
     reference, scan : Surface
         In one space: lay the scan into the model's first (:attr:`.scans.ScanFit.scan_from_model`).
     points_mm : (M, 3) array_like, mm
-        The sparse mesh as it lies on ``scan``.
+        The sparse mesh, fitted to ``scan``.
     triangles : (F, 3) array_like of int
         Facets of the sparse mesh.
-    reach_mm : float
-        How far the scan may lie from where the height of the reference puts the vertex.
 
     Returns
     -------
@@ -184,15 +177,15 @@ def remesh(
     """
     feet, directions = binding.lines(frozen(points_mm, "points_mm", ("M", 3), np.float64), triangles)
     guess = feet + binding.height_mm[:, None] * directions
-    places, met = scan.meet(guess, directions, reach_mm)
+    places, met = scan.meet(guess, directions, REACH_MM)
     met &= binding.bound
     if met.sum() < 0.1 * max(binding.bound.sum(), 1):
-        raise DataError(f"scan: got {met.sum()} of {binding.bound.sum()} vertices on it, expected most")
+        raise DataError(f"scan: only {met.sum()} of {binding.bound.sum()} vertices are on it, requires a tenth")
     return reference.vertices_mm + continue_smoothly(places - reference.vertices_mm, met, reference.triangles), met
 
 
-def fit_dense_modes(faces_mm: ArrayLike, scores: ArrayLike, *, ridge: float | None = None) -> DenseModes:
-    """Solve equation 3 for mean and modes.
+def fit_dense_modes(faces_mm: ArrayLike, scores: ArrayLike) -> DenseModes:
+    """Solve equation 3 for mean and modes, with the one of :data:`RIDGES` that predicts left-out postures best.
 
     Parameters
     ----------
@@ -200,40 +193,32 @@ def fit_dense_modes(faces_mm: ArrayLike, scores: ArrayLike, *, ridge: float | No
         Postures with common vertices.
     scores : (P, K) array_like
         Weights of the sparse model in each.
-    ridge : float, optional
-        Weight of the modes' squares; without it the one of :data:`RIDGES` that predicts left-out postures best.
     """
     faces = frozen(faces_mm, "faces_mm", ("P", "V", 3), np.float64)
     z = frozen(scores, "scores", (len(faces), "K"), np.float64)
     if len(faces) < 2:
         raise UsageError(f"faces_mm: needs at least 2 postures, got {len(faces)}")
-    if ridge is not None and not ridge >= 0:
-        raise UsageError(f"ridge: must be 0 or more, got {ridge}")
     flat = faces.reshape(len(faces), -1)
     centre = flat.mean(axis=0)
     off = flat - centre
     design = np.concatenate([z, np.ones((len(z), 1))], axis=1)
     products = off @ off.T
-    tried = [
-        (_left_out(design, products, candidate), candidate) for candidate in (RIDGES if ridge is None else (ridge,))
-    ]
-    error, chosen = min(tried)
+    error, chosen = min((_left_out(design, products, ridge), ridge) for ridge in RIDGES)
     solved = _solver(design, chosen) @ off
     modes = solved[:-1].reshape(z.shape[1], -1, 3)
     mean = (solved[-1] + centre).reshape(-1, 3)
     return DenseModes(mean, modes, chosen, float(np.sqrt(error / (len(faces) * faces.shape[1]))))
 
 
-def _solver(design: NDArray[np.float64], ridge: float) -> NDArray[np.float64]:
+def _solver(design: Array, ridge: float) -> Array:
     """(K + 1, P): postures to parameters; the last row, the mean, is not shrunk."""
     square = design.T @ design
     square[range(len(square) - 1), range(len(square) - 1)] += ridge
-    solver: NDArray[np.float64] = np.linalg.pinv(square, rcond=1e-10, hermitian=True) @ design.T
-    return solver
+    return np.asarray(np.linalg.pinv(square, rcond=1e-10, hermitian=True) @ design.T)
 
 
-def _left_out(design: NDArray[np.float64], products: NDArray[np.float64], ridge: float) -> float:
-    """Squared error of each posture predicted from the others, summed; from the P x P products alone (PRESS)."""
+def _left_out(design: Array, products: Array, ridge: float) -> float:
+    """Sum of squared errors of each posture predicted from the others; from the P x P products alone (PRESS)."""
     hat = design @ _solver(design, ridge)
     stay = np.eye(len(hat)) - hat
     left = np.maximum(np.diag(stay @ products @ stay.T), 0.0)
@@ -241,18 +226,14 @@ def _left_out(design: NDArray[np.float64], products: NDArray[np.float64], ridge:
     return float((left / np.maximum(free, 1e-12) ** 2).sum()) if (free > 1e-6).all() else np.inf
 
 
-def _coordinates(
-    vertices: NDArray[np.float64], corners: NDArray[np.float64], normals: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def _coordinates(vertices: Array, corners: Array, normals: Array) -> tuple[Array, Array, Array]:
     """Solve ``foot(a, b, c) + height * unit(normal(a, b, c)) = vertex`` by Newton: weights, height, residual."""
     shape = np.broadcast_shapes(vertices.shape[:-1], corners.shape[:-2])
     first = corners[..., 0, :]
     u, v = corners[..., 1, :] - first, corners[..., 2, :] - first
-    flat = np.cross(u, v)
-    flat /= np.linalg.norm(flat, axis=-1, keepdims=True)
-    unknown = np.zeros((*shape, 3))  # b, c, height
+    flat = unit_vectors(np.cross(u, v))
     start = np.linalg.solve(np.stack([u, v, flat], axis=-1), (vertices - first)[..., None])[..., 0]
-    unknown[...] = start
+    unknown = np.broadcast_to(start, (*shape, 3)).copy()  # b, c, height
     slope = np.stack([normals[..., 1, :] - normals[..., 0, :], normals[..., 2, :] - normals[..., 0, :]], axis=-1)
     for _ in range(NEWTON_STEPS):
         b, c, height = np.moveaxis(unknown, -1, 0)[..., None]
@@ -277,42 +258,34 @@ RANK_TOLERANCE = 1e-9
 class LinearEstimator:
     """Markers to modes to faces. Arrays are read-only."""
 
-    mean_markers_mm: NDArray[np.float64]
-    """(M, 3); of the neutral scan if the modes run through that."""
-    mean_face_mm: NDArray[np.float64]
+    mean_markers_mm: Array
+    """(M, 3)."""
+    mean_face_mm: Array
     """(V, 3)."""
-    modes: NDArray[np.float64]
+    modes: Array
     """(K, V, 3): orthonormal rows ``U^T``; in each the entry of largest magnitude is positive."""
-    variances: NDArray[np.float64]
+    variances: Array
     """(K,), mm^2: of the training faces along each mode, falling."""
-    matrix: NDArray[np.float64]
+    matrix: Array
     """(K, 3M): ``A``, mm of a mode for each mm of a marker coordinate."""
 
     def __post_init__(self) -> None:
         freeze(self, mean_markers_mm=("M", 3), mean_face_mm=("V", 3), variances=("K",), modes=("K", "V", 3))
         freeze(self, matrix=(len(self.variances), self.mean_markers_mm.size))
 
-    def coefficients(self, markers_mm: ArrayLike) -> NDArray[np.float64]:
+    def coefficients(self, markers_mm: ArrayLike) -> Array:
         """Equation 11: (..., M, 3) mm -> (..., K) mm."""
         markers = frozen(markers_mm, "markers_mm", ("...", len(self.mean_markers_mm), 3), np.float64)
         off = (markers - self.mean_markers_mm).reshape(*markers.shape[:-2], -1)
-        displacement: NDArray[np.float64] = off @ self.matrix.T
-        return displacement
+        return np.asarray(off @ self.matrix.T)
 
-    def faces_mm(self, markers_mm: ArrayLike) -> NDArray[np.float64]:
+    def faces_mm(self, markers_mm: ArrayLike) -> Array:
         """Equation 15: (..., M, 3) mm -> (..., V, 3) mm."""
         return self.mean_face_mm + np.tensordot(self.coefficients(markers_mm), self.modes, axes=1)
 
 
-def fit_estimator(
-    scans_mm: ArrayLike,
-    markers_mm: ArrayLike,
-    *,
-    mode_count: int | None = None,
-    noise_mm: float = 0.0,
-    about: int | None = None,
-) -> LinearEstimator:
-    """Learn from a few scans, as the paper does.
+def fit_estimator(scans_mm: ArrayLike, markers_mm: ArrayLike, *, noise_mm: float = 0.0) -> LinearEstimator:
+    """Learn from a few scans, as the paper does; K is what they span, at most S - 1.
 
     Parameters
     ----------
@@ -320,24 +293,20 @@ def fit_estimator(
         At least 2 faces, vertices in correspondence, head motion removed.
     markers_mm : (S, M, 3) array_like, mm
         Marker places in the same postures: vertices of the scans, or better the recording's own markers.
-    mode_count : int, optional
-        K; without it all that the scans span, at most S - 1.
     noise_mm : float
         Standard deviation of a marker coordinate against the scans; see the theory of operation.
-    about : int, optional
-        A scan, such as the neutral one, through which the modes shall run; without it they run through the mean, as in
-        the paper.
     """
     scans = frozen(scans_mm, "scans_mm", ("S", "V", 3), np.float64)
     markers = frozen(markers_mm, "markers_mm", (len(scans), "M", 3), np.float64)
     if len(scans) < 2:
         raise UsageError(f"scans_mm: needs at least 2 scans, got {len(scans)}")
-    if about is None:
-        mean_face, mean_markers = scans.mean(axis=0), markers.mean(axis=0)
-    else:
-        mean_face, mean_markers = scans[about], markers[about]
+    if not noise_mm >= 0:
+        raise UsageError(f"noise_mm: must be 0 or more, got {noise_mm}")
+    mean_face, mean_markers = scans.mean(axis=0), markers.mean(axis=0)
     left, lengths, rows = np.linalg.svd((scans - mean_face).reshape(len(scans), -1), full_matrices=False)
-    count = _spanned(lengths, mode_count)
+    if not lengths[0] > 0:
+        raise DataError("scans: all are the same face, requires different postures")
+    count = int((lengths > RANK_TOLERANCE * lengths[0]).sum())
     coefficients = (left * lengths)[:, :count]
     matrix = _solve((markers - mean_markers).reshape(len(scans), -1), coefficients, noise_mm)
     sign = signs(rows[:count])[:, None]
@@ -350,22 +319,8 @@ def fit_estimator(
     )
 
 
-def _spanned(lengths: NDArray[np.float64], mode_count: int | None) -> int:
-    """Check the wanted number of modes against the singular values."""
-    if not lengths[0] > 0:
-        raise DataError("scans: got the same face in all, expected different postures")
-    rank = int((lengths > RANK_TOLERANCE * lengths[0]).sum())
-    if mode_count is None:
-        return rank
-    if not 1 <= mode_count <= rank:
-        raise UsageError(f"mode_count: must be 1 to {rank} (as many as the faces span), got {mode_count}")
-    return mode_count
-
-
-def _solve(p: NDArray[np.float64], a: NDArray[np.float64], noise_mm: float) -> NDArray[np.float64]:
+def _solve(p: Array, a: Array, noise_mm: float) -> Array:
     """(S, 3M) markers and (S, K) coefficients, both centred -> (K, 3M)."""
-    if not noise_mm >= 0:
-        raise UsageError(f"noise_mm: must be 0 or more, got {noise_mm}")
     left, lengths, right = np.linalg.svd(p, full_matrices=False)
     kept = lengths > RANK_TOLERANCE * max(lengths[0], np.finfo(float).tiny)
     gain = lengths[kept] / (lengths[kept] ** 2 + len(p) * noise_mm**2)

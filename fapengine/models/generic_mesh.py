@@ -3,17 +3,16 @@
 Theory of operation
 -------------------
 Feature contours (eyes, nose, jaw, outer lips) are known on the generic mesh and on the scan. Both are sampled at
-equal shares of their length, so that samples correspond. Samples and marker places are anchors. The displacement that
-they need is spread over the mesh in two parts:
+equal fractions of their length, so that samples correspond. Samples and marker places are anchors. Their displacement
+is spread over the mesh in two parts:
 
 1. a wide field of radial functions. On one face it should be cubic, on another hardly more than an affine map: points
-   that people name on two faces lie millimetres apart for no reason that a neighbour could know, and an exact field
-   turns that into waves. So the field is the one of :data:`FIELDS` (none among them) that predicts anchors best which
-   were left out, whole stretches of a contour at a time;
-2. what it leaves at the anchors, falling off around them within :data:`REACH_MM`, as the paper's "field morphing" does,
+   that people mark on two faces differ by millimetres at random, and an exact field turns that into waves. So the field
+   is the one of :data:`FIELDS` that best predicts left-out anchors, whole stretches of a contour at a time;
+2. the residual at the anchors, falling off around them within :data:`REACH_MM`, as the paper's "field morphing" does,
    so that contours and markers are met.
 
-Then the vertices, anchors excepted, are laid onto the scan's surface.
+Then :mod:`.adapted_head` lays the skin onto the scan's surface.
 
 The lips are a mesh of their own: a third contour half way between outer and inner one, on the scan; cubic splines
 across the three give rows of nodes.
@@ -25,19 +24,16 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline, RBFInterpolator
-from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
-from fapengine._arrays import frozen
+from fapengine._arrays import Array, frozen
 from fapengine.errors import UsageError
 from fapengine.geometry.surface import Surface
 
 SAMPLES = 24
 """Samples of a contour that serve as anchors."""
 SAME_MM = 1.0
-"""Anchors nearer to each other are one, their mean: contours share their ends, and a hand sets points no finer."""
-ANCHORED_MM = 0.01
-"""A vertex nearer to an anchor is one."""
+"""Anchors nearer to each other become one, their mean: contours have common ends, and people mark points no finer."""
 REACH_MM = 10.0
 """Distance in which the narrow field falls to 1/e."""
 Kernel = Literal["none", "linear", "thin_plate_spline", "cubic"]
@@ -47,11 +43,11 @@ FIELDS: tuple[tuple[Kernel, float], ...] = (
 )  # fmt: skip
 """Radial function and smoothing of the wide fields, with an affine part; "linear" is the biharmonic of 3-D."""
 STRETCH, FOLDS = 6, 8
-"""Samples of a contour that are left out together, and in how many parts all anchors are left out."""
+"""Samples of a contour that are left out together, and number of parts in which all anchors are left out."""
 
 
-def sample_contour(contour_mm: ArrayLike, count: int, *, closed: bool) -> NDArray[np.float64]:
-    """Points at equal shares of a polyline's length: (N, 3) mm -> (count, 3) mm.
+def sample_contour(contour_mm: ArrayLike, count: int, *, closed: bool) -> Array:
+    """Points at equal fractions of a polyline's length: (N, 3) mm -> (count, 3) mm.
 
     Parameters
     ----------
@@ -78,21 +74,16 @@ def adapt_mesh(
     vertices_mm: ArrayLike,
     contours_mm: Sequence[tuple[ArrayLike, ArrayLike, bool]],
     markers_mm: tuple[ArrayLike, ArrayLike],
-    scan: Surface | None = None,
-    *,
-    reach_mm: float = 5.0,
-) -> NDArray[np.float64]:
-    """Fit a generic mesh to a scanned face.
+) -> Array:
+    """Move a generic mesh so that its contours and markers meet those of a scanned face.
 
     Parameters
     ----------
     vertices_mm : (V, 3) array_like, mm
     contours_mm : sequence of (generic (N, 3), scanned (L, 3), closed)
-        The same feature contours on the mesh and on the scan, running the same way from the same start.
+        The same feature contours on the mesh and on the scan, in the same direction from the same start.
     markers_mm : (generic (M, 3), scanned (M, 3))
         Marker places; M may be 0.
-    scan : Surface, optional
-        Vertices are laid onto it where it is within ``reach_mm`` and not at the rim of a hole.
 
     Returns
     -------
@@ -110,20 +101,11 @@ def adapt_mesh(
     if len(anchors) < 4 or np.linalg.matrix_rank(anchors - anchors.mean(axis=0), tol=0.01) < 3:
         raise UsageError(f"anchors: needs at least 4, not all in one plane, got {len(anchors)}")
     field = min(FIELDS, key=lambda field: _left_out_mm(field, anchors, goals, stretches % FOLDS))
-    moved: NDArray[np.float64] = _morph(field, anchors, goals, vertices)
-    if scan is None:
-        return moved
-    places, _, on_rim = scan.closest(moved)
-    anchored = cKDTree(anchors).query(vertices)[0] < ANCHORED_MM
-    lay = ~on_rim & ~anchored & (np.linalg.norm(places - moved, axis=1) <= reach_mm)
-    moved[lay] = places[lay]
-    return moved
+    return _morph(field, anchors, goals, vertices)
 
 
-def _merge(
-    anchors: NDArray[np.float64], goals: NDArray[np.float64], stretches: NDArray[np.intp]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.intp]]:
-    """Anchors that lie together become one, at their mean, with the mean of their goals."""
+def _merge(anchors: Array, goals: Array, stretches: NDArray[np.intp]) -> tuple[Array, Array, NDArray[np.intp]]:
+    """Anchors close together become one, at their mean, with the mean of their goals."""
     left = np.ones(len(anchors), bool)
     groups: list[NDArray[np.intp]] = []
     for index, near in enumerate(cdist(anchors, anchors) < SAME_MM):
@@ -134,9 +116,7 @@ def _merge(
     return merged, aims, stretches[[group[0] for group in groups]]
 
 
-def _morph(
-    field: tuple[Kernel, float], anchors: NDArray[np.float64], goals: NDArray[np.float64], points: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _morph(field: tuple[Kernel, float], anchors: Array, goals: Array, points: Array) -> Array:
     """Move points by a wide field, and by its residual at the anchors, falling off around them."""
     kernel, smoothing = field
     moved, left = points, goals - anchors
@@ -147,10 +127,8 @@ def _morph(
     return np.asarray(moved + np.exp(-cdist(points, anchors) / REACH_MM) @ weights)
 
 
-def _left_out_mm(
-    field: tuple[Kernel, float], anchors: NDArray[np.float64], goals: NDArray[np.float64], folds: NDArray[np.intp]
-) -> float:
-    """Mean distance of anchors from their goals, each fold moved by the others; infinite where those lie in a plane."""
+def _left_out_mm(field: tuple[Kernel, float], anchors: Array, goals: Array, folds: NDArray[np.intp]) -> float:
+    """Mean distance of anchors from their goals, each fold moved by the others; infinite where those are in a plane."""
     misses = []
     for fold in np.unique(folds):
         out = folds == fold
@@ -162,16 +140,14 @@ def _left_out_mm(
     return float(np.concatenate(misses).mean())
 
 
-def lip_nodes(
-    outer_mm: ArrayLike, inner_mm: ArrayLike, scan: Surface | None = None, *, rows: int = 15
-) -> NDArray[np.float64]:
+def lip_nodes(outer_mm: ArrayLike, inner_mm: ArrayLike, scan: Surface, *, rows: int = 15) -> Array:
     """Put rows of nodes on cubic splines from an outer over a middle to an inner contour.
 
     Parameters
     ----------
     outer_mm, inner_mm : (N, 3) array_like, mm
         Samples that belong to each other.
-    scan : Surface, optional
+    scan : Surface
         The middle contour is laid onto it.
     rows : int
         At least 2.
@@ -182,14 +158,12 @@ def lip_nodes(
     """
     outer = frozen(outer_mm, "outer_mm", ("N", 3), np.float64)
     inner = frozen(inner_mm, "inner_mm", (len(outer), 3), np.float64)
-    middle = (outer + inner) / 2
-    if scan is not None:
-        middle = scan.closest(middle)[0]
+    middle = scan.closest((outer + inner) / 2)[0]
     across = CubicSpline([0.0, 0.5, 1.0], np.stack([outer, middle, inner]), axis=0, bc_type="natural")
     return np.asarray(across(np.linspace(0.0, 1.0, rows)))
 
 
-def spline_contour(points_mm: ArrayLike, corner: int, at: ArrayLike) -> NDArray[np.float64]:
+def spline_contour(points_mm: ArrayLike, corner: int, at: ArrayLike) -> Array:
     """Draw a closed contour with two corners through points, as two cubic splines.
 
     Parameters
@@ -199,7 +173,7 @@ def spline_contour(points_mm: ArrayLike, corner: int, at: ArrayLike) -> NDArray[
     corner : int
         Index of the other corner, 1..N-1.
     at : (K,) array_like
-        Places on it, 0 to N: 2.25 lies between the points 2 and 3, at a quarter of the distance.
+        Places on it, 0 to N: 2.25 is between the points 2 and 3, at a quarter of the distance.
 
     Returns
     -------

@@ -14,7 +14,7 @@ Model: ``x_t = mean + sum_k z_tk u_k + noise``, ``z ~ N(0, I)``; of frame ``t`` 
 All frames are solved at once: ``G_t`` is a matrix product of the masks with the ``W_j^T W_j``, the markers' normal
 matrices are products of masks with the ``z z^T``. No loop over frames or patterns.
 
-Filling gaps and animating want different ranks: fill at the rank that predicts hidden entries best
+Filling gaps and animating need different ranks: fill at the rank that predicts hidden entries best
 (:func:`choose_rank`), then reduce the filled frames by an ordinary PCA.
 """
 
@@ -22,9 +22,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from fapengine._arrays import freeze, frozen
+from fapengine._arrays import Array, Mask, freeze, frozen
 from fapengine.errors import DataError, UsageError
 from fapengine.models.viseme_space import signs
 
@@ -32,6 +32,8 @@ FEW_ALWAYS_SEEN = 0.4
 """Fraction of always-seen markers below which their PCA is a bad start."""
 CHUNK = 4096
 """Frames solved in one call; bounds the memory."""
+HIDDEN, RUN_FRAMES, TRIAL_STEPS = 0.1, 10, 3
+"""Fraction of sightings that are hidden to choose a rank, frames of a hidden run, and EM steps of each trial."""
 MIN_NOISE = 1e-10
 """Noise variance relative to the data's, at least: keeps exact low-rank data solvable."""
 
@@ -40,28 +42,29 @@ MIN_NOISE = 1e-10
 class GapModel:
     """Mean, modes and noise learned from frames with gaps. Arrays are read-only."""
 
-    mean_mm: NDArray[np.float64]
+    mean_mm: Array
     """(M, 3)."""
-    modes_mm: NDArray[np.float64]
+    modes_mm: Array
     """(K, M, 3), mm per standard deviation, orthogonal, longest first; the entry of largest magnitude is positive."""
     noise_mm: float
     """Standard deviation of the residual of the modes, per coordinate."""
-    steps: int
-    """EM steps after the start."""
 
     def __post_init__(self) -> None:
         freeze(self, mean_mm=("M", 3), modes_mm=("K", "M", 3))
 
-    def scores(self, frames_mm: ArrayLike, seen: ArrayLike) -> NDArray[np.float64]:
-        """(T, K): most probable weights of each frame, in standard deviations; 0 where nothing is seen."""
-        return self._scores(*_checked(frames_mm, seen))
+    def scores(self, frames_mm: ArrayLike, seen: ArrayLike | None = None) -> Array:
+        """(T, K): most probable weights of each frame, in standard deviations; 0 where nothing is seen.
 
-    def rebuild(self, scores: ArrayLike) -> NDArray[np.float64]:
+        Without ``seen``, (T, M) bool, everything is.
+        """
+        return self._scores(*_checked(frames_mm, np.ones(np.shape(frames_mm)[:2]) if seen is None else seen))
+
+    def rebuild(self, scores: ArrayLike) -> Array:
         """Faces of weights: (..., K) -> (..., M, 3), mm."""
         z = frozen(scores, "scores", ("...", len(self.modes_mm)), np.float64)
         return self.mean_mm + np.tensordot(z, self.modes_mm, axes=1)
 
-    def fill(self, frames_mm: ArrayLike, seen: ArrayLike) -> NDArray[np.float64]:
+    def fill(self, frames_mm: ArrayLike, seen: ArrayLike) -> Array:
         """(T, M, 3): the frames with their gaps filled; what was seen comes back bit by bit."""
         data, mask = _checked(frames_mm, seen)
         gaps = ~mask.all(axis=0)  # only these markers need to be rebuilt
@@ -70,40 +73,33 @@ class GapModel:
         data[:, gaps] = np.where(mask[:, gaps, None], data[:, gaps], rebuilt)
         return data
 
-    def _scores(self, data: NDArray[np.float64], mask: NDArray[np.bool_]) -> NDArray[np.float64]:
-        state, z = _state(self), np.empty((len(data), len(self.modes_mm)))
+    def _scores(self, data: Array, mask: Mask) -> Array:
+        state = _State(np.zeros_like(self.mean_mm), self.modes_mm, self.noise_mm**2)
+        z = np.empty((len(data), len(self.modes_mm)))
         for start in range(0, len(data), CHUNK):
             rows = slice(start, start + CHUNK)
             off = np.where(mask[rows, :, None], data[rows] - self.mean_mm, 0.0)
-            z[rows] = _solve(_normal(mask[rows], state), _project(off, mask[rows], state))
+            right = _project(off, mask[rows], state)[..., None]
+            z[rows] = np.linalg.solve(_normal(mask[rows], state), right)[..., 0]
         return z
 
 
 def fit_gaps(
-    frames_mm: ArrayLike,
-    seen: ArrayLike,
-    rank: int,
-    *,
-    tolerance_mm: float = 0.001,
-    max_steps: int = 50,
-    about_mm: ArrayLike | None = None,
+    frames_mm: ArrayLike, seen: ArrayLike, rank: int, *, tolerance_mm: float = 0.001, max_steps: int = 50
 ) -> GapModel:
     """Learn mean and modes from frames with gaps.
 
     Parameters
     ----------
     frames_mm : (T, M, 3) array_like, mm
-        Whatever stands where ``seen`` is false is ignored, NaN too.
+        Values where ``seen`` is false are ignored, NaN too.
     seen : (T, M) array_like of bool
     rank : int
         K modes.
     tolerance_mm : float
         EM stops when the filled entries change by less (root mean square per coordinate).
     max_steps : int
-        0 gives the start alone, one shot.
-    about_mm : (M, 3) array_like, mm, optional
-        A face, such as the neutral one, through which the modes shall run. Without it the mean is
-        learned too, as in the paper.
+        0 for the start alone.
     """
     data, mask = _checked(frames_mm, seen)
     if not 1 <= rank < min(len(data), 3 * data.shape[1]):
@@ -116,39 +112,30 @@ def fit_gaps(
             f" got {sightings[marker]}",
             where=f"marker {marker}",
         )
-    fixed = about_mm is not None
-    if about_mm is not None:
-        centre = frozen(about_mm, "about_mm", data.shape[1:], np.float64)
-    else:
-        centre = data.sum(axis=0) / sightings[:, None]
-    data -= centre
-    data[~mask] = 0.0
-    state, steps = _start(data, mask, rank, fixed=fixed), 0
     if not np.isfinite(tolerance_mm) or tolerance_mm <= 0:
         raise UsageError(f"tolerance_mm: must be a positive length, got {tolerance_mm}")
+    centre = data.sum(axis=0) / sightings[:, None]
+    data -= centre
+    data[~mask] = 0.0
+    state = _start(data, mask, rank)
     gaps = ~mask.all(axis=0)
     before = None
-    while steps < max_steps and gaps.any():
+    for _ in range(max_steps if gaps.any() else 0):
         expected = _expect(data, mask, state)
         filled = (state.mean[gaps] + np.tensordot(expected.z, state.modes[:, gaps], axes=1))[~mask[:, gaps]]
         if before is not None and np.sqrt(((filled - before) ** 2).mean()) < tolerance_mm:
             break
         before = filled
-        state, steps = _maximise(data, mask, expected, fixed=fixed), steps + 1
-    return _canonical(state, centre, steps)
+        state = _maximise(data, mask, expected)
+    _, lengths, directions = np.linalg.svd(state.modes.reshape(rank, -1), full_matrices=False)
+    modes = (lengths * signs(directions))[:, None] * directions
+    return GapModel(centre + state.mean, modes.reshape(state.modes.shape), float(np.sqrt(state.noise)))
 
 
 def choose_rank(
-    frames_mm: ArrayLike,
-    seen: ArrayLike,
-    ranks: Sequence[int],
-    *,
-    rng: np.random.Generator,
-    hidden_share: float = 0.1,
-    run_frames: int = 10,
-    max_steps: int = 3,
-) -> tuple[int, NDArray[np.float64]]:
-    """Rank that predicts entries best which were seen but are hidden from the fit.
+    frames_mm: ArrayLike, seen: ArrayLike, ranks: Sequence[int], *, rng: np.random.Generator
+) -> tuple[int, Array]:
+    """Rank that best predicts entries that were seen but are hidden from the fit.
 
     The residual of the fit itself falls with every rank; this one rises again when modes learn noise.
 
@@ -159,11 +146,7 @@ def choose_rank(
     ranks : sequence of int
         Ranks to try, rising.
     rng : numpy.random.Generator
-        Chooses what to hide.
-    hidden_share, run_frames : float, int
-        Fraction of sightings to hide, in runs of ``run_frames`` of one marker, as occlusion does.
-    max_steps : int
-        EM steps of each fit.
+        Chooses what to hide: :data:`HIDDEN` of the sightings, in runs of one marker, as occlusion does.
 
     Returns
     -------
@@ -175,13 +158,11 @@ def choose_rank(
     data, mask = _checked(frames_mm, seen)
     if not len(ranks):
         raise UsageError("ranks: empty; needs at least one")
-    if not 0 < hidden_share < 0.5:
-        raise UsageError(f"hidden_share: must be above 0 and below 0.5, got {hidden_share}")
-    runs = -(-len(data) // run_frames)
-    hidden = np.repeat(rng.random((runs, data.shape[1])) < hidden_share, run_frames, axis=0)[: len(data)] & mask
+    runs = -(-len(data) // RUN_FRAMES)
+    hidden = np.repeat(rng.random((runs, data.shape[1])) < HIDDEN, RUN_FRAMES, axis=0)[: len(data)] & mask
     errors = np.empty(len(ranks))
     for index, rank in enumerate(ranks):
-        model = fit_gaps(data, mask & ~hidden, rank, max_steps=max_steps)
+        model = fit_gaps(data, mask & ~hidden, rank, max_steps=TRIAL_STEPS)
         off = model.rebuild(model.scores(data, mask & ~hidden))[hidden] - data[hidden]
         errors[index] = np.sqrt((off**2).sum(axis=-1).mean())
     good = errors <= 1.01 * errors.min()
@@ -192,29 +173,24 @@ def choose_rank(
 class _State:
     """Parameters between EM steps, relative to the centre."""
 
-    mean: NDArray[np.float64]  # (M, 3)
-    modes: NDArray[np.float64]  # (K, M, 3), prior of the weights N(0, I)
+    mean: Array  # (M, 3)
+    modes: Array  # (K, M, 3), prior of the weights N(0, I)
     noise: float  # mm^2 per coordinate
-
-    def squares(self) -> NDArray[np.float64]:
-        """(M, K, K): ``W_j^T W_j``."""
-        by_marker = np.moveaxis(self.modes, 0, 1)
-        return by_marker @ np.swapaxes(by_marker, 1, 2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Expected:
     """Posterior of the weights: means, and the sums over frames that the M step needs."""
 
-    z: NDArray[np.float64]  # (T, K)
-    normal: NDArray[np.float64]  # (M, K + 1, K + 1): sum over the frames that show j of [z 1]^T [z 1], spread included
-    spread: NDArray[np.float64]  # (K, K): mean posterior covariance
+    z: Array  # (T, K)
+    normal: Array  # (M, K + 1, K + 1): sum over the frames that show j of [z 1]^T [z 1], spread included
+    spread: Array  # (K, K): mean posterior covariance
 
 
-def _normal(mask: NDArray[np.bool_], state: _State) -> NDArray[np.float64]:
+def _normal(mask: Mask, state: _State) -> Array:
     """(T, K, K): ``G_t + s^2 I``."""
-    squares = state.squares()
-    rank = len(state.modes)
+    by_marker = np.moveaxis(state.modes, 0, 1)
+    squares, rank = by_marker @ np.swapaxes(by_marker, 1, 2), len(state.modes)  # (M, K, K): ``W_j^T W_j``
     upper = np.triu_indices(rank)
     gaps = ~mask.all(axis=0)  # only these markers differ between frames
     packed = squares[~gaps][:, *upper].sum(axis=0) + mask[:, gaps].astype(np.float64) @ squares[gaps][:, *upper]
@@ -224,19 +200,14 @@ def _normal(mask: NDArray[np.bool_], state: _State) -> NDArray[np.float64]:
     return full
 
 
-def _project(data: NDArray[np.float64], mask: NDArray[np.bool_], state: _State) -> NDArray[np.float64]:
+def _project(data: Array, mask: Mask, state: _State) -> Array:
     """(T, K): ``W^T (x - mean)`` over the markers seen; ``data`` is 0 in the gaps."""
     shift = np.einsum("kja,ja->jk", state.modes, state.mean)
     flat = state.modes.reshape(len(state.modes), -1)
-    right: NDArray[np.float64] = data.reshape(len(data), -1) @ flat.T - mask.astype(np.float64) @ shift
-    return right
+    return np.asarray(data.reshape(len(data), -1) @ flat.T - mask.astype(np.float64) @ shift)
 
 
-def _solve(normal: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray(np.linalg.solve(normal, right[..., None])[..., 0], dtype=np.float64)
-
-
-def _expect(data: NDArray[np.float64], mask: NDArray[np.bool_], state: _State) -> _Expected:
+def _expect(data: Array, mask: Mask, state: _State) -> _Expected:
     count, markers = mask.shape
     rank = len(state.modes)
     gaps = ~mask.all(axis=0)
@@ -260,21 +231,19 @@ def _expect(data: NDArray[np.float64], mask: NDArray[np.bool_], state: _State) -
     return _Expected(z, normal, spread / count)
 
 
-def _maximise(data: NDArray[np.float64], mask: NDArray[np.bool_], expected: _Expected, *, fixed: bool) -> _State:
-    """Each marker's modes, and its mean unless that is fixed, from the frames that show it; weights back to N(0, I)."""
+def _maximise(data: Array, mask: Mask, expected: _Expected) -> _State:
+    """Each marker's modes and mean from the frames that show it; weights back to N(0, I)."""
     count = len(mask)
     right = np.concatenate([np.tensordot(expected.z, data, axes=(0, 0)), data.sum(axis=0)[None]])
     right = np.moveaxis(right, 0, 1)  # (M, K + 1, 3)
     normal = expected.normal.copy()
-    if fixed:  # the equation of the mean says that it is 0
-        right[:, -1], normal[:, -1, :-1], normal[:, :-1, -1] = 0.0, 0.0, 0.0
     small = 1e-12 * np.trace(normal, axis1=1, axis2=2)[:, None]
     normal[:, np.arange(normal.shape[1]), np.arange(normal.shape[1])] += small
     solved = np.linalg.solve(normal, right)
     power = float(np.vdot(data, data))
     noise = max((power - float(np.vdot(solved, right))) / (3 * mask.sum()), MIN_NOISE * power / (3 * mask.sum()))
     modes, mean = np.moveaxis(solved[:, :-1], 1, 0), solved[:, -1]
-    centre = np.zeros(expected.z.shape[1]) if fixed else expected.z.mean(axis=0)
+    centre = expected.z.mean(axis=0)
     off = expected.z - centre
     covariance = off.T @ off / count + expected.spread
     values, vectors = np.linalg.eigh(covariance)
@@ -282,11 +251,10 @@ def _maximise(data: NDArray[np.float64], mask: NDArray[np.bool_], expected: _Exp
     return _State(mean + np.tensordot(centre, modes, axes=1), np.tensordot(root.T, modes, axes=1), noise)
 
 
-def _start(data: NDArray[np.float64], mask: NDArray[np.bool_], rank: int, *, fixed: bool) -> _State:
+def _start(data: Array, mask: Mask, rank: int) -> _State:
     """Step 1 of the theory of operation."""
-    always = mask.all(axis=0)
+    always, flat = mask.all(axis=0), data.reshape(len(data), -1)
     if always.mean() >= FEW_ALWAYS_SEEN and 3 * always.sum() >= 2 * rank:
-        flat = data.reshape(len(data), -1)
         shown = np.repeat(always, 3)
         vectors = np.zeros((len(shown), rank))
         vectors[shown] = _largest((flat.T @ flat / len(data))[np.ix_(shown, shown)], rank)[1]
@@ -298,8 +266,7 @@ def _start(data: NDArray[np.float64], mask: NDArray[np.bool_], rank: int, *, fix
         for marker in gaps:
             seen = ones[mask[:, marker]]
             normal[marker] = seen.T @ seen
-        return _maximise(data, mask, _Expected(z, normal, np.zeros((rank, rank))), fixed=fixed)
-    flat = data.reshape(len(data), -1)
+        return _maximise(data, mask, _Expected(z, normal, np.zeros((rank, rank))))
     together = mask.astype(np.float64).T @ mask
     pairs = np.maximum(np.repeat(np.repeat(together, 3, axis=0), 3, axis=1), 1.0)
     covariance = flat.T @ flat / pairs
@@ -309,27 +276,13 @@ def _start(data: NDArray[np.float64], mask: NDArray[np.bool_], rank: int, *, fix
     return _State(np.zeros(data.shape[1:]), modes, noise)
 
 
-def _largest(matrix: NDArray[np.float64], count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _largest(matrix: Array, count: int) -> tuple[Array, Array]:
     """Largest eigenvalues, falling, and their vectors as columns."""
     values, vectors = np.linalg.eigh(matrix)
     return values[::-1][:count], vectors[:, ::-1][:, :count]
 
 
-def _state(model: GapModel) -> _State:
-    """Parameters relative to the model's own mean."""
-    return _State(np.zeros_like(model.mean_mm), model.modes_mm, model.noise_mm**2)
-
-
-def _canonical(state: _State, centre: NDArray[np.float64], steps: int) -> GapModel:
-    """Turn the modes to orthogonal ones, longest first, signs fixed."""
-    rank = len(state.modes)
-    _, lengths, directions = np.linalg.svd(state.modes.reshape(rank, -1), full_matrices=False)
-    rows = lengths[:, None] * directions
-    modes = (rows * signs(directions)[:, None]).reshape(state.modes.shape)
-    return GapModel(centre + state.mean, modes, float(np.sqrt(state.noise)), steps)
-
-
-def _checked(frames_mm: ArrayLike, seen: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def _checked(frames_mm: ArrayLike, seen: ArrayLike) -> tuple[Array, Mask]:
     """Copy of the frames with zeros in their gaps, and the mask."""
     frames = np.asarray(frames_mm, dtype=np.float64)
     mask = np.asarray(seen, dtype=bool)

@@ -1,24 +1,25 @@
-"""A model and scans of a face: laying a model of few points onto a scan, and taking a scan's colours.
+"""A model and scans of a face: a model of few points fitted to a scan, and the scan's colours on a head.
 
 Theory of operation
 -------------------
-Paper 003, section 4.2: wanted are the rigid motion and the weights ``z`` for which the model's points
+Paper 003, section 4.2: find the rigid motion and the weights ``z`` for which the model's points
 ``R (mean + sum z_k u_k) + t`` lie on the scan. Each step pairs every point with its closest place on the scan and
 solves one linear system (Gauss-Newton) for all unknowns at once, minimising
 
     sum_i w_i (n_i . off_i)^2 / noise^2  +  sum_landmarks |off|^2 / landmark_noise^2  +  |z|^2.
 
-* Distances are taken along the scan's normal, so that points may slide while the motion is still wrong.
+* Distances are measured along the scan's normal, so that points may slide while the motion is still wrong.
 * Sliding leaves no trace in the surface residual: half a millimetre of it can hide seven along the skin. The landmarks
   stop it, and ``|z|^2``, the modes' own distribution, keeps faces plausible where the scan has holes.
-* Points that pair with the rim of a hole, or lie far off, lose their weight (Tukey's, with a scale from the median).
+* Points that pair with the rim of a hole, or are far off, lose their weight (Tukey's, with a scale from the median).
 
-Colours ("the texture is reattached", paper 004): our texture is laid out over angle and height, the scan's in its own
-way. For each texel of ours the place on the head is found, then the nearest place of the scan, then its colour. Where
-the scan has no skin, the head keeps its own colours, in the scan's tone.
+Colours ("the texture is reattached", paper 004): the head's texture is laid out over angle and height, the scan's in
+any way. For each texel of the head its place is found, then the nearest place of the scan, then its colour. Where the
+scan has no skin, the head keeps its own colours, in the scan's tone.
 """
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,7 +27,7 @@ from scipy.interpolate import LinearNDInterpolator
 from scipy.ndimage import gaussian_filter, zoom
 from scipy.spatial.transform import Rotation
 
-from fapengine._arrays import freeze, frozen
+from fapengine._arrays import Array, freeze, frozen
 from fapengine.errors import DataError, UsageError
 from fapengine.geometry.rigid import RigidMotion, fit_rigid
 from fapengine.geometry.smooth import smoothstep
@@ -40,7 +41,7 @@ from fapengine.models.missing import GapModel
 MIN_LANDMARKS = 3
 """Landmarks to start from; six or more hold the fit (see the theory of operation)."""
 TUKEY = 4.685
-SETTLED_MM = 1e-4
+MAX_STEPS, SETTLED_MM = 40, 1e-4
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -48,22 +49,17 @@ class ScanFit:
     """Pose of a scan, and the face of the model that it shows. Arrays are read-only."""
 
     scan_from_model: RigidMotion
-    scores: NDArray[np.float64]
+    scores: Array
     """(K,): weights, in the modes' standard deviations."""
-    points_mm: NDArray[np.float64]
-    """(M, 3): the model's points, in the scan's space."""
-    trust: NDArray[np.float64]
-    """(M,): final weight of each pairing, 0..1."""
     surface_rms_mm: float
-    """Root mean square of the trusted points' distances along the normal. Says nothing about sliding."""
+    """Root mean square of the trusted points' distances along the normal. It does not show sliding."""
     landmark_rms_mm: float
-    """Root mean square of the distances to the landmarks: the one to look at."""
-    steps: int
+    """Root mean square of the distances to the landmarks; it shows sliding too."""
     settled: bool
-    """The last step moved no point by more than 0.1 um; false: the limit of steps came first."""
+    """True if the last step moved no point by more than 0.1 um; False if :data:`MAX_STEPS` came first."""
 
     def __post_init__(self) -> None:
-        freeze(self, scores=("K",), points_mm=("M", 3), trust=("M",))
+        freeze(self, scores=("K",))
 
 
 def fit_scan(
@@ -74,9 +70,8 @@ def fit_scan(
     *,
     noise_mm: float = 0.5,
     landmark_noise_mm: float = 1.0,
-    max_steps: int = 40,
 ) -> ScanFit:
-    """Find motion and weights that lay ``model`` onto ``scan``.
+    """Find motion and weights that fit ``model`` to ``scan``.
 
     Parameters
     ----------
@@ -101,34 +96,32 @@ def fit_scan(
     noise = np.hypot(noise_mm, model.noise_mm)
     motion = fit_rigid(model.mean_mm[marks], mark_points)
     scores = np.zeros(len(model.modes_mm))
-    points, steps, settled = motion.apply(model.mean_mm), 0, False
-    while steps < max_steps and not settled:
+    points, settled = motion.apply(model.mean_mm), False
+    for _ in range(MAX_STEPS):
         pairs = _pair(points, scan, noise)
         motion, scores = _step(model, motion, scores, pairs, marks, mark_points, noise, landmark_noise_mm)
         before, points = points, motion.apply(model.rebuild(scores))
-        steps, settled = steps + 1, bool(np.abs(points - before).max() < SETTLED_MM)
+        settled = bool(np.abs(points - before).max() < SETTLED_MM)
+        if settled:
+            break
     pairs = _pair(points, scan, noise)
     off = ((points - pairs.places) * pairs.normals).sum(-1)
     return ScanFit(
         scan_from_model=motion,
         scores=scores,
-        points_mm=points,
-        trust=pairs.trust,
         surface_rms_mm=float(np.sqrt((pairs.trust * off**2).sum() / pairs.trust.sum())),
         landmark_rms_mm=float(np.sqrt(((points[marks] - mark_points) ** 2).sum(-1).mean())),
-        steps=steps,
         settled=settled,
     )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Pairs:
-    places: NDArray[np.float64]  # (M, 3)
-    normals: NDArray[np.float64]  # (M, 3)
-    trust: NDArray[np.float64]  # (M,)
+class _Pairs(NamedTuple):
+    places: Array  # (M, 3)
+    normals: Array  # (M, 3)
+    trust: Array  # (M,)
 
 
-def _pair(points: NDArray[np.float64], scan: Surface, noise: float) -> _Pairs:
+def _pair(points: Array, scan: Surface, noise: float) -> _Pairs:
     places, normals, on_rim = scan.closest(points)
     distance = np.linalg.norm(points - places, axis=1)
     scale = max(1.4826 * float(np.median(distance[~on_rim])) if (~on_rim).any() else 0.0, noise)
@@ -139,13 +132,13 @@ def _pair(points: NDArray[np.float64], scan: Surface, noise: float) -> _Pairs:
 def _step(
     model: GapModel,
     motion: RigidMotion,
-    scores: NDArray[np.float64],
+    scores: Array,
     pairs: _Pairs,
     marks: NDArray[np.intp],
-    mark_points: NDArray[np.float64],
+    mark_points: Array,
     noise: float,
     landmark_noise: float,
-) -> tuple[RigidMotion, NDArray[np.float64]]:
+) -> tuple[RigidMotion, Array]:
     """One Gauss-Newton step in (turn about the centroid, shift, weights)."""
     unknowns = 6 + len(scores)
     if (pairs.trust > 0).sum() + 3 * len(marks) < unknowns:
@@ -175,24 +168,21 @@ def _step(
     return RigidMotion(rotation @ motion.rotation, shift), scores + change[6:]
 
 
-Array = NDArray[np.float64]
-
 STRIDE = 2
-"""Texels of the painting, a side, that share one colour of the scan."""
+"""Side of the square of texels that gets one colour of the scan."""
 REACH_MM = 4.0
-"""Distance from the scan within which the head has its colour."""
+"""Distance from the scan within which the head gets its colour."""
 MARGIN = 6
-"""Texels beside the skin's part of the painting that go on in its last colour."""
+"""Texels next to the skin's part of the texture that continue its last colour."""
 BLEND_TEXELS = 5.0
-"""Number of coarse texels over which the scan's colours pass into the head's own."""
+"""Number of coarse texels over which the scan's colours blend into the head's own."""
 
 
 def has_colours(scan: PlacedMesh) -> bool:
     """Whether a scan has colours."""
     source = scan.source
-    if source.texture is not None and source.uv is not None:
-        return True
-    return source.albedo is not None and bool(np.ptp(source.albedo, axis=0).max(initial=0.0) > 0.0)
+    has_texture = source.texture is not None and source.uv is not None
+    return has_texture or (source.albedo is not None and bool(np.ptp(source.albedo, axis=0).max(initial=0.0) > 0.0))
 
 
 def paint_from_scan(mesh: FaceMesh, scan: PlacedMesh) -> FaceMesh:
@@ -203,7 +193,7 @@ def paint_from_scan(mesh: FaceMesh, scan: PlacedMesh) -> FaceMesh:
     mesh : FaceMesh
         Made by :func:`fapengine.models.adapted_head.adapt_head`.
     scan : PlacedMesh
-        With colours: a picture, or a colour for each vertex.
+        With colours: a texture, or a colour for each vertex.
     """
     if mesh.texture is None or not has_colours(scan):
         return mesh
@@ -215,7 +205,7 @@ def paint_from_scan(mesh: FaceMesh, scan: PlacedMesh) -> FaceMesh:
     known = LinearNDInterpolator(mesh.uv[painted], np.hstack([mesh.vertices_mm, mesh.albedo])[painted])(texels)
     on_head = np.isfinite(known[:, 0])
     theirs, near = _colours(scan, known[on_head, :3])
-    own = _linear(mesh.texture[::STRIDE, : width * STRIDE : STRIDE, :3]).reshape(-1, 3)
+    own = (mesh.texture[::STRIDE, : width * STRIDE : STRIDE, :3].reshape(-1, 3) / 255.0) ** 2  # it has square roots
     own = own * np.where(on_head[:, None], known[:, 3:], mesh.albedo[painted].mean(axis=0))
     colours, share = np.zeros((len(texels), 3)), np.zeros(len(texels))
     colours[on_head], share[on_head] = theirs, near
@@ -237,11 +227,6 @@ def paint_from_scan(mesh: FaceMesh, scan: PlacedMesh) -> FaceMesh:
     plain = skin & ~on_painting
     albedo[plain] = np.clip(albedo[plain] * tone, 0, 1)
     return replace(mesh, texture=texture, albedo=albedo)
-
-
-def _linear(texture: NDArray[np.uint8]) -> Array:
-    """(..., 3): linear light of a painting of ours, which keeps square roots."""
-    return np.asarray((texture / 255.0) ** 2)
 
 
 def _colours(scan: PlacedMesh, points: Array) -> tuple[Array, Array]:

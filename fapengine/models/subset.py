@@ -9,8 +9,7 @@ is left (equations 1 to 3).
 
 None of this needs ``A`` itself: ``R`` is the pivoted Cholesky factor of the M x M Gram matrix ``A^T A``, and Gram
 matrices of sentences add up. So every experiment of the paper (random splits, number of sentences, choice of k) works
-on one small matrix per sentence. Squaring costs half the digits, so :func:`factorise` falls back to a true QR of the
-data where ``R_kk / R_11`` drops below 1e-6.
+on one small matrix per sentence. Squaring costs half the digits: ``R_kk`` below about 1e-8 of ``R_11`` is rounding.
 
 Greedy pivoting is not the best subset; :func:`search_swaps` exchanges single markers while that lowers ``||R22||_F``.
 """
@@ -20,13 +19,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import lapack, qr, solve_triangular
+from scipy.linalg import lapack, solve_triangular
 
-from fapengine._arrays import freeze, frozen
+from fapengine._arrays import Array, freeze, frozen
 from fapengine.errors import DataError, UsageError
 
 ILL_CONDITIONED = 1e-6
-"""R_kk / R_11 below which the Gram matrix has lost the column: sqrt of double precision, with a margin of 60."""
+"""R_kk / R_11 below which rounding of the Gram matrix hides a column: sqrt of double precision, times 60."""
 
 BLOCK = 1024
 """Frames of one block of a Gram matrix."""
@@ -38,7 +37,7 @@ class PivotedFactor:
 
     order: NDArray[np.intp]
     """(M,): column of ``A`` at each place, most independent first."""
-    r: NDArray[np.float64]
+    r: Array
     """(M, M), upper triangular, columns in ``order``, mm."""
 
     def __post_init__(self) -> None:
@@ -46,7 +45,7 @@ class PivotedFactor:
         freeze(self, r=(len(self.order), len(self.order)))
 
     @property
-    def diagonal(self) -> NDArray[np.float64]:
+    def diagonal(self) -> Array:
         """(M,): ``R_kk``, falling, mm (figure 2)."""
         return np.abs(np.diag(self.r))
 
@@ -54,7 +53,7 @@ class PivotedFactor:
         """Count the ``R_kk`` that exceed ``relative * R_11``: the numerical dimension of the data."""
         return int((self.diagonal > relative * self.diagonal[0]).sum())
 
-    def gaps(self) -> NDArray[np.float64]:
+    def gaps(self) -> Array:
         """(M - 1,): ``R_kk / R_(k+1)(k+1)``; a sharp gap marks a dimension (figure 2). Infinite after the rank."""
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = self.diagonal[:-1] / self.diagonal[1:]
@@ -67,7 +66,7 @@ class MarkerSubset:
 
     primary: NDArray[np.intp]
     """(k,): the chosen markers."""
-    weights: NDArray[np.float64]
+    weights: Array
     """(k, M): ``X`` in the order of the recording; a primary marker drives itself with 1 and no other primary one."""
     residual_mm: float
     """``||R22||_F`` of the training data, mm (a norm over all frames, not a mean)."""
@@ -81,11 +80,10 @@ class MarkerSubset:
         """(M - k,): the driven markers."""
         return np.setdiff1d(np.arange(self.weights.shape[1]), self.primary)
 
-    def synthesise(self, primary_mm: ArrayLike) -> NDArray[np.float64]:
+    def synthesise(self, primary_mm: ArrayLike) -> Array:
         """Drive all markers (section 5): displacements (..., k, 3) mm of the primary ones -> (..., M, 3) mm."""
         driven = frozen(primary_mm, "primary_mm", ("...", len(self.primary), 3), np.float64)
-        moved: NDArray[np.float64] = self.weights.T @ driven
-        return moved
+        return np.asarray(self.weights.T @ driven)
 
     def error_mm(self, *sentences_mm: ArrayLike) -> float:
         """Mean distance between predicted and true secondary markers over sentences of held-out displacements, mm.
@@ -102,7 +100,7 @@ class MarkerSubset:
         return total / (frames * len(rest)) if len(rest) else 0.0
 
 
-def gram(displacements_mm: ArrayLike) -> NDArray[np.float64]:
+def gram(displacements_mm: ArrayLike) -> Array:
     """``A^T A`` of a sentence: (T, M, 3) mm -> (M, M) mm^2. Sums over sentences are Grams of their union."""
     data = _displacements(displacements_mm)
     total = np.zeros((data.shape[1], data.shape[1]))
@@ -112,41 +110,10 @@ def gram(displacements_mm: ArrayLike) -> NDArray[np.float64]:
     return total
 
 
-def centre_gram(gram_mm2: ArrayLike, total_mm: ArrayLike, frames: int) -> NDArray[np.float64]:
-    """``A^T A`` of the same frames about their mean: scikit-learn's and other tools' definition.
-
-    Parameters
-    ----------
-    gram_mm2 : (M, M) array_like, mm2
-        Of displacements from the neutral pose.
-    total_mm : (M, 3) array_like, mm
-        Sum of the displacements.
-    frames : int
-        How many there are.
-    """
-    matrix = frozen(gram_mm2, "gram_mm2", ("M", "M"), np.float64)
-    total = frozen(total_mm, "total_mm", (len(matrix), 3), np.float64)
-    centred: NDArray[np.float64] = matrix - total @ total.T / frames
-    return centred
-
-
-def factorise(displacements_mm: ArrayLike) -> PivotedFactor:
-    """QR with column pivoting of (T, M, 3) displacements, by the Gram matrix, or exactly where that is too coarse."""
-    data = _displacements(displacements_mm)
-    if 3 * len(data) < data.shape[1]:
-        raise DataError(f"displacements: needs at least {data.shape[1]} / 3 frames for the markers, got {len(data)}")
-    factor = factorise_gram(gram(data))
-    if factor.diagonal[-1] >= ILL_CONDITIONED * factor.diagonal[0]:
-        return factor
-    # R of the unpivoted QR has the Gram matrix of the data, hence the same pivots, in M rows instead of 3T.
-    r, order = qr(np.linalg.qr(_tall(data), mode="r"), mode="r", pivoting=True)
-    return PivotedFactor(order, _positive(r))
-
-
 def factorise_gram(gram_mm2: ArrayLike) -> PivotedFactor:
     """``R`` and the pivots from ``A^T A``, (M, M) mm2, alone, by pivoted Cholesky (LAPACK dpstrf).
 
-    ``R_kk`` below about 1e-8 of ``R_11`` drown in rounding; after the numerical rank ``R`` is zero.
+    After the numerical rank ``R`` is zero.
     """
     a = frozen(gram_mm2, "gram_mm2", ("M", "M"), np.float64)
     if not np.diag(a).max(initial=0.0) > 0:
@@ -172,9 +139,7 @@ def select(factor: PivotedFactor, k: int) -> MarkerSubset:
 def fit_weights(gram_mm2: ArrayLike, primary: Sequence[int] | NDArray[np.intp]) -> MarkerSubset:
     """Least-squares weights of a chosen basis, (k,) columns, from the Gram matrix, (M, M) mm2."""
     a = frozen(gram_mm2, "gram_mm2", ("M", "M"), np.float64)
-    chosen = np.asarray(primary, dtype=np.intp)
-    if not len(chosen) or len(set(chosen.tolist())) < len(chosen) or chosen.min() < 0 or chosen.max() >= len(a):
-        raise UsageError(f"primary: got {chosen.tolist()}, expected different markers 0..{len(a) - 1}")
+    chosen = checked_basis(primary, len(a))
     rest = np.setdiff1d(np.arange(len(a)), chosen)
     square = a[np.ix_(chosen, chosen)]
     if np.linalg.matrix_rank(square, hermitian=True) < len(chosen):
@@ -184,6 +149,14 @@ def fit_weights(gram_mm2: ArrayLike, primary: Sequence[int] | NDArray[np.intp]) 
     weights[:, rest] = np.linalg.solve(square, a[np.ix_(chosen, rest)])
     left = np.trace(a[np.ix_(rest, rest)]) - (weights[:, rest] * a[np.ix_(chosen, rest)]).sum()
     return MarkerSubset(chosen, weights, float(np.sqrt(max(left, 0.0))))
+
+
+def checked_basis(primary: Sequence[int] | NDArray[np.intp], count: int) -> NDArray[np.intp]:
+    """Check that a basis, (K,), has different markers of ``count``; raises UsageError."""
+    chosen = np.asarray(primary, dtype=np.intp)
+    if not len(chosen) or len(set(chosen.tolist())) < len(chosen) or chosen.min() < 0 or chosen.max() >= count:
+        raise UsageError(f"primary: must be different markers 0 to {count - 1}, got {chosen.tolist()}")
+    return chosen
 
 
 def search_swaps(gram_mm2: ArrayLike, subset: MarkerSubset, *, rounds: int = 100) -> MarkerSubset:
@@ -212,7 +185,7 @@ def search_swaps(gram_mm2: ArrayLike, subset: MarkerSubset, *, rounds: int = 100
     return fit_weights(a, chosen)
 
 
-def _displacements(displacements_mm: ArrayLike) -> NDArray[np.float64]:
+def _displacements(displacements_mm: ArrayLike) -> Array:
     data = np.asarray(displacements_mm, dtype=np.float64)
     if data.ndim != 3 or data.shape[2] != 3 or not data.size:
         raise UsageError(f"displacements_mm: got shape {data.shape}, expected (T, M, 3)")
@@ -222,12 +195,6 @@ def _displacements(displacements_mm: ArrayLike) -> NDArray[np.float64]:
     return data
 
 
-def _tall(data: NDArray[np.float64]) -> NDArray[np.float64]:
+def _tall(data: Array) -> Array:
     """(T, M, 3) -> (3T, M)."""
     return np.swapaxes(data, 1, 2).reshape(-1, data.shape[1])
-
-
-def _positive(r: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Make the diagonal of R positive, as in the paper."""
-    signed: NDArray[np.float64] = r * np.where(np.diag(r) < 0, -1.0, 1.0)[:, None]
-    return signed

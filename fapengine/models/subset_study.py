@@ -1,4 +1,4 @@
-"""How far a marker subset can be trusted, and what it moves: paper 000, section 4.
+"""Reliability of a marker subset, and the regions that it moves: paper 000, section 4.
 
 Choice of k, stability, amount of data: all experiments split by sentence, never by frame, because neighbouring frames
 are nearly equal and would leak. Every split is a sum of sentence Gram matrices; only the mean distance in mm needs the
@@ -19,9 +19,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import RBFInterpolator
 from scipy.spatial import Delaunay
 
-from fapengine._arrays import freeze, frozen
+from fapengine._arrays import Array, Mask, freeze, frozen
 from fapengine.errors import UsageError
-from fapengine.models.subset import MarkerSubset, factorise_gram, gram, search_swaps, select
+from fapengine.models.subset import MarkerSubset, checked_basis, factorise_gram, gram, select
 
 SAME_PLACE_DIGITS = 3
 """Digits of a millimetre to which markers at one place agree, such as those of lips that are shut."""
@@ -31,19 +31,14 @@ SAME_PLACE_DIGITS = 3
 class KinematicRegions:
     """Weights of k primary markers at N points of the face. Arrays are read-only."""
 
-    weights: NDArray[np.float64]
+    weights: Array
     """(k, N)."""
-    inside: NDArray[np.bool_]
+    inside: Mask
     """(N,): within the hull of the markers; beyond it the weights are a guess."""
 
     def __post_init__(self) -> None:
         freeze(self, weights=("k", "N"))
         freeze(self, np.bool_, inside=(self.weights.shape[1],))
-
-    def signs(self, notable: float = 0.1) -> NDArray[np.int8]:
-        """(k, N): +1 moves with the primary marker, -1 against it, 0 hardly (below ``notable``) or outside."""
-        signs = np.where(np.abs(self.weights) >= notable, np.sign(self.weights), 0) * self.inside
-        return signs.astype(np.int8)
 
 
 def interpolate_regions(subset: MarkerSubset, markers_mm: ArrayLike, points_mm: ArrayLike) -> KinematicRegions:
@@ -85,24 +80,25 @@ class FullMap:
 
     primary: NDArray[np.intp]
     """(k,): the chosen markers."""
-    matrix: NDArray[np.float64]
-    """(3k, 3M): coordinates of a marker lie side by side."""
+    matrix: Array
+    """(3k, 3M): coordinates of a marker are adjacent."""
 
     def __post_init__(self) -> None:
         freeze(self, np.intp, primary=("k",))
         freeze(self, matrix=(3 * len(self.primary), "3M"))
 
-    def synthesise(self, primary_mm: ArrayLike) -> NDArray[np.float64]:
+    def synthesise(self, primary_mm: ArrayLike) -> Array:
         """Drive all markers: displacements (..., k, 3) mm of the primary ones -> (..., M, 3) mm."""
         driven = frozen(primary_mm, "primary_mm", ("...", len(self.primary), 3), np.float64)
         batch = driven.shape[:-2]
         return (driven.reshape(*batch, -1) @ self.matrix).reshape(*batch, -1, 3)
 
     def error_mm(self, *sentences_mm: ArrayLike) -> float:
-        """Mean distance between predicted and true markers beyond the basis, mm; each sentence is (T, M, 3)."""
-        rest, total, frames = np.setdiff1d(np.arange(self.matrix.shape[1] // 3), self.primary), 0.0, 0
+        """Mean distance between predicted and true markers outside the basis, mm; each sentence is (T, M, 3)."""
+        count = self.matrix.shape[1] // 3
+        rest, total, frames = np.setdiff1d(np.arange(count), self.primary), 0.0, 0
         for sentence in sentences_mm:
-            data = frozen(sentence, "sentences_mm", ("T", self.matrix.shape[1] // 3, 3), np.float64)
+            data = frozen(sentence, "sentences_mm", ("T", count, 3), np.float64)
             off = self.synthesise(data[:, self.primary])[:, rest] - data[:, rest]
             total, frames = total + float(np.linalg.norm(off, axis=-1).sum()), frames + len(data)
         return total / (frames * len(rest))
@@ -118,40 +114,26 @@ def fit_full_map(gram_mm2: ArrayLike, primary: Sequence[int] | NDArray[np.intp])
     primary : sequence of int
         k different markers.
     """
-    gram = _checked(gram_mm2)
-    count = len(gram) // 3
-    chosen = np.asarray(primary, dtype=np.intp)
-    if not len(chosen) or len(set(chosen.tolist())) < len(chosen) or chosen.min() < 0 or chosen.max() >= count:
-        raise UsageError(f"primary: got {chosen.tolist()}, expected different markers 0..{count - 1}")
-    rows = _coordinates(chosen)
+    gram = frozen(gram_mm2, "gram_mm2", ("3M", "3M"), np.float64)
+    if len(gram) % 3:
+        raise UsageError(f"gram_mm2: got {len(gram)} rows, expected three for each marker")
+    chosen = checked_basis(primary, len(gram) // 3)
+    rows = (3 * chosen[:, None] + np.arange(3)).ravel()
     square = gram[np.ix_(rows, rows)]
     square[np.diag_indices_from(square)] += RIDGE * np.trace(square) / len(square)
     return FullMap(chosen, np.asarray(np.linalg.solve(square, gram[rows]), dtype=np.float64))
 
 
-def coordinate_gram(sentences_mm: Sequence[ArrayLike]) -> NDArray[np.float64]:
+def coordinate_gram(sentences_mm: Sequence[ArrayLike]) -> Array:
     """Sentences of displacements, (T, M, 3) mm each -> (3M, 3M), mm^2, of all their frames."""
-    total: NDArray[np.float64] | None = None
-    for sentence in sentences_mm:
-        data = frozen(sentence, "displacements_mm", ("T", "M", 3), np.float64)
-        flat = data.reshape(len(data), -1)
-        if total is None:
-            total = np.zeros((flat.shape[1], flat.shape[1]))
-        total += flat.T @ flat
-    if total is None:
+    if not sentences_mm:
         raise UsageError("sentences_mm: empty; needs at least one")
-    return total
 
+    def square(sentence: ArrayLike) -> Array:
+        flat = frozen(sentence, "displacements_mm", ("T", "M", 3), np.float64).reshape(len(np.asarray(sentence)), -1)
+        return np.asarray(flat.T @ flat)
 
-def _checked(gram_mm2: ArrayLike) -> NDArray[np.float64]:
-    gram = frozen(gram_mm2, "gram_mm2", ("3M", "3M"), np.float64)
-    if len(gram) % 3:
-        raise UsageError(f"gram_mm2: got {len(gram)} rows, expected three for each marker")
-    return gram
-
-
-def _coordinates(markers: NDArray[np.intp]) -> NDArray[np.intp]:
-    return (3 * markers[:, None] + np.arange(3)).ravel()
+    return np.asarray(sum(map(square, sentences_mm)))
 
 
 Sentences = Sequence[NDArray[np.floating]]
@@ -164,7 +146,7 @@ class ErrorCurve:
 
     k: NDArray[np.intp]
     """(N,), rising."""
-    fold_mm: NDArray[np.float64]
+    fold_mm: Array
     """(N, folds): mean distance of the driven markers in the sentences left out, mm."""
 
     def __post_init__(self) -> None:
@@ -172,17 +154,15 @@ class ErrorCurve:
         freeze(self, fold_mm=(len(self.k), "folds"))
 
     @property
-    def mean_mm(self) -> NDArray[np.float64]:
+    def mean_mm(self) -> Array:
         """(N,)."""
-        mean: NDArray[np.float64] = self.fold_mm.mean(axis=1)
-        return mean
+        return np.asarray(self.fold_mm.mean(axis=1))
 
     @property
-    def standard_error_mm(self) -> NDArray[np.float64]:
+    def standard_error_mm(self) -> Array:
         """(N,): of the mean over folds."""
         folds = self.fold_mm.shape[1]
-        error: NDArray[np.float64] = self.fold_mm.std(axis=1, ddof=1) / np.sqrt(folds)
-        return error
+        return np.asarray(self.fold_mm.std(axis=1, ddof=1) / np.sqrt(folds))
 
     def choose(self, tolerance_mm: float | None = None) -> int:
         """Find the smallest k that is good enough.
@@ -190,9 +170,9 @@ class ErrorCurve:
         Parameters
         ----------
         tolerance_mm : float, optional
-            The recording's uncertainty, or a difference that is not visible: k is the first with an error, plus one
-            standard error, is within. Without it, k is the first whose error is within one standard error of the least
-            (Breiman et al. 1984): the effect of more markers could be chance.
+            The recording's uncertainty, or a difference that is not visible: k is the first whose error, plus one
+            standard error, is within it. Without it, k is the first whose error is within one standard error of the
+            least (Breiman et al. 1984): the effect of more markers could be chance.
         """
         if tolerance_mm is None:
             least = int(self.mean_mm.argmin())
@@ -203,10 +183,14 @@ class ErrorCurve:
             raise UsageError(f"tolerance_mm: got {tolerance_mm}, the curve ends at {self.mean_mm.min():.3f} mm")
         return int(self.k[good.argmax()])
 
+    def choose_within(self, tolerance_mm: float) -> tuple[int, str]:
+        """Choose k by a tolerance if the curve reaches it, else without one; also return the reason as text."""
+        if (self.mean_mm + self.standard_error_mm).min() <= tolerance_mm:
+            return self.choose(tolerance_mm), f"the first whose error is within {tolerance_mm:g} mm"
+        return self.choose(), f"none comes within {tolerance_mm:g} mm: the first near the least"
 
-def error_curve(
-    sentences: Sentences, ks: Sequence[int], *, folds: int = 10, rng: np.random.Generator, swaps: bool = False
-) -> ErrorCurve:
+
+def error_curve(sentences: Sentences, ks: Sequence[int], *, folds: int = 10, rng: np.random.Generator) -> ErrorCurve:
     """Cross-validate the whole procedure, selection included.
 
     Parameters
@@ -217,8 +201,6 @@ def error_curve(
         2 to the number of sentences.
     rng : numpy.random.Generator
         Deals the sentences to the folds.
-    swaps : bool
-        Improve each basis by :func:`fapengine.models.subset.search_swaps`.
     """
     if not 2 <= folds <= len(sentences):
         raise UsageError(f"folds: must be 2 to {len(sentences)} (the number of sentences), got {folds}")
@@ -231,12 +213,9 @@ def error_curve(
     whole = grams.sum(axis=0)
     errors = np.empty((len(sizes), folds))
     for fold, out in enumerate(left_out):
-        training = whole - grams[fold]
-        factor = factorise_gram(training)
+        factor = factorise_gram(whole - grams[fold])
         frames = [sentences[index] for index in out]
-        for row, k in enumerate(sizes):
-            subset = select(factor, k)
-            errors[row, fold] = (search_swaps(training, subset) if swaps else subset).error_mm(*frames)
+        errors[:, fold] = [select(factor, k).error_mm(*frames) for k in sizes]
     return ErrorCurve(np.array(sizes, dtype=np.intp), errors)
 
 
@@ -267,14 +246,14 @@ def stability(pivots: ArrayLike, k: int) -> float:
     return float(np.mean(pairs)) if pairs else 1.0
 
 
-def diagonals_by_amount(grams: ArrayLike, count: int = 10) -> NDArray[np.float64]:
+def diagonals_by_amount(grams: ArrayLike, count: int = 10) -> Array:
     """Repeat figure 3: (S, count) ``R_kk / ||R||_F`` of the first 1, 2, ... S sentences."""
     sums = np.cumsum(frozen(grams, "grams", ("S", "M", "M"), np.float64), axis=0)
     return np.stack([factorise_gram(matrix).diagonal[:count] / np.sqrt(np.trace(matrix)) for matrix in sums])
 
 
-def sentence_grams(sentences: Sentences, *, at_most: int | None = None) -> NDArray[np.float64]:
-    """(S, M, M): the Gram matrix of each sentence; with ``at_most``, of so many groups of neighbouring sentences."""
+def sentence_grams(sentences: Sentences, *, at_most: int | None = None) -> Array:
+    """(S, M, M): Gram matrices of sentences, or of at most ``at_most`` groups of neighbouring sentences."""
     counts = sorted({np.shape(sentence)[1] for sentence in sentences})
     if len(counts) != 1:
         raise UsageError(f"sentences: got marker counts {counts}, expected one")

@@ -9,11 +9,11 @@ few as keep *every marker in every frame* within a distance of the capture.
 1. Insertion: between two via points, wherever the curve is too far off, the worst frame becomes one; all intervals at
    once, until nothing is too far.
 2. Pruning: each via point is tried for removal on a window of neighbours, the least needed first. A quintic forgets a
-   change by a factor of 0.43 for each point, so 12 neighbours to each side stand for all. Where the whole curve then is
-   too far off somewhere, step 1 repairs it.
+   change by a factor of 0.43 for each point, so 12 neighbours on each side suffice. Step 1 repairs what is then too far
+   off.
 
 Noise needs points too: 0.15 mm of it at a bound of 0.75 mm made three of four frames via points. Filter first
-(:func:`without_noise`).
+(:func:`fapengine.geometry.smooth.low_pass`); speech moves the face below 12 Hz.
 
 For other programs the same method finds few keys of a natural cubic spline, which a cubic Hermite curve with the
 spline's own slopes at its keys repeats exactly (:class:`KeyedCurve`).
@@ -25,18 +25,16 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from fapengine._arrays import freeze, frozen
+from fapengine._arrays import Array, Indices, Mask, freeze, frozen
 from fapengine.errors import UsageError
-from fapengine.geometry.smooth import low_pass
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
 WINDOW = 12
 """Neighbours on each side that a removal is judged with: 0.43^12 is 4e-5; a cubic forgets by 0.27."""
-Frames = NDArray[np.int64]
 
 MIN_POINTS = 3
 """A natural quintic through two points is not unique."""
@@ -46,9 +44,9 @@ MIN_POINTS = 3
 class ViaPoints:
     """Times and poses of a minimum-jerk curve. Arrays are read-only."""
 
-    times_s: NDArray[np.float64]
+    times_s: Array
     """(N,), rising, N >= 3."""
-    positions_mm: NDArray[np.float64]
+    positions_mm: Array
     """(N, M, 3)."""
 
     def __post_init__(self) -> None:
@@ -56,8 +54,8 @@ class ViaPoints:
         if len(self.times_s) < MIN_POINTS or (np.diff(self.times_s) <= 0).any():
             raise UsageError(f"times_s: needs at least {MIN_POINTS} times, strictly rising, got {len(self.times_s)}")
 
-    def sample(self, times_s: ArrayLike) -> NDArray[np.float64]:
-        """(T, M, 3) mm: the curve at ``times_s``; before the first and after the last point it stands still."""
+    def sample(self, times_s: ArrayLike) -> Array:
+        """(T, M, 3) mm: the curve at ``times_s``; before the first and after the last point it does not move."""
         times = np.clip(np.asarray(times_s, dtype=np.float64), self.times_s[0], self.times_s[-1])
         flat = self.positions_mm.reshape(len(self.times_s), -1)
         return natural_spline(self.times_s, flat)(times).reshape(len(times), -1, 3)
@@ -70,15 +68,13 @@ class Reduction:
     tolerance_mm: float
     point_count: int
     share: float
-    """Via points a frame, 0..1."""
+    """Via points per frame, 0..1."""
     mean_mm: float
     """Mean distance of a marker to its captured place."""
     max_mm: float
 
 
-def extract_via_points(
-    positions_mm: ArrayLike, rate_hz: float, tolerance_mm: float, *, prune: bool = True
-) -> ViaPoints:
+def extract_via_points(positions_mm: ArrayLike, rate_hz: float, tolerance_mm: float) -> ViaPoints:
     """Find few frames with a minimum-jerk curve that keeps every marker of every frame within ``tolerance_mm``.
 
     Parameters
@@ -86,22 +82,20 @@ def extract_via_points(
     positions_mm : (T, M, 3) array_like, mm
         At least 3 frames.
     rate_hz : float
-        Frames a second; the first frame is at 0 s.
+        Frame rate; the first frame is at 0 s.
     tolerance_mm : float
         The paper's error criterion: largest distance.
-    prune : bool
-        Without it extraction is about five times as fast and leaves a sixth more points.
     """
     positions = frozen(positions_mm, "positions_mm", ("T", "M", 3), np.float64)
     if len(positions) < MIN_POINTS:
         raise UsageError(f"positions_mm: needs at least {MIN_POINTS} frames, got {len(positions)}")
     if not (rate_hz > 0 and tolerance_mm > 0):
         raise UsageError(f"rate_hz, tolerance_mm: got {rate_hz} and {tolerance_mm}, expected positive numbers")
-    frames = choose_frames(positions, tolerance_mm, prune=prune)
+    frames = choose_frames(positions, tolerance_mm)
     return ViaPoints(times_s=frames / rate_hz, positions_mm=positions[frames])
 
 
-def choose_frames(positions: NDArray[np.float64], tolerance: float, *, prune: bool = True, degree: int = 5) -> Frames:
+def choose_frames(positions: Array, tolerance: float, *, degree: int = 5) -> Indices:
     """Find few frames with a natural spline that keeps every point of every frame within ``tolerance``.
 
     Parameters
@@ -110,8 +104,6 @@ def choose_frames(positions: NDArray[np.float64], tolerance: float, *, prune: bo
         At least 3 frames; distances are of all D coordinates together.
     tolerance : float
         In the unit of the positions.
-    prune : bool
-        As of :func:`extract_via_points`.
     degree : int
         5 for the curve of least jerk, 3 for that of least acceleration, which other programs can play.
 
@@ -124,9 +116,8 @@ def choose_frames(positions: NDArray[np.float64], tolerance: float, *, prune: bo
     chosen = np.zeros(len(positions), dtype=bool)
     chosen[[0, len(positions) // 2, -1]] = True
     _insert(motion, chosen, tolerance)
-    if prune:
-        _prune(motion, chosen, tolerance)
-        _insert(motion, chosen, tolerance)
+    _prune(motion, chosen, tolerance)
+    _insert(motion, chosen, tolerance)
     return np.flatnonzero(chosen)
 
 
@@ -143,15 +134,7 @@ def reduction_curve(positions_mm: ArrayLike, rate_hz: float, tolerances_mm: Arra
     return curve
 
 
-def without_noise(positions_mm: ArrayLike, rate_hz: float, cutoff_hz: float = 12.0) -> NDArray[np.float64]:
-    """Filter noise out without delay: (T, M, 3) -> (T, M, 3). Speech moves the face below 12 Hz."""
-    positions = frozen(positions_mm, "positions_mm", ("T", "M", 3), np.float64)
-    if len(positions) < 16:
-        raise UsageError(f"positions_mm: needs at least 16 frames, got {len(positions)}")
-    return low_pass(positions, rate_hz, cutoff_hz)
-
-
-def natural_spline(times: NDArray[np.float64], values: NDArray[np.float64], degree: int = 5) -> BSpline:
+def natural_spline(times: Array, values: Array, degree: int = 5) -> BSpline:
     """Lay the spline of degree 3 or 5 with free ends through values, (N, W), at times, (N,) rising, N >= 3."""
     from scipy.interpolate import make_interp_spline
 
@@ -164,20 +147,19 @@ def natural_spline(times: NDArray[np.float64], values: NDArray[np.float64], degr
 class _Motion:
     """Motion that a spline of a degree must retrace."""
 
-    positions: NDArray[np.float64]
+    positions: Array
     """(T, M, D)."""
     degree: int
 
-    def off(self, frames: NDArray[np.int64], at: NDArray[np.int64]) -> NDArray[np.float64]:
+    def off(self, frames: Indices, at: Indices) -> Array:
         """(T,): squared distance of the worst point at some frames from the spline through others."""
         flat = self.positions.reshape(len(self.positions), -1)
         curve = natural_spline(frames.astype(np.float64), flat[frames], self.degree)(at.astype(np.float64))
         away = curve.reshape(len(at), *self.positions.shape[1:]) - self.positions[at]
-        worst: NDArray[np.float64] = (away**2).sum(axis=-1).max(axis=-1)
-        return worst
+        return np.asarray((away**2).sum(axis=-1).max(axis=-1))
 
 
-def _insert(motion: _Motion, chosen: NDArray[np.bool_], tolerance: float) -> None:
+def _insert(motion: _Motion, chosen: Mask, tolerance: float) -> None:
     """Step 1, in place: set frames in ``chosen`` until the curve is near everywhere."""
     every = np.arange(len(chosen))
     while True:
@@ -192,7 +174,7 @@ def _insert(motion: _Motion, chosen: NDArray[np.bool_], tolerance: float) -> Non
                 chosen[start + off[start:stop].argmax()] = True
 
 
-def _prune(motion: _Motion, chosen: NDArray[np.bool_], tolerance: float) -> None:
+def _prune(motion: _Motion, chosen: Mask, tolerance: float) -> None:
     """Step 2, in place: clear frames in ``chosen`` that their neighbours can spare."""
     frames = np.flatnonzero(chosen)
     need = {int(frame): _error_without(motion, chosen, int(frame)) for frame in frames[1:-1]}
@@ -203,22 +185,20 @@ def _prune(motion: _Motion, chosen: NDArray[np.bool_], tolerance: float) -> None
             chosen[frame] = False
 
 
-def _error_without(motion: _Motion, chosen: NDArray[np.bool_], frame: int) -> float:
+def _error_without(motion: _Motion, chosen: Mask, frame: int) -> float:
     """Largest squared distance within half a window when ``frame`` is not a via point."""
     before = np.flatnonzero(chosen[:frame])[-WINDOW:]
-    behind = frame + 1 + np.flatnonzero(chosen[frame + 1 :])[:WINDOW]
-    frames = np.concatenate([before, behind])
+    later = frame + 1 + np.flatnonzero(chosen[frame + 1 :])[:WINDOW]
+    frames = np.concatenate([before, later])
     if len(frames) < MIN_POINTS:
         return np.inf
-    inner = np.arange(before[-(WINDOW // 2) :][0], behind[: WINDOW // 2][-1] + 1)
+    inner = np.arange(before[-(WINDOW // 2) :][0], later[: WINDOW // 2][-1] + 1)
     return float(motion.off(frames, inner).max())
 
 
-Array = NDArray[np.float64]
-
 STRAIGHT, CUBIC = "linear", "cubic"
 WAYS = (STRAIGHT, CUBIC)
-"""Ways to go from key to key."""
+"""Interpolations between keys."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -230,7 +210,7 @@ class KeyedCurve:
     values: Array
     """(N, W)."""
     slopes: Array | None = None
-    """(N, W) a second, of the cubic Hermite curve; None where it goes straight from key to key."""
+    """(N, W) per second, of the cubic Hermite curve; None for linear interpolation."""
 
     def __post_init__(self) -> None:
         freeze(self, times_s=("N",), values=("N", "W"))
@@ -246,7 +226,7 @@ def key_curve(values: Array, rate_hz: float, way: str = STRAIGHT, tolerance: flo
     values : (T, W)
         T >= 1; the first is at 0 s.
     way : str
-        ``"linear"``: a key a frame, all that changes nothing left out. ``"cubic"``: few keys.
+        ``"linear"``: a key per frame, without those that change nothing. ``"cubic"``: few keys.
     tolerance : float
         Largest distance of any cubic value from its frame's.
     """
@@ -267,7 +247,7 @@ def key_curve(values: Array, rate_hz: float, way: str = STRAIGHT, tolerance: flo
     return KeyedCurve(times[frames], values[frames], slopes)
 
 
-def _bends(values: Array) -> NDArray[np.int64]:
+def _bends(values: Array) -> Indices:
     """Frames that differ from the one before or the one after."""
     still = (values[1:] == values[:-1]).all(axis=1)
     spared = np.zeros(len(values), bool)

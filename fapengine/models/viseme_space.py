@@ -4,15 +4,15 @@ Theory of operation
 -------------------
 A frame of M = 14 markers is a 42-vector ``d`` of displacements from the speaker's rest face. The eigenvectors of the
 covariance of all frames (section 4.1), in a canonical order and sign, are the rows of ``T``; ``e = T d`` (equation 2)
-is the frame's point in the space and ``d = Tt e`` (equation 3) leads back. The origin is the rest face, because ``d``
-is. The first K rows are kept.
+is the frame's point in the space and ``d = Tt e`` (equation 3) the way back. The origin is the rest face, from which
+``d`` counts. The first K rows are kept.
 
 Feature points that are not among the markers (the inner lips) follow by least squares from the markers' modes, so that
 every mode moves them too. Phones and expressions are points in the space.
 
 Components are named by what they move (section 4.2 and figure 3), by measurement instead of by eye. Each of
-:data:`MOVES` is a displacement of feature points that articulation knows. A component gets the name of the move that it
-is most parallel to, over the points that both know; below :data:`CLEAR` it is called mixed.
+:data:`MOVES` is a displacement of feature points in articulation. A component gets the name of the move that it is most
+parallel to, over the points that both have; below :data:`CLEAR` it is called mixed.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,33 +20,13 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from fapengine._arrays import freeze, frozen
+from fapengine._arrays import Array, Rebuilt, freeze, frozen
 from fapengine.errors import UsageError
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Components:
-    """Result of :func:`fit_components`. Arrays are read-only."""
-
-    mean: NDArray[np.float64]
-    """(D,)."""
-    vectors: NDArray[np.float64]
-    """(K, D), orthonormal rows, by falling variance; in each the entry of largest magnitude is positive."""
-    variances: NDArray[np.float64]
-    """(K,), in squared units of the data."""
-
-    def __post_init__(self) -> None:
-        freeze(self, mean=("D",), vectors=("K", "D"), variances=("K",))
-
-    def share(self) -> NDArray[np.float64]:
-        """(K,): variance carried by the first 1, 2, ... K components, as a fraction of the whole."""
-        shares: NDArray[np.float64] = np.cumsum(self.variances) / self.variances.sum()
-        return shares
-
-
-def fit_components(frames: ArrayLike) -> Components:
+def fit_components(frames: ArrayLike) -> tuple[Array, Array]:
     """All principal components of ``frames``.
 
     Parameters
@@ -54,22 +34,28 @@ def fit_components(frames: ArrayLike) -> Components:
     frames : (T, D) array_like
         At least two frames.
 
+    Returns
+    -------
+    vectors : (K, D) float64
+        Orthonormal rows, by falling variance; in each the entry of largest magnitude is positive.
+    variances : (K,) float64
+        In squared units of the data.
+
     Examples
     --------
-    >>> fit_components([[0.0, 0.0], [2.0, 2.0]]).vectors[0].round(3)
+    >>> fit_components([[0.0, 0.0], [2.0, 2.0]])[0][0].round(3)
     array([0.707, 0.707])
     """
     data = frozen(frames, "frames", ("T", "D"), np.float64)
     if len(data) < 2:
         raise UsageError(f"frames: needs at least 2, got {len(data)}")
-    mean = data.mean(axis=0)
-    centred = data - mean
+    centred = data - data.mean(axis=0)
     variances, vectors = np.linalg.eigh(centred.T @ centred / len(data))
     rows = vectors.T[::-1]
-    return Components(mean, rows * signs(rows)[:, None], np.maximum(variances[::-1], 0.0))
+    return rows * signs(rows)[:, None], np.maximum(variances[::-1], 0.0)
 
 
-def signs(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+def signs(rows: Array) -> Array:
     """(K,): 1 or -1 for each row, (K, D), so that its entry of largest magnitude becomes positive."""
     return np.where(rows[np.arange(len(rows)), np.abs(rows).argmax(axis=1)] < 0, -1.0, 1.0)
 
@@ -79,14 +65,14 @@ MARKERS = (*(f"8.{n}" for n in range(1, 9)), "2.10", "2.1", *(f"5.{n}" for n in 
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class VisemeSpace:
+class VisemeSpace(Rebuilt):
     """K directions of face motion, and how each moves the feature points. Arrays are read-only."""
 
     points: tuple[str, ...]
     """Names of the P feature points: the markers first, then those that follow them."""
     marker_count: int
     """Number of ``points`` that are markers."""
-    modes_mm: NDArray[np.float64]
+    modes_mm: Array
     """(K, P, 3), mm per unit weight. Over the markers the rows are orthonormal."""
 
     def __post_init__(self) -> None:
@@ -99,14 +85,18 @@ class VisemeSpace:
         """K."""
         return len(self.modes_mm)
 
-    def to_space(self, markers_mm: ArrayLike) -> NDArray[np.float64]:
+    @property
+    def markers(self) -> tuple[str, ...]:
+        """Those of ``points`` that are markers."""
+        return self.points[: self.marker_count]
+
+    def to_space(self, markers_mm: ArrayLike) -> Array:
         """Weights of marker displacements, equation 2: (..., markers, 3) mm -> (..., K)."""
         d = frozen(markers_mm, "markers_mm", ("...", self.marker_count, 3), np.float64)
         modes = self.modes_mm[:, : self.marker_count].reshape(self.mode_count, -1)
-        weights: NDArray[np.float64] = d.reshape(*d.shape[:-2], -1) @ modes.T
-        return weights
+        return np.asarray(d.reshape(*d.shape[:-2], -1) @ modes.T)
 
-    def to_points_mm(self, weights: ArrayLike) -> NDArray[np.float64]:
+    def to_points_mm(self, weights: ArrayLike) -> Array:
         """Displacements of all points, equation 3: (..., K) -> (..., P, 3) mm."""
         e = frozen(weights, "weights", ("...", self.mode_count), np.float64)
         flat = e @ self.modes_mm.reshape(self.mode_count, -1)
@@ -115,7 +105,7 @@ class VisemeSpace:
 
 def fit_viseme_space(
     markers_mm: ArrayLike, markers: Sequence[str], followers_mm: ArrayLike, followers: Sequence[str], *, mode_count: int
-) -> tuple[VisemeSpace, NDArray[np.float64]]:
+) -> tuple[VisemeSpace, Array]:
     """Learn the space from fluent speech.
 
     Parameters
@@ -142,18 +132,16 @@ def fit_viseme_space(
     if not 1 <= mode_count <= 3 * len(markers):
         raise UsageError(f"mode_count: must be 1 to {3 * len(markers)}, got {mode_count}")
     flat = data.reshape(len(data), -1)
-    components = fit_components(flat)
-    modes = components.vectors[:mode_count]
+    vectors, variances = fit_components(flat)
+    modes = vectors[:mode_count]
     weights = flat @ modes.T
     follow, *_ = np.linalg.lstsq(weights, following.reshape(len(data), -1), rcond=None)
     all_modes = np.concatenate([modes, follow], axis=1).reshape(mode_count, len(markers) + len(followers), 3)
     space = VisemeSpace(points=(*markers, *followers), marker_count=len(markers), modes_mm=all_modes)
-    return space, components.share()
+    return space, np.cumsum(variances) / variances.sum()
 
 
-def sample_phones(
-    weights: NDArray[np.float64], rate_hz: float, starts_s: ArrayLike, ends_s: ArrayLike, fraction: float
-) -> NDArray[np.float64]:
+def sample_phones(weights: Array, rate_hz: float, starts_s: ArrayLike, ends_s: ArrayLike, fraction: float) -> Array:
     """Points of phones at a fraction of their duration, linearly between frames: (N, K).
 
     Section 5.1 places the keyframe at 30 % of the phone.
@@ -174,8 +162,8 @@ _LIPS = ("8.1", "8.2", "8.5", "8.6", "8.7", "8.8")
 _ALL = (*_LOWER_LIP, *_UPPER_LIP, "8.3", "8.4")
 
 
-def _all(points: Sequence[str], way: Sequence[float]) -> dict[str, tuple[float, ...]]:
-    return dict.fromkeys(points, tuple(map(float, way)))
+def _all(points: Sequence[str], direction: Sequence[float]) -> dict[str, tuple[float, ...]]:
+    return dict.fromkeys(points, tuple(map(float, direction)))
 
 
 MOVES: Mapping[str, Mapping[str, tuple[float, ...]]] = MappingProxyType(

@@ -3,8 +3,8 @@
 Whatever face a motion was made for, it is measured on one adult face (:data:`fapengine.retarget.blend.ADULT`), so that
 millimetres of two recordings mean the same. All lengths count from the face at rest.
 
-People notice first a p, b or m with open lips. So the fraction of them that close (recall) stands beside the fraction
-of the time with closed lips that speech asks for (precision): a mouth that never opens has the first, not the second.
+People notice first a p, b or m with open lips. So the fraction of them that close (recall) is given with the fraction
+of the time with closed lips that speech needs (precision): a mouth that never opens has the first, not the second.
 
 A :class:`Mouth` can come from a video too (:func:`mouth_of_landmarks`). The head is held still
 (:mod:`fapengine.capture.held_face`); the distance of the pupils is taken as the adult's. The rest face is what the
@@ -12,12 +12,12 @@ video itself shows: lips that touch, at the smallest distance seen (but no more 
 never closes would count as closed); everything else at its median while the lips are closed.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from fapengine._arrays import frozen
+from fapengine._arrays import Array, Mask, freeze
 from fapengine.capture.held_face import hold_face
 from fapengine.errors import UsageError
 from fapengine.mpeg4 import fap
@@ -25,8 +25,6 @@ from fapengine.mpeg4.track import FapTrack
 from fapengine.retarget.blend import ADULT
 from fapengine.speech import ipa
 from fapengine.speech.phone_track import Phone, PhoneTrack
-
-Array = NDArray[np.float64]
 
 LIP_POINTS = tuple(
     f"{group}.{number}"
@@ -61,12 +59,10 @@ class Mouth:
     """(T, 3) rad: pitch, yaw, roll."""
 
     def __post_init__(self) -> None:
+        freeze(self, times_s=("T",))
         count = len(self.times_s)
-        for name, shape in (
-            ("times_s", (count,)), ("lips_mm", (count, len(LIP_POINTS), 3)), ("opening_mm", (count,)),
-            ("width_mm", (count,)), ("lower_mm", (count,)), ("shut", (count, 2)), ("head_rad", (count, 3)),
-        ):  # fmt: skip
-            object.__setattr__(self, name, frozen(getattr(self, name), name, shape, np.float64))
+        freeze(self, opening_mm=(count,), width_mm=(count,), lower_mm=(count,), shut=(count, 2), head_rad=(count, 3))
+        freeze(self, lips_mm=(count, len(LIP_POINTS), 3))
 
     @property
     def end_s(self) -> float:
@@ -82,10 +78,7 @@ class Mouth:
             columns = [np.interp(wanted, self.times_s, column) for column in flat.T]
             return np.stack(columns, axis=1).reshape(len(wanted), *values.shape[1:])
 
-        return Mouth(
-            wanted, moved(self.lips_mm), moved(self.opening_mm), moved(self.width_mm), moved(self.lower_mm),
-            moved(self.shut), moved(self.head_rad),
-        )  # fmt: skip
+        return Mouth(wanted, *(moved(getattr(self, field.name)) for field in fields(self)[1:]))
 
 
 def mouth_of(track: FapTrack, *, offset_s: float = 0.0) -> Mouth:
@@ -106,8 +99,7 @@ def mouth_of(track: FapTrack, *, offset_s: float = 0.0) -> Mouth:
     moved = values * ADULT.steps()
 
     def column(number: int) -> Array:
-        found: Array = moved[:, fap.column(number)]
-        return found
+        return np.asarray(moved[:, fap.column(number)])
 
     lips = np.zeros((len(values), len(LIP_POINTS), 3))
     for row in fap.FAPS:
@@ -126,10 +118,10 @@ def mouth_of(track: FapTrack, *, offset_s: float = 0.0) -> Mouth:
 
 
 CLOSED_MM = 1.0
-"""Opening against rest under which lips count as closed. Of 49 p b m of 40 filmed sentences, 49 pass below it and 45
-below 0.5 mm; video trackers are uncertain by 0.7 mm on the lips."""
+"""Opening, relative to the rest face, below which lips count as closed. Of 49 p b m of 40 filmed sentences, 49 pass
+below it and 45 below 0.5 mm; video trackers are uncertain by 0.7 mm on the lips."""
 TEETH_MM = 2.5
-"""Distance under its height at rest, where the teeth's edge is, that the lower lip may keep on f and v. 16 of 19 filmed
+"""Largest distance of the lower lip below its height at rest, where the teeth's edge is, on f and v. 16 of 19 filmed
 ones come that near (13 to 1.5 mm); a vowel's lower lip is 5 mm and more below."""
 TOLERANCE_S = 0.02
 """Half a frame at 25 Hz: how far outside its phone a contact may be."""
@@ -138,7 +130,7 @@ SLACK_S = 0.05
 Span = tuple[float, float]
 """Start and end, s."""
 PAUSE_S = 0.3
-"""Lips of a truth that are shut for longer are at rest: no closure of speech."""
+"""Lips of a reference that are shut for longer are at rest, which is not a closure of speech."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,13 +138,13 @@ class Contacts:
     """Counts of needed and made contacts."""
 
     wanted: int
-    """Contacts that speech, or the truth, has."""
+    """Number of contacts in the phones, or in the reference."""
     met: int
-    """Those of them that were made."""
+    """Number of these that were made."""
     recall: float | None
-    """``met / wanted``; None if none is wanted."""
+    """``met / wanted``; None without contacts."""
     precision: float | None
-    """Fraction of the shut time that speech asks for; None if the lips never shut, or if it has no meaning."""
+    """Fraction of the shut time that speech needs; None if the lips never shut, and for teeth."""
     missed_s: tuple[float, ...] = ()
     """Middles of those that were not made, s."""
 
@@ -170,7 +162,7 @@ def is_labiodental(phone: Phone) -> bool:
 def closures_of_phones(mouth: Mouth, phones: PhoneTrack, *, closed_mm: float = CLOSED_MM) -> Contacts:
     """Count closures of the phones that need them: p, b, m and similar ones.
 
-    Precision: of the frames within speech whose lips are shut, the share within :data:`SLACK_S` of a bilabial or a
+    Precision: of the frames within speech whose lips are shut, the fraction within :data:`SLACK_S` of a bilabial or a
     labiodental. Pauses, and :data:`SLACK_S` around them, do not count.
     """
     spoken = [phone for phone in phones.phones if not phone.is_silence and phone.start_s <= mouth.end_s]
@@ -181,7 +173,7 @@ def closures_of_phones(mouth: Mouth, phones: PhoneTrack, *, closed_mm: float = C
 
 
 def closures_of_truth(mouth: Mouth, truth: Mouth, *, closed_mm: float = CLOSED_MM) -> Contacts:
-    """Count closures of a truth: the times at which its lips are shut, for no longer than a pause."""
+    """Count closures of a reference: the times at which its lips are shut, for no longer than a pause."""
     shut = [span for span in runs(truth.opening_mm < closed_mm, truth.times_s) if span[0] <= mouth.end_s]
     needed = [span for span in shut if span[1] - span[0] <= PAUSE_S]
     pauses = [span for span in shut if span[1] - span[0] > PAUSE_S]
@@ -190,20 +182,24 @@ def closures_of_truth(mouth: Mouth, truth: Mouth, *, closed_mm: float = CLOSED_M
 
 def teeth_of_phones(mouth: Mouth, phones: PhoneTrack) -> Contacts:
     """Count f and v in which the lower lip comes to the teeth's edge."""
-    needed = [p for p in phones.phones if is_labiodental(p) and p.start_s <= mouth.end_s]
-    met = [bool(_during(mouth, mouth.lower_mm, p.start_s, p.end_s).max() > -TEETH_MM) for p in needed]
-    missed = tuple(round((p.start_s + p.end_s) / 2, 3) for p, good in zip(needed, met, strict=True) if not good)
-    return Contacts(len(needed), sum(met), sum(met) / len(needed) if needed else None, None, missed)
+    needed = [(p.start_s, p.end_s) for p in phones.phones if is_labiodental(p) and p.start_s <= mouth.end_s]
+    met = [bool(_during(mouth, mouth.lower_mm, start, end).max() > -TEETH_MM) for start, end in needed]
+    return _counted(needed, met, None)
 
 
-def runs(flags: NDArray[np.bool_], times_s: NDArray[np.float64]) -> list[Span]:
+def _counted(needed: list[Span], met: list[bool], precision: float | None) -> Contacts:
+    missed = tuple(round((start + end) / 2, 3) for (start, end), good in zip(needed, met, strict=True) if not good)
+    return Contacts(len(needed), sum(met), sum(met) / len(needed) if needed else None, precision, missed)
+
+
+def runs(flags: Mask, times_s: Array) -> list[Span]:
     """First and last time of each run of true flags; ``flags`` and ``times_s`` are (T,)."""
     edges = np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8))
     starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
     return [(float(times_s[start]), float(times_s[stop])) for start, stop in zip(starts, stops, strict=True)]
 
 
-def _during(mouth: Mouth, values: NDArray[np.float64], start_s: float, end_s: float) -> NDArray[np.float64]:
+def _during(mouth: Mouth, values: Array, start_s: float, end_s: float) -> Array:
     """Values of the frames of a contact; where frames are far apart, also between them."""
     first, last = start_s - TOLERANCE_S, min(end_s, mouth.end_s) + TOLERANCE_S
     low, high = np.searchsorted(mouth.times_s, (first, last)).tolist()
@@ -215,18 +211,10 @@ def _judged(mouth: Mouth, needed: list[Span], touching: list[Span], pauses: list
     met = [bool(_during(mouth, mouth.opening_mm, start, end).min() < closed_mm) for start, end in needed]
     shut_s = mouth.times_s[mouth.opening_mm < closed_mm]
     shut_s = shut_s[~_within(shut_s, pauses)]
-    called = _within(shut_s, touching)
-    missed = tuple(round((a + b) / 2, 3) for (a, b), good in zip(needed, met, strict=True) if not good)
-    return Contacts(
-        wanted=len(needed),
-        met=sum(met),
-        recall=sum(met) / len(needed) if needed else None,
-        precision=float(called.mean()) if len(shut_s) else None,
-        missed_s=missed,
-    )
+    return _counted(needed, met, float(_within(shut_s, touching).mean()) if len(shut_s) else None)
 
 
-def _within(times_s: NDArray[np.float64], spans: list[Span]) -> NDArray[np.bool_]:
+def _within(times_s: Array, spans: list[Span]) -> Mask:
     """For each time, whether it is in a span or within :data:`SLACK_S` of one."""
     inside = np.zeros(len(times_s), bool)
     for start, end in spans:
@@ -243,10 +231,10 @@ LIPS = {
 LIDS = ((386, 374, 263, 362), (159, 145, 33, 133))
 """Upper lid, lower lid and corners of the left and the right eye."""
 TOUCH_MM = 1.5
-"""Greatest distance of inner lips that is taken for a touch: the detector seldom says 0."""
+"""Largest distance of inner lips that counts as a touch: a detector seldom reports 0."""
 SHUT_MM = 1.0
 SHUT_SHARE = 0.25
-"""Height of a shut eye, as the detector says it, against the open one."""
+"""Height of a shut eye, as the detector reports it, over that of the open one."""
 
 
 def mouth_of_landmarks(times_s: Array, landmarks: Array) -> Mouth:
@@ -260,11 +248,7 @@ def mouth_of_landmarks(times_s: Array, landmarks: Array) -> Mouth:
         To the right, down, and away from the camera; NaN where no face was seen.
     """
     held = hold_face(times_s, landmarks, pupils_mm=ADULT.es0_mm)
-    return _mouth(times_s, held.still_mm, held.turns)
-
-
-def _mouth(times_s: Array, still: Array, turns: Array) -> Mouth:
-    """Read a mouth off a head that is held still; (T, 478, 3) mm and (T, 3, 3)."""
+    still = held.still_mm
     gap = still[:, LIPS["2.2"], 1] - still[:, LIPS["2.3"], 1]
     opening = gap - min(float(np.percentile(gap, 2)), TOUCH_MM)
     shut = opening <= max(SHUT_MM, float(np.percentile(opening, 5)))
@@ -278,7 +262,7 @@ def _mouth(times_s: Array, still: Array, turns: Array) -> Mouth:
         width - np.median(width[shut]),
         lower - np.median(lower[shut]),
         np.stack([_closed(still, *lids) for lids in LIDS], axis=1),
-        _angles(turns),
+        _angles(held.turns),
     )
 
 
@@ -287,8 +271,7 @@ def _closed(still: Array, upper: int, lower: int, outer: int, inner: int) -> Arr
     height = np.linalg.norm(still[:, upper] - still[:, lower], axis=1)
     height /= np.linalg.norm(still[:, outer] - still[:, inner], axis=1)
     opened = float(np.percentile(height, 75))
-    closed: Array = np.clip((1.0 - height / max(opened, 1e-9)) / (1.0 - SHUT_SHARE), 0.0, 1.0)
-    return closed
+    return np.asarray(np.clip((1.0 - height / max(opened, 1e-9)) / (1.0 - SHUT_SHARE), 0.0, 1.0))
 
 
 def _angles(turns: Array) -> Array:

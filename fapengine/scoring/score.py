@@ -1,31 +1,28 @@
-"""``Score``: all measures of one recording, against what there is to compare it with.
+"""``Score``: all measures of one recording.
 
-With a reference recording: how near opening, width and lip points are, frame by frame (:class:`Likeness`). Without
-one: how the head moves, how the eyes blink, and whether lips open more with loudness (:class:`Behaviour`).
+With a reference recording: distances of opening, width and lip points, frame by frame (:class:`Likeness`). With phones:
+contacts and timing. Always: motion of the head and blinks (:class:`Behaviour`). With sound: whether lips open more with
+loudness (:class:`Intensity`).
 """
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fapengine._arrays import Array
 from fapengine.errors import UsageError
-from fapengine.mpeg4.track import FapTrack
 from fapengine.scoring.mouth import (
     CLOSED_MM,
     Contacts,
     Mouth,
     closures_of_phones,
     closures_of_truth,
-    mouth_of,
     runs,
     teeth_of_phones,
 )
 from fapengine.scoring.timing import GRID_HZ, Timing, grid, timing_of_phones, timing_of_truth
 from fapengine.speech.phone_track import PhoneTrack
-
-Array = NDArray[np.float64]
 
 MIN_MM = 1e-6
 """Range below which a length does not move, and correlates with nothing."""
@@ -33,12 +30,12 @@ MIN_MM = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Likeness:
-    """Figures over the truth's frames that both recordings have. None where one of them does not move."""
+    """Similarity, over the reference's frames that both recordings have. None where one of them does not move."""
 
     opening_r: float | None
     """Pearson correlation of the openings."""
     opening_slope: float | None
-    """Slope of the regression of the opening on the true one: 0.5 opens half as far."""
+    """Slope of the regression of the opening on the reference's: 0.5 opens half as far."""
     opening_mm: float
     """Mean distance of the openings (mouth opening distance, MOD)."""
     width_r: float | None
@@ -54,7 +51,7 @@ class Likeness:
 
 
 def likeness_of(mouth: Mouth, truth: Mouth) -> Likeness:
-    """Compare a mouth with a truth.
+    """Compare a mouth with a reference.
 
     Notes
     -----
@@ -85,7 +82,7 @@ def correlation(one: Array, other: Array) -> float | None:
 
 
 def slope(made: Array, true: Array) -> float | None:
-    """Slope of the regression of ``made`` on ``true``, both (T,); None if the truth does not vary."""
+    """Slope of the regression of ``made`` on ``true``, both (T,); None if ``true`` does not vary."""
     if len(true) < 2 or np.ptp(true) < MIN_MM:
         return None
     centred = true - true.mean()
@@ -110,7 +107,7 @@ class Behaviour:
     head_deg_s: float
     """Mean speed of its turning."""
     blinks: int
-    """Times that both eyes shut, and opened again within 0.6 s."""
+    """Number of times that both eyes shut and opened again within 0.6 s."""
     blinks_per_minute: float
     blink_ms: float | None
     """Mean time for which eyes are more than half shut; None without a blink."""
@@ -158,7 +155,7 @@ def intensity_of(mouth: Mouth, power: Array) -> Intensity:
     -----
     SLCC (Chae-Yeon et al., arXiv:2503.20308) is Pearson's r, over the clips of a corpus, of the sound's root mean
     square and the lips' (root mean square over frames of the mean motion of the lip points). Here windows of one second
-    of one recording stand for the clips.
+    of one recording replace the clips.
     """
     times_s = grid(min(mouth.end_s, (len(power) - 1) / GRID_HZ))
     seen, power = mouth.at(times_s), power[: len(times_s)]
@@ -198,7 +195,7 @@ class AgainstTruth:
     timing: Timing
     likeness: Likeness
     behaviour: Behaviour
-    """Head and eyes of the truth."""
+    """Head and eyes of the reference."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -216,43 +213,7 @@ class Score:
 
     def as_dict(self) -> dict[str, Any]:
         """Return everything as plain values, rounded, for JSON."""
-        found: dict[str, Any] = _rounded(asdict(self))
-        return found
-
-
-def score_motion(
-    track: FapTrack,
-    *,
-    truth: FapTrack | None = None,
-    phones: PhoneTrack | None = None,
-    power: Array | None = None,
-    offset_s: float = 0.0,
-    closed_mm: float = CLOSED_MM,
-) -> Score:
-    """Score a recording.
-
-    Parameters
-    ----------
-    track : FapTrack
-        The lip sync to score.
-    truth : FapTrack, optional
-        Another recording of the same speech.
-    phones : PhoneTrack, optional
-        Phones of the speech, in IPA.
-    power : (N,) float64, optional
-        Mean square of the audio in each 10 ms.
-    offset_s : float
-        Start of the track in the time of the truth, the phones and the audio.
-    closed_mm : float
-        Opening under which lips count as closed.
-    """
-    return score_mouth(
-        mouth_of(track, offset_s=offset_s),
-        truth=mouth_of(truth) if truth is not None else None,
-        phones=phones,
-        power=power,
-        closed_mm=closed_mm,
-    )
+        return {name: _rounded(value) for name, value in asdict(self).items()}
 
 
 def score_mouth(
@@ -263,28 +224,40 @@ def score_mouth(
     power: Array | None = None,
     closed_mm: float = CLOSED_MM,
 ) -> Score:
-    """Score a mouth, of a track or of a video; parameters as of :func:`score_motion`, with ``power`` (N,)."""
+    """Score a mouth, of a track or of a video.
+
+    Parameters
+    ----------
+    mouth : Mouth
+        The lip sync to score.
+    truth : Mouth, optional
+        Reference: another recording of the same speech.
+    phones : PhoneTrack, optional
+        Phones of the speech, in IPA.
+    power : (N,) float64, optional
+        Mean square of the audio in each 10 ms.
+    closed_mm : float
+        Opening below which lips count as closed.
+    """
     if not closed_mm > 0:
         raise UsageError(f"closed_mm: must be above 0, got {closed_mm}")
     if phones is not None and phones.spelled:
         raise UsageError("phones: got spelled words, expected phones; pronounce them first")
-    score = Score(
+    return Score(
         duration_s=mouth.end_s - float(mouth.times_s[0]),
         frames=len(mouth.times_s),
         closed_mm=closed_mm,
         behaviour=behaviour_of(mouth),
+        phones=None if phones is None else AgainstPhones(
+            closures=closures_of_phones(mouth, phones, closed_mm=closed_mm), teeth=teeth_of_phones(mouth, phones),
+            timing=timing_of_phones(mouth, phones),
+        ),
+        truth=None if truth is None else AgainstTruth(
+            closures=closures_of_truth(mouth, truth, closed_mm=closed_mm), timing=timing_of_truth(mouth, truth),
+            likeness=likeness_of(mouth, truth), behaviour=behaviour_of(truth),
+        ),
         intensity=None if power is None else intensity_of(mouth, power),
-    )
-    if phones is not None:
-        closures = closures_of_phones(mouth, phones, closed_mm=closed_mm)
-        teeth, timing = teeth_of_phones(mouth, phones), timing_of_phones(mouth, phones)
-        score = replace(score, phones=AgainstPhones(closures=closures, teeth=teeth, timing=timing))
-    if truth is not None:
-        closures, timing = closures_of_truth(mouth, truth, closed_mm=closed_mm), timing_of_truth(mouth, truth)
-        likeness, behaviour = likeness_of(mouth, truth), behaviour_of(truth)
-        against = AgainstTruth(closures=closures, timing=timing, likeness=likeness, behaviour=behaviour)
-        score = replace(score, truth=against)
-    return score
+    )  # fmt: skip
 
 
 def _rounded(value: Any) -> Any:

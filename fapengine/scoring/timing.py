@@ -1,31 +1,29 @@
-"""Is it late? The lag of a whole recording, and how far its single movements are from where they belong.
+"""Timing: the lag of a whole recording, and the distance in time of its single movements from the reference's.
 
 Theory of operation
 -------------------
-*Lag*: the shift at which two openings correlate best, to a fraction of a grid step by a parabola. Without a truth, the
-opening that phones lead to expect stands for it: shut on p b m, wide on open vowels.
+*Lag*: the shift at which two openings correlate best, to a fraction of a grid step by a parabola. Without a
+reference, the opening that phones lead to expect is used: shut on p b m, wide on open vowels.
 
 *Mean temporal misalignment* (MTM; Chae-Yeon et al., "Perceptually Accurate 3D Talking Head Generation", CVPR 2025,
 arXiv:2503.20308): both openings are smoothed, aligned by dynamic time warping of their derivatives (Keogh and Pazzani
-2001), and extrema of one kind which the alignment joins are compared. One is left out if it lies beyond the truth's
+2001), and extrema of one kind that the alignment joins are compared. One is left out if it is beyond the reference's
 neighbouring extrema. The mean of their distances in time is the measure. Theirs runs at 30 frames a second with a
 smoothing of two frames; here the grid is finer, and an extremum within half of such a frame of the path counts as met.
-The warp reaches :data:`REACH_S` at most, which bounds its time and memory. Extrema that nothing answers do not count,
-so their fraction is given too.
+The warp reaches :data:`REACH_S` at most, which bounds its time and memory. Extrema without a counterpart do not
+count, so the fraction of those with one is given too.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import find_peaks
 
+from fapengine._arrays import Array, Indices
 from fapengine.scoring.mouth import Mouth, is_bilabial, is_labiodental
 from fapengine.speech import ipa
 from fapengine.speech.phone_track import Phone, PhoneTrack
-
-Array = NDArray[np.float64]
 
 GRID_HZ = 100.0
 """Rate at which times are compared."""
@@ -48,13 +46,13 @@ class Timing:
     lag_ms: float | None
     """Lag of the opening, positive if it comes late; None if it does not move."""
     mtm_ms: float | None = None
-    """Mean temporal misalignment; None if no extremum of the truth is met, or there is no truth."""
+    """Mean temporal misalignment; None if no extremum of the reference is met, or without a reference."""
     met: float | None = None
-    """Share of the truth's extrema that are met."""
+    """Fraction of the reference's extrema that are met."""
 
 
 def timing_of_truth(mouth: Mouth, truth: Mouth) -> Timing:
-    """Compare with a truth."""
+    """Compare with a reference."""
     times_s = grid(min(mouth.end_s, truth.end_s))
     made, true = (np.interp(times_s, m.times_s, m.opening_mm) for m in (mouth, truth))
     mtm_ms, met = misalignment(made, true)
@@ -79,8 +77,7 @@ def expected_opening(phones: PhoneTrack, times_s: Array) -> Array:
     if not len(starts):
         return np.zeros(len(times_s))
     row = np.clip(np.searchsorted(starts, times_s, side="right") - 1, 0, len(starts) - 1)
-    smooth: Array = gaussian_filter1d(level[row], PHONE_SMOOTHING_S * GRID_HZ)
-    return smooth
+    return np.asarray(gaussian_filter1d(level[row], PHONE_SMOOTHING_S * GRID_HZ))
 
 
 def _opens(phone: Phone) -> float:
@@ -129,14 +126,14 @@ def misalignment(made: Array, true: Array) -> tuple[float | None, float | None]:
     return (float(1000 * np.mean(found) / GRID_HZ) if found else None), len(found) / len(every)
 
 
-def warp(one: Array, other: Array, reach: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def warp(one: Array, other: Array, reach: int) -> tuple[Indices, Indices]:
     """Align two sequences of equal length by dynamic time warping.
 
     Parameters
     ----------
     one, other : (T,) float64
     reach : int
-        Most samples by which aligned ones may be apart.
+        Largest distance of aligned samples.
 
     Returns
     -------

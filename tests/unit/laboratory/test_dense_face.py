@@ -55,7 +55,7 @@ def test_takes_that_show_another_face_are_refused(made):
     track, _ = made.take()
     driver = made.dense.driver()
     for labels, message in (
-        (made.labels, "lacks LFHD, RFHD, LBHD, RBHD of the skull's markers"),
+        (made.labels, "missing LFHD, RFHD, LBHD, RBHD of the skull's markers"),
         (tuple(SKULL), "contains none of the face's markers"),
         ((*made.labels[:4], *SKULL), "median frame shows"),
     ):
@@ -91,7 +91,7 @@ def test_damaged_files_are_told(made):
     for data in (b"", b"PK\x03\x04", files[ARRAYS_NAME]):  # the last has other arrays
         with pytest.raises(ProfileError):
             parse_rig(data, "x")
-    with pytest.raises(UsageError, match="expected vertices"):
+    with pytest.raises(UsageError, match="must have vertices"):
         replace(made.dense, triangles=[[0, 1, 10**6]])
     with pytest.raises(UsageError, match="points: got 1"):
         replace(made.dense, points=("8.1",))

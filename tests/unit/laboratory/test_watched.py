@@ -171,7 +171,7 @@ def test_openface_that_cannot_be_read(data, error, message):
 
 def test_points_that_measure_no_face_are_refused(places):
     turns = np.tile(np.eye(3), (FRAMES, 1, 1))
-    with pytest.raises(UsageError, match=r"lacks 9\.15"):
+    with pytest.raises(UsageError, match=r"missing 9\.15"):
         faps_of_points({name: place for name, place in places.items() if name != "9.15"}, turns, RATE_HZ)
     with pytest.raises(DataError, match="cannot be measured"):
         faps_of_points({name: np.zeros_like(place) for name, place in places.items()}, turns, RATE_HZ)

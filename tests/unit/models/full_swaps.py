@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fapengine.models.subset_study import RIDGE, _checked, _coordinates, fit_full_map
+from fapengine.models.subset_study import RIDGE, fit_full_map
 
 
 def search_full_swaps(
@@ -16,7 +16,7 @@ def search_full_swaps(
     As :func:`fapengine.models.subset.search_swaps`, with 3 x 3 blocks: taking marker j in lowers the error by
     ``trace(S_jj^-1 S_j. S_.j)`` of the Schur complement ``S`` without the marker that left.
     """
-    gram = _checked(gram_mm2)
+    gram = np.asarray(gram_mm2, dtype=np.float64)
     chosen = fit_full_map(gram, primary).primary.copy()
     small = RIDGE * np.trace(gram) / len(gram)
     left = np.inf
@@ -24,7 +24,7 @@ def search_full_swaps(
         best = (np.inf, 0, 0)
         for place in range(len(chosen)):
             others = np.delete(chosen, place)
-            rows = _coordinates(others)
+            rows = (3 * others[:, None] + np.arange(3)).ravel()
             inner = gram[np.ix_(rows, rows)] + small * np.eye(len(rows))
             schur = gram - gram[:, rows] @ np.linalg.solve(inner, gram[rows])
             blocks = np.stack([schur[at : at + 3, at : at + 3] for at in range(0, len(gram), 3)])

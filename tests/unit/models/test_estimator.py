@@ -70,20 +70,7 @@ def test_bad_input_is_refused():
         fit_estimator(np.ones((3, 5, 3)), np.ones((3, 2, 3)))
     with pytest.raises(UsageError, match="needs at least 2 scans, got 1"):
         fit_estimator(scans[:1], scans[:1])
-    for count in (0, 5):
-        with pytest.raises(UsageError, match=rf"mode_count: must be 1 to 4 .*, got {count}"):
-            fit_estimator(scans, scans[:, MARKED], mode_count=count)
     with pytest.raises(UsageError, match="noise_mm: must be 0 or more, got -1"):
         fit_estimator(scans, scans[:, MARKED], noise_mm=-1)
     with pytest.raises(UsageError, match="markers_mm: got shape"):
         fit_estimator(scans, scans[:7, MARKED])
-
-
-def test_modes_may_run_through_the_neutral_scan():
-    rng = np.random.default_rng(2)
-    rest, modes = rng.normal(0, 50, (40, 3)), rng.normal(size=(3, 40, 3))
-    scans = rest + np.tensordot(np.concatenate([np.zeros((1, 3)), rng.normal(2, 1, (6, 3))]), modes, axes=1)
-    found = fit_estimator(scans, scans[:, :5], about=0)
-    np.testing.assert_array_equal(found.mean_face_mm, rest)
-    np.testing.assert_allclose(found.coefficients(rest[:5]), 0, atol=1e-9)
-    np.testing.assert_allclose(found.faces_mm(scans[3, :5]), scans[3], atol=1e-6)

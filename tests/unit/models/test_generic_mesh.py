@@ -32,8 +32,8 @@ def deform(points):
     return np.stack([1.1 * x, 1.05 * y + 3 * np.cos(x / 40), z + 4 * np.sin(y / 50)], axis=-1)
 
 
-def test_the_mesh_follows_contours_markers_and_surface(mask):
-    vertices, triangles, _ = mask()
+def test_the_mesh_follows_contours_and_markers(mask):
+    vertices, _, _ = mask()
     truth = deform(vertices)
     at = np.arange(41 * 41).reshape(41, 41)
     lines = [at[4, 4:37], at[36, 4:37], at[20, 4:37], at[4:37, 20]]
@@ -43,15 +43,6 @@ def test_the_mesh_follows_contours_markers_and_surface(mask):
     inner = at[5:36, 5:36].ravel()
     assert np.linalg.norm(adapted - truth, axis=1)[inner].mean() < 0.5  # of 7 mm
     np.testing.assert_allclose(adapted[markers], truth[markers], atol=1e-6)
-    scan = Surface(truth, triangles)
-    laid = adapt_mesh(vertices, contours, (vertices[markers], truth[markers]), scan)
-    np.testing.assert_allclose(laid[markers], truth[markers], atol=1e-6)
-    distance = [np.linalg.norm(points - scan.closest(points)[0], axis=1)[inner].mean() for points in (adapted, laid)]
-    assert distance[1] < 0.1 * distance[0]
-    assert np.linalg.norm(laid - truth, axis=1)[inner].mean() < np.linalg.norm(adapted - truth, axis=1)[inner].mean()
-    np.testing.assert_array_equal(
-        adapt_mesh(vertices, contours, (vertices[markers], truth[markers]), scan, reach_mm=0.0)[markers], laid[markers]
-    )
 
 
 LIPS = ["8.4", "8.6", "8.9", "8.1", "8.10", "8.5", "8.3", "8.7", "8.2", "8.8"]
@@ -82,13 +73,13 @@ def tried_on(head: FaceMesh, scan: Surface, goals: dict[str, np.ndarray]) -> Non
         kept = [at for at in free if at not in out]
         points = np.concatenate([vertices, ours[out]])
         before = np.linalg.norm(points - scan.closest(points)[0], axis=1)[: len(vertices)].mean()
-        moved = adapt_mesh(points, contours, (ours[kept], theirs[kept]), scan)
+        moved = adapt_mesh(points, contours, (ours[kept], theirs[kept]))
         after = np.linalg.norm(moved - scan.closest(moved)[0], axis=1)[: len(vertices)].mean()
         held_out = [
             np.linalg.norm(places - theirs[out], axis=1).mean() for places in (ours[out], moved[len(vertices) :])
         ]
         assert held_out[1] < held_out[0]
-        assert after < 0.5 * before  # what is out of reach stays
+        assert after < before
 
 
 @pytest.mark.parametrize("person", ["man", "child"])

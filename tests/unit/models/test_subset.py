@@ -6,7 +6,7 @@ from scipy.linalg import qr
 from scipy.spatial.transform import Rotation
 
 from fapengine.errors import DataError, UsageError
-from fapengine.models.subset import centre_gram, factorise, factorise_gram, fit_weights, gram, search_swaps, select
+from fapengine.models.subset import factorise_gram, fit_weights, gram, search_swaps, select
 from fapengine.models.subset_study import (
     ErrorCurve,
     coordinate_gram,
@@ -38,27 +38,11 @@ def tall(data):
 def test_pivots_and_factor_are_those_of_qr(seed):
     data = motion(seed)
     r, order = qr(tall(data), mode="r", pivoting=True)
-    factor = factorise(data)
+    factor = factorise_gram(gram(data))
     assert factor.order.tolist() == order.tolist()
     np.testing.assert_allclose(np.abs(factor.r), np.abs(r[: len(order)]), atol=1e-8)
     assert factor.order[0] == np.linalg.norm(tall(data), axis=0).argmax()
     assert factor.rank() == 12
-
-
-@pytest.mark.parametrize("apart", [1e-8, 1e-7])  # the Gram matrix loses the first, and keeps two digits of the second
-def test_nearly_dependent_markers_go_through_true_qr(apart):
-    data = motion(1)
-    data[:, 7] = 0.5 * data[:, 2] - data[:, 4] + apart * motion(2)[:, 7]
-    r, order = qr(tall(data), mode="r", pivoting=True)
-    factor = factorise(data)
-    assert factor.order.tolist() == order.tolist()
-    assert factor.rank() == 12
-    assert factor.diagonal[-1] < 1e-6 * factor.diagonal[0]
-    np.testing.assert_allclose(factor.diagonal, np.abs(np.diag(r)), rtol=1e-6)
-    assert (np.diag(factor.r) >= 0).all()
-    assert factor.gaps().argmax() == 10  # the sharp gap of figure 2
-    squared = factorise_gram(gram(data))  # shows why QR is needed
-    assert not 0.99 < squared.diagonal[-1] / factor.diagonal[-1] < 1.01
 
 
 def test_a_duplicate_is_never_chosen_twice():
@@ -77,7 +61,7 @@ def test_a_duplicate_is_never_chosen_twice():
 @given(st.integers(0, 10**9), st.integers(1, 11))
 def test_weights_are_the_least_squares_ones(seed, k):
     data = motion(seed)
-    subset = select(factorise(data), k)
+    subset = select(factorise_gram(gram(data)), k)
     a = tall(data)
     best, *_ = np.linalg.lstsq(a[:, subset.primary], a, rcond=None)
     np.testing.assert_allclose(subset.weights, best, atol=1e-7)
@@ -97,9 +81,9 @@ def test_neither_order_of_markers_nor_turn_of_the_head_matters(seed):
     data = motion(seed)
     rng = np.random.default_rng(seed)
     shuffle = rng.permutation(12)
-    plain, shuffled = factorise(data), factorise(data[:, shuffle])
+    plain, shuffled = factorise_gram(gram(data)), factorise_gram(gram(data[:, shuffle]))
     assert shuffle[shuffled.order].tolist() == plain.order.tolist()
-    turned = factorise(data @ Rotation.random(rng=rng).as_matrix().T)
+    turned = factorise_gram(gram(data @ Rotation.random(rng=rng).as_matrix().T))
     assert turned.order.tolist() == plain.order.tolist()
     np.testing.assert_allclose(turned.diagonal, plain.diagonal, rtol=1e-6)
 
@@ -125,7 +109,7 @@ def test_a_single_marker_is_swapped_too():
 
 def test_the_whole_basis_leaves_nothing():
     data = motion(4)
-    assert select(factorise(data), 12).error_mm(data) == 0.0
+    assert select(factorise_gram(gram(data)), 12).error_mm(data) == 0.0
 
 
 @pytest.mark.parametrize(
@@ -134,12 +118,11 @@ def test_the_whole_basis_leaves_nothing():
         (lambda: gram(np.zeros((4, 3))), UsageError, r"got shape \(4, 3\)"),
         (lambda: gram(np.zeros((0, 4, 3))), UsageError, r"got shape \(0, 4, 3\)"),
         (lambda: gram(np.where(np.arange(36).reshape(3, 4, 3) == 20, np.nan, 1.0)), DataError, "at frame 1, marker 2"),
-        (lambda: factorise(np.zeros((20, 4, 3))), DataError, "only zeros"),
-        (lambda: factorise(np.ones((2, 9, 3))), DataError, "for the markers, got 2"),
-        (lambda: fit_weights(np.eye(4), [1, 1]), UsageError, "different markers 0..3"),
-        (lambda: fit_weights(np.eye(4), [4]), UsageError, "different markers 0..3"),
-        (lambda: fit_weights(np.eye(4), [-1]), UsageError, "different markers 0..3"),
-        (lambda: fit_weights(np.eye(4), []), UsageError, "different markers 0..3"),
+        (lambda: factorise_gram(np.zeros((4, 4))), DataError, "only zeros"),
+        (lambda: fit_weights(np.eye(4), [1, 1]), UsageError, "different markers 0 to 3"),
+        (lambda: fit_weights(np.eye(4), [4]), UsageError, "different markers 0 to 3"),
+        (lambda: fit_weights(np.eye(4), [-1]), UsageError, "different markers 0 to 3"),
+        (lambda: fit_weights(np.eye(4), []), UsageError, "different markers 0 to 3"),
         (lambda: select(factorise_gram(np.eye(4)), 0), UsageError, "k: must be 1 to 4 .*, got 0"),
         (lambda: select(factorise_gram(np.eye(4)), 2).error_mm(np.zeros((3, 5, 3))), UsageError, "got 5 markers"),
         (lambda: sentence_grams([np.zeros((3, 4, 3)), np.zeros((3, 5, 3))]), UsageError, r"counts \[4, 5\]"),
@@ -165,14 +148,16 @@ def sentences(count=12):
     ]
 
 
-@pytest.mark.parametrize("swaps", [False, True])
-def test_cross_validation_finds_the_number_of_sources(swaps):
-    curve = error_curve(sentences(), range(1, 9), folds=4, rng=np.random.default_rng(1), swaps=swaps)
+def test_cross_validation_finds_the_number_of_sources():
+    curve = error_curve(sentences(), range(1, 9), folds=4, rng=np.random.default_rng(1))
     assert curve.fold_mm.shape == (8, 4)
     assert curve.choose(tolerance_mm=0.9) == 4  # four sources; the noise alone is 0.48 mm long
     assert curve.mean_mm[3] < 0.4 * curve.mean_mm[2]
     with pytest.raises(UsageError, match=r"tolerance_mm: got 0\.01"):
         curve.choose(tolerance_mm=0.01)
+    assert curve.choose_within(0.9) == (4, "the first whose error is within 0.9 mm")
+    chosen, reason = curve.choose_within(0.01)
+    assert (chosen, reason) == (curve.choose(), "none comes within 0.01 mm: the first near the least")
 
 
 def test_one_standard_error_rule():
@@ -208,7 +193,7 @@ def test_trials_and_amounts():
 def test_the_full_map_knows_turns_that_scalar_weights_do_not():
     data = motion(6, frames=200, markers=6, sources=2, noise=0.0)
     data[:, 5] = data[:, 0] @ Rotation.from_rotvec([0.4, 0.9, 0]).as_matrix().T
-    subset = select(factorise(data), 2)
+    subset = select(factorise_gram(gram(data)), 2)
     full = fit_full_map(coordinate_gram([data]), subset.primary)
     assert subset.error_mm(data) > 0.1
     np.testing.assert_allclose(full.synthesise(data[:, subset.primary]), data, atol=1e-4)
@@ -233,7 +218,7 @@ def test_swaps_for_the_full_map_stop_where_no_swap_helps():
 
 @pytest.mark.parametrize("primary", [[], [1, 1], [4], [-1]])
 def test_the_full_map_wants_different_markers(primary):
-    with pytest.raises(UsageError, match=r"different markers 0\.\.3"):
+    with pytest.raises(UsageError, match="different markers 0 to 3"):
         fit_full_map(np.eye(12), primary)
     with pytest.raises(UsageError, match="got 4 rows"):
         fit_full_map(np.eye(4), [0])
@@ -243,12 +228,6 @@ def test_no_marker_is_taken_twice_where_nothing_is_left_to_gain():
     data = np.zeros((60, 5, 3))
     data[:, 3] = motion(8, markers=1)[:, 0]  # one marker moves, and explains itself
     assert len(set(search_full_swaps(coordinate_gram([data]), [3, 1, 2]).tolist())) == 3
-
-
-def test_a_gram_about_the_mean_is_that_of_centred_frames():
-    data = np.random.default_rng(3).normal(1.0, 2.0, (50, 4, 3))
-    centred = centre_gram(gram(data), data.sum(axis=0), len(data))
-    np.testing.assert_allclose(centred, gram(data - data.mean(axis=0)), atol=1e-9)
 
 
 def test_groups_of_sentences_add_up():

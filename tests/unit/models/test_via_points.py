@@ -5,7 +5,8 @@ from hypothesis import strategies as st
 from scipy.signal import butter, sosfiltfilt
 
 from fapengine.errors import UsageError
-from fapengine.models.via_points import ViaPoints, extract_via_points, reduction_curve, without_noise
+from fapengine.geometry.smooth import low_pass
+from fapengine.models.via_points import ViaPoints, extract_via_points, reduction_curve
 
 RATE_HZ = 120.0
 
@@ -48,7 +49,6 @@ def test_no_more_points_than_greedy_insertion(tolerance):
     positions = motion(1)
     count = len(extract_via_points(positions, RATE_HZ, tolerance).times_s)
     assert count <= greedy_count(positions, tolerance)
-    assert count < len(extract_via_points(positions, RATE_HZ, tolerance, prune=False).times_s)
 
 
 def test_a_wider_bound_needs_fewer_points():
@@ -96,7 +96,7 @@ def test_what_stands_still_or_bends_once_needs_three_points():
 def test_noise_is_worth_filtering_first():
     clean = motion(5)
     noisy = clean + np.random.default_rng(6).normal(0, 0.15, clean.shape)
-    smooth = without_noise(noisy, RATE_HZ)
+    smooth = low_pass(noisy, RATE_HZ, 12.0)
     assert np.abs(smooth - clean)[20:-20].max() < 0.5
     counts = [len(extract_via_points(data, RATE_HZ, 0.6).times_s) for data in (noisy, smooth)]
     assert counts[1] < counts[0] / 2
@@ -110,10 +110,8 @@ def test_bad_input_is_refused():
         extract_via_points(positions, RATE_HZ, 0.0)
     with pytest.raises(UsageError, match=r"got -1\.0 and 1"):
         extract_via_points(positions, -1.0, 1.0)
-    with pytest.raises(UsageError, match="at least 16 frames, got 15"):
-        without_noise(positions[:15], RATE_HZ)
     with pytest.raises(UsageError, match="cutoff_hz: must be"):
-        without_noise(positions, RATE_HZ, 60.0)
+        low_pass(positions, RATE_HZ, 60.0)
     for times in ([0.0, 1.0], [0.0, 1.0, 1.0]):
         with pytest.raises(UsageError, match="strictly rising"):
             ViaPoints(times_s=times, positions_mm=np.zeros((len(times), 2, 3)))

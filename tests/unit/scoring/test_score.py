@@ -11,7 +11,7 @@ from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack
 from fapengine.retarget.blend import ADULT
 from fapengine.scoring.mouth import LIP_POINTS, Contacts, is_bilabial, is_labiodental, mouth_of
-from fapengine.scoring.score import Score, score_motion
+from fapengine.scoring.score import Score, score_mouth
 from fapengine.speech.phone_track import Phone, PhoneTrack
 
 RATE_HZ = 60.0
@@ -40,6 +40,11 @@ def never_shut(made: FapTrack) -> FapTrack:
     opening = -(values[:, fap.column(4)] + values[:, fap.column(5)])
     values[:, fap.column(5)] -= np.maximum(120 - opening, 0)
     return track(values)
+
+
+def score_motion(made: FapTrack, *, truth: FapTrack | None = None, offset_s: float = 0.0, **options: object) -> Score:
+    reference = None if truth is None else mouth_of(truth)
+    return score_mouth(mouth_of(made, offset_s=offset_s), truth=reference, **options)  # type: ignore[arg-type]
 
 
 def both(score: Score) -> tuple[Contacts, Contacts]:
