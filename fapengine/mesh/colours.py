@@ -59,11 +59,6 @@ def _spot(points: Array, centre: tuple[float, float], size: tuple[float, float])
     return (spot(np.abs(points[..., 0]), points[..., 1], centre, size) * (points[..., 2] > 30))[..., None]
 
 
-def _of_tone(table: Array, tone: float) -> Array:
-    places = np.linspace(0, 1, len(table))
-    return np.array([np.interp(tone, places, table[:, channel]) for channel in range(3)])
-
-
 def brow_colour(hair_colour: str) -> Array:
     """(3,) linear RGB of the brows for a hair colour; those of light hair are darker, so that faces stay readable."""
     hair = np.array(HAIR_COLOURS[hair_colour])
@@ -84,7 +79,8 @@ class Palette:
     @classmethod
     def of(cls, skin_tone: float = 0.2, hair_colour: str = "brown") -> "Palette":
         """Palette for a skin tone, 0 very light to 1 very dark, and a name in :data:`HAIR_COLOURS`."""
-        base, blush, lips = (_of_tone(table, skin_tone) for table in (TONES, BLUSHES, LIPS))
+        tones, tables = np.linspace(0, 1, len(TONES)), (TONES, BLUSHES, LIPS)
+        base, blush, lips = (np.array([np.interp(skin_tone, tones, part) for part in table.T]) for table in tables)
         return cls(base, blush, lips, np.array(HAIR_COLOURS[hair_colour]), brow_colour(hair_colour))
 
     def skin(self, points: Array) -> Array:

@@ -22,7 +22,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine._arrays import Array, Indices, frozen
+from fapengine._arrays import Array, Indices, Rebuilt, freeze, frozen
 from fapengine.errors import UsageError
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import Fapu
@@ -30,6 +30,10 @@ from fapengine.mpeg4.feature_points import FEATURE_POINT_NAMES
 
 BROWN_IRIS = (0.280, 0.148, 0.060)
 """Linear RGB near the pupil."""
+EYEBALL_RADIUS_MM = 14.2
+"""Radius that positions on an eyeball are relative to."""
+PUPIL_SHARE = 0.42
+"""Pupil to iris in room light."""
 
 
 class Material(IntEnum):
@@ -76,7 +80,7 @@ class Channel:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class DeformationBasis:
+class DeformationBasis(Rebuilt):
     """Channels and their sparse displacements."""
 
     channels: tuple[Channel, ...]
@@ -90,18 +94,17 @@ class DeformationBasis:
     """(W, C) float32: weights of the entries as sums of the channels; None if they are the channels' weights."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "offsets", frozen(self.offsets, "offsets", ("V+1",), np.int32))
-        object.__setattr__(self, "entry_channels", frozen(self.entry_channels, "entry_channels", ("N",), np.int32))
+        freeze(self, np.int32, offsets=("V+1",), entry_channels=("N",))
         count = len(self.entry_channels)
-        object.__setattr__(self, "entry_mm", frozen(self.entry_mm, "entry_mm", (count, 3), np.float32))
+        freeze(self, np.float32, entry_mm=(count, 3))
         if self.offsets[0] != 0 or self.offsets[-1] != count or (np.diff(self.offsets) < 0).any():
             raise UsageError(f"offsets: expected 0 rising to {count}, the number of entries")
         if self.mix is not None:
-            object.__setattr__(self, "mix", frozen(self.mix, "mix", ("W", len(self.channels)), np.float32))
+            freeze(self, np.float32, mix=("W", len(self.channels)))
         if not all(fap.FAPS[0].number <= channel.fap <= fap.FAPS[-1].number for channel in self.channels):
-            raise UsageError(f"channels: expected FAPs {fap.FAPS[0].number}..{fap.FAPS[-1].number}")
+            raise UsageError(f"channels: must be of FAP {fap.FAPS[0].number} to {fap.FAPS[-1].number}")
         if count and not (self.entry_channels.min() >= 0 and self.entry_channels.max() < self.width):
-            raise UsageError(f"entry_channels: expected 0..{self.width - 1}")
+            raise UsageError(f"entry_channels: must be 0 to {self.width - 1}")
 
     @property
     def width(self) -> int:
@@ -120,7 +123,7 @@ class DeformationBasis:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Folds:
+class Folds(Rebuilt):
     """Shading that follows FAPs: furrows that appear, and lids and tongue that move into the light.
 
     A vertex with ``rest`` of 0 or more has furrows: its fraction is ``rest`` plus the change of each basis entry per
@@ -143,7 +146,7 @@ class Folds:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class FaceMesh:
+class FaceMesh(Rebuilt):
     """A head in its neutral pose. Arrays are read-only."""
 
     vertices_mm: NDArray[np.float32]
@@ -189,26 +192,16 @@ class FaceMesh:
     """Shading that follows FAPs, if any."""
 
     def __post_init__(self) -> None:
-        count = len(np.asarray(self.vertices_mm))
-        for name, shape, dtype in (
-            ("vertices_mm", (count, 3), np.float32),
-            ("normals", (count, 3), np.float32),
-            ("uv", (count, 2), np.float32),
-            ("albedo", (count, 3), np.float32),
-            ("material", (count,), np.uint8),
-            ("occlusion", (count,), np.float32),
-            ("bone", (count,), np.uint8),
-            ("bone_weight", (count,), np.float32),
-            ("head_weight", (count,), np.float32),
-            ("triangles", ("F", 3), np.int32),
-            ("jaw_pivot_mm", (3,), np.float64),
-            ("head_pivot_mm", (3,), np.float64),
-            ("eye_pivots_mm", (2, 3), np.float64),
-            ("iris_albedo", (3,), np.float32),
-        ):
-            object.__setattr__(self, name, frozen(getattr(self, name), name, shape, dtype))
+        freeze(
+            self, np.float32, vertices_mm=("V", 3), normals=("V", 3), uv=("V", 2), albedo=("V", 3), occlusion=("V",),
+            bone_weight=("V",), head_weight=("V",), iris_albedo=(3,),
+        )  # fmt: skip
+        count = len(self.vertices_mm)
+        freeze(self, np.uint8, material=(count,), bone=(count,))
+        freeze(self, np.int32, triangles=("F", 3))
+        freeze(self, np.float64, jaw_pivot_mm=(3,), head_pivot_mm=(3,), eye_pivots_mm=(2, 3))
         if self.texture is not None:
-            object.__setattr__(self, "texture", frozen(self.texture, "texture", ("H", "W", "C"), np.uint8))
+            freeze(self, np.uint8, texture=("H", "W", "C"))
             if self.texture.size == 0 or self.texture.shape[2] not in (3, 4):
                 raise UsageError(f"texture: got shape {self.texture.shape}, expected (H, W, 3) or (H, W, 4)")
         if self.folds is not None:
@@ -228,7 +221,7 @@ class FaceMesh:
             ("bone", self.bone, len(Bone)),
         ):
             if indices.size and not 0 <= indices.min() <= indices.max() < limit:
-                raise UsageError(f"{name}: expected 0..{limit - 1}")
+                raise UsageError(f"{name}: must be 0 to {limit - 1}")
 
     def point_mm(self, name: str) -> NDArray[np.float32]:
         """(3,) float32, mm: position of a feature point in the neutral face.
@@ -241,3 +234,8 @@ class FaceMesh:
         if name not in self.feature_points:
             raise UsageError(f"feature point: got {name!r}, this mesh has {sorted(self.feature_points)}")
         return self.vertices_mm[self.feature_points[name]]
+
+
+def iris_share(mesh: FaceMesh) -> float:
+    """Radius of the iris relative to the eyeball."""
+    return mesh.fapu.irisd0_mm / 2 / EYEBALL_RADIUS_MM

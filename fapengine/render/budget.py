@@ -80,7 +80,7 @@ def ladder(vertices: Sequence[float], *, lit_at_pixels: bool) -> tuple[Quality, 
         If there is no level.
     """
     if not vertices:
-        raise UsageError("ladder: got no level of detail, expected one or more")
+        raise UsageError("ladder: requires a level of detail")
     choices: list[tuple[int, float, Shading, int]] = [(0, 1.0, "auto", 4), (0, 1.0, "auto", 0)]
     if lit_at_pixels:
         choices.append((0, 1.0, "vertices", 0))
@@ -103,18 +103,6 @@ def _cost(
     return VERTEX_SHARE * vertices[level] / vertices[0] + (1 - VERTEX_SHARE) * pixels
 
 
-@dataclass(frozen=True, slots=True)
-class Change:
-    """A change from one rung to another."""
-
-    time_s: float
-    before: int
-    after: int
-    cost_s: float
-    """Median cost of the last frames before the change."""
-    budget_s: float
-
-
 class FrameBudget:
     """Chooses the rung that holds a frame rate.
 
@@ -135,12 +123,10 @@ class FrameBudget:
 
     def __init__(self, qualities: Sequence[Quality], rate_hz: float) -> None:
         if not qualities:
-            raise UsageError("budget: got an empty ladder, expected one quality or more")
+            raise UsageError("budget: the ladder is empty")
         if not RATES_HZ[0] <= rate_hz <= RATES_HZ[1]:
             raise UsageError(f"budget: got {rate_hz:g} Hz, expected {RATES_HZ[0]:g} to {RATES_HZ[1]:g}")
         self.qualities, self.rate_hz, self.rung = tuple(qualities), rate_hz, 0
-        self.late = 0
-        """Number of frames that took longer than a frame's time."""
         self._relative = [quality.relative_cost for quality in qualities]
         self._costs: deque[tuple[float, float]] = deque()
         self._since_s = float("nan")
@@ -158,9 +144,8 @@ class FrameBudget:
         """The rung in use."""
         return self.qualities[self.rung]
 
-    def spent(self, cost_s: float, now_s: float) -> Change | None:
-        """Record the cost of a frame drawn with :attr:`quality` and done at ``now_s``; return the change, if any."""
-        self.late += cost_s > 1 / self.rate_hz
+    def spent(self, cost_s: float, now_s: float) -> None:
+        """Record the cost of a frame drawn with :attr:`quality` and done at ``now_s``; this may change the rung."""
         if isnan(self._since_s):
             self._since_s = now_s
         self._costs.append((now_s, cost_s))
@@ -174,33 +159,31 @@ class FrameBudget:
             median = median_high(recent)
             self._learn(median)
             if median > self.budget_s and self.rung + 1 < len(self.qualities):
-                return self._fall(median, now_s)
+                self._fall(median, now_s)
+                return
         if now_s - self._fell_s > FORGIVEN_S:
             self._wait_s = MIN_WAIT_S
         if self.rung and stays_s >= self._wait_s:
             median = median_high(cost for _, cost in self._costs)
             if self._estimate(self.rung - 1, median) <= MAX_CLIMB_SHARE * self.budget_s:
-                return self._move(self.rung - 1, median, now_s)
-        return None
+                self._move(self.rung - 1, median, now_s)
 
     def _estimate(self, rung: int, median: float) -> float:
         return median * self._relative[rung] / self._relative[self.rung]
 
-    def _fall(self, median: float, now_s: float) -> Change:
+    def _fall(self, median: float, now_s: float) -> None:
         """Go to the first rung that is estimated to fit, or the last."""
         below = range(self.rung + 1, len(self.qualities))
         chosen = next((rung for rung in below if self._estimate(rung, median) <= self.budget_s), below[-1])
         if self._climbed and now_s - self._since_s <= TAKEN_BACK_S:
             self._wait_s = min(2 * self._wait_s, MAX_WAIT_S)
         self._fell_s = now_s
-        return self._move(chosen, median, now_s)
+        self._move(chosen, median, now_s)
 
-    def _move(self, rung: int, median: float, now_s: float) -> Change:
-        change = Change(now_s, self.rung, rung, median, self.budget_s)
+    def _move(self, rung: int, median: float, now_s: float) -> None:
         self._before = self.rung, median
         self._climbed, self.rung, self._since_s = rung < self.rung, rung, now_s
         self._costs.clear()
-        return change
 
     def _learn(self, median: float) -> None:
         """Compare the first median on a rung with the last on the previous rung; move half-way to that ratio."""

@@ -3,7 +3,6 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fapengine._arrays import Array
 from fapengine.errors import UsageError
@@ -59,12 +58,6 @@ class Camera:
     def pixels_per_mm(self, height_px: int) -> float:
         """Pixels per millimetre at the target in an image of that height."""
         return height_px / (2 * self.distance_mm * float(np.tan(np.deg2rad(self.field_deg) / 2)))
-
-    def project(self, points_mm: NDArray[np.floating], size: tuple[int, int]) -> Array:
-        """(..., 2) pixels, from the top left corner, of world points (..., 3) mm in an image of (width, height)."""
-        matrix = self.clip_from_world(size[0] / size[1])
-        clip = points_mm @ matrix[:, :3].T + matrix[:, 3]
-        return (clip[..., :2] / clip[..., 3:] * 0.5 + 0.5) * np.asarray(size)
 
 
 PRESETS: dict[str, Camera] = {

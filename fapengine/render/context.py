@@ -23,7 +23,7 @@ BACKENDS = {"linux": "egl"}
 """Backend by system where moderngl's own choice (WGL, CGL) would need a window or a display."""
 FIXES = {
     "linux": "on Debian or Ubuntu: sudo apt-get install -y libegl1 libgl1",
-    "win32": "install the graphics card's driver, or Mesa's opengl32.dll beside python.exe",
+    "win32": "install the graphics card's driver, or Mesa's opengl32.dll next to python.exe",
     "darwin": "it needs a session with a screen",
 }
 

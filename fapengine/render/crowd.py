@@ -13,9 +13,8 @@ from numpy.typing import ArrayLike
 from fapengine.errors import UsageError
 from fapengine.mesh.deform import Pose
 from fapengine.mesh.face_mesh import FaceMesh
-from fapengine.render.camera import Camera
 from fapengine.render.canvas import Backdrop, Canvas
-from fapengine.render.context import Renderer, moderngl
+from fapengine.render.context import Renderer
 from fapengine.render.drawing import DEFAULT_DRAWING, Drawing, Picture
 from fapengine.render.model import Model, Programs
 from fapengine.render.packing import FrameUniforms, frame_uniforms, pack, pose_uniforms
@@ -24,7 +23,7 @@ from fapengine.render.packing import FrameUniforms, frame_uniforms, pack, pose_u
 class CrowdRenderer(Renderer):
     """Faces side by side in tiles, row by row. Use it as a context manager; it holds GPU memory.
 
-    Stateful: ``cameras`` may be set between frames.
+    Stateful: ``cameras``, one per tile, at first that of the drawing, may be set between frames.
 
     Parameters
     ----------
@@ -32,17 +31,13 @@ class CrowdRenderer(Renderer):
         Head of each tile; a repeated mesh is uploaded once.
     drawing : Drawing
         Options for each tile; its size is that of a tile, and its scale is ignored.
-    columns : int, optional
-        By default as many as make the image about as wide as high.
-    cameras : sequence of Camera, optional
-        Camera of each tile; by default that of the drawing.
-    context : moderngl.Context, optional
-        By default a new one.
+    columns : int
+        Number of tiles in a row.
 
     Raises
     ------
     UsageError
-        If there is no mesh, not one camera per tile, or a side of the image is not 16 to 4096 pixels.
+        If there is no mesh, or a side of the image is not 16 to 4096 pixels.
     ResourceError
         If OpenGL is not available.
     """
@@ -52,16 +47,11 @@ class CrowdRenderer(Renderer):
         meshes: Sequence[FaceMesh],
         drawing: Drawing = DEFAULT_DRAWING,
         *,
-        columns: int | None = None,
-        cameras: Sequence[Camera] | None = None,
-        context: moderngl.Context | None = None,
+        columns: int = 1,
     ) -> None:
         if not meshes:
-            raise UsageError("crowd: got no mesh, expected one or more")
-        self.cameras = [drawing.camera] * len(meshes) if cameras is None else list(cameras)
-        if len(self.cameras) != len(meshes):
-            raise UsageError(f"crowd: got {len(self.cameras)} cameras, expected {len(meshes)}")
-        columns = columns or square_columns(len(meshes), drawing.size)
+            raise UsageError("crowd: requires a mesh")
+        self.cameras = [drawing.camera] * len(meshes)
         if not 1 <= columns <= len(meshes):
             raise UsageError(f"crowd: got {columns} columns, expected 1 to {len(meshes)}")
         rows = -(-len(meshes) // columns)
@@ -69,7 +59,7 @@ class CrowdRenderer(Renderer):
         whole = replace(drawing, size=(columns * drawing.size[0], rows * drawing.size[1]), scale=1.0)
         self.size = whole.size
         packed = {id(mesh): pack(mesh) for mesh in self.meshes}
-        super().__init__(context)
+        super().__init__(None)
         with self._context:
             self._programs = Programs(self._context)
             self._models = {name: Model(self._programs, each) for name, each in packed.items()}
@@ -133,14 +123,3 @@ class CrowdRenderer(Renderer):
                 each = {field.name: getattr(together, field.name)[row] for field in fields(FrameUniforms)}
                 uniforms[number] = FrameUniforms(**each)
         return [uniforms[number] for number in range(len(self.meshes))]
-
-
-def square_columns(count: int, tile: tuple[int, int]) -> int:
-    """Columns that make ``count`` tiles about as wide as high, 1 at least.
-
-    Examples
-    --------
-    >>> square_columns(9, (256, 256)), square_columns(2, (256, 256)), square_columns(4, (100, 400))
-    (3, 2, 4)
-    """
-    return min(count, max(1, int(np.ceil(np.sqrt(count * tile[1] / tile[0])))))

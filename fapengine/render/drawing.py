@@ -47,7 +47,7 @@ class Drawing:
     """
 
     size: tuple[int, int] = (512, 512)
-    """Width and height in pixels, 16 to 4096. For a window: in points, including its panel."""
+    """Width and height in pixels, 16 to 4096. For a window: in points."""
     camera: Camera = PRESETS["front"]
     background: Background = "studio"
     samples: int = 0
@@ -63,7 +63,9 @@ class Drawing:
     def __post_init__(self) -> None:
         if len(self.size) != 2 or not all(MIN_SIDE_PX <= side <= MAX_SIDE_PX for side in self.size):
             shown = "x".join(map(str, self.size))
-            raise UsageError(f"size: got {shown}, expected two sides of {MIN_SIDE_PX}..{MAX_SIDE_PX} pixels")
+            raise UsageError(
+                f"size: got {shown}, expected a width and a height of {MIN_SIDE_PX} to {MAX_SIDE_PX} pixels"
+            )
         if not isinstance(self.camera, Camera):
             raise UsageError(f"camera: got {self.camera!r}, expected a Camera; Drawing.parse() takes its name")
         if self.samples not in SAMPLES:
@@ -159,7 +161,7 @@ def parse_background(text: str) -> Background:
     if text in ("studio", "transparent", "none"):
         return "studio" if text == "studio" else "transparent"
     if not text.startswith("#"):
-        raise UsageError(f"background: got {text!r}, expected studio, none, a colour such as #f0e8d8, or a picture")
+        raise UsageError(f"background: got {text!r}, expected studio, none, a colour such as #f0e8d8, or an image")
     digits = text[1:] if len(text) == 7 else "".join(2 * digit for digit in text[1:])
     try:
         red, green, blue = bytes.fromhex(digits)
@@ -195,7 +197,7 @@ def _checked_background(background: Any) -> Background:
         if all(isinstance(part, int | np.integer) and 0 <= part <= 255 for part in background):
             return int(red), int(green), int(blue)
     raise UsageError(
-        f"background: got {background!r}, expected 'studio', 'transparent', three integers of 0..255, or a picture"
+        f"background: got {background!r}, expected 'studio', 'transparent', three integers from 0 to 255, or an image"
     )
 
 

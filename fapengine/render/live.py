@@ -38,9 +38,6 @@ class LiveRenderer(Renderer):
         Frame rate to hold, 0.1 to 1000.
     context : moderngl.Context, optional
         By default a new one.
-    on_change : callable
-        Called with a description of each change of quality, such as ``"70 % of the resolution, the finest head: a frame
-        took 21.3 ms, 14.2 ms are there (60 Hz)"``.
     clock : callable
         Seconds, rising; by default the process's own clock.
 
@@ -59,14 +56,13 @@ class LiveRenderer(Renderer):
         *,
         rate_hz: float,
         context: moderngl.Context | None = None,
-        on_change: Callable[[str], None] = lambda text: None,
         clock: Callable[[], float] = time.perf_counter,
     ) -> None:
         if not meshes:
-            raise UsageError("live renderer: got no mesh, expected one or more")
+            raise UsageError("live renderer: requires a mesh")
         super().__init__(context)
         self.drawing, self._meshes = drawing, tuple(meshes)
-        self._on_change, self._clock = on_change, clock
+        self._clock = clock
         self._renderers: dict[int, FaceRenderer] = {}
         counts: list[float] = []
         for mesh in meshes:
@@ -100,7 +96,7 @@ class LiveRenderer(Renderer):
         started = self._clock()
         texture = self._renderer(self.quality).paint(faps)
         with self._context:
-            self._context.finish()  # or its cost would fall on whoever waits for it
+            self._context.finish()  # otherwise the next wait would include its cost
         self._account(started)
         return texture
 
@@ -117,9 +113,4 @@ class LiveRenderer(Renderer):
 
     def _account(self, started_s: float) -> None:
         now_s = self._clock()
-        change = self.budget.spent(now_s - started_s, now_s)
-        if change is not None:
-            self._on_change(
-                f"{self.quality}: a frame took {1000 * change.cost_s:.1f} ms,"
-                f" {1000 * change.budget_s:.1f} ms are there ({self.budget.rate_hz:g} Hz)"
-            )
+        self.budget.spent(now_s - started_s, now_s)

@@ -20,11 +20,11 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fapengine._arrays import Array, Indices, Mask, frozen
+from fapengine._arrays import Array, Indices, Mask, freeze, frozen
 from fapengine.errors import UsageError
 from fapengine.geometry.surface import edges_of, vertex_normals
 from fapengine.mesh.deform import Pose, bone_transforms, channel_weights
-from fapengine.mesh.face_mesh import Bone, Channel, DeformationBasis, FaceMesh, Material
+from fapengine.mesh.face_mesh import PUPIL_SHARE, Bone, Channel, DeformationBasis, FaceMesh, Material, iris_share
 from fapengine.mpeg4 import fap
 from fapengine.render.programs import FACE_ATTRIBUTES, MAX_CHANNELS
 
@@ -43,9 +43,6 @@ SURFACES: dict[Material, tuple[float, float, float]] = {
     Material.BALL: (1.30, 420.0, 0.20),
     Material.STRAND: (0.05, 10.0, 0.10),
 }
-EYEBALL_RADIUS_MM = 14.2
-PUPIL_SHARE = 0.42
-"""Pupil to iris in room light."""
 PUPIL_RANGE = (0.15, 0.85)
 LID_COLUMNS = [fap.column(number) for number in (19, 21, 20, 22)]
 LID_SIGNS = np.array([1.0, -1.0, 1.0, -1.0])
@@ -92,11 +89,10 @@ class PackedMesh:
 
     def __post_init__(self) -> None:
         width = sum(ATTRIBUTE_SIZES.values())
-        object.__setattr__(self, "vertices", frozen(self.vertices, "vertices", ("V", width), np.float32))
-        for name in ("displacements", "normal_deltas"):
-            object.__setattr__(self, name, frozen(getattr(self, name), name, ("R", TEXTURE_WIDTH, 4), np.float32))
+        texels = ("R", TEXTURE_WIDTH, 4)
+        freeze(self, np.float32, vertices=("V", width), displacements=texels, normal_deltas=texels)
         if self.skin is not None:
-            object.__setattr__(self, "skin", frozen(self.skin, "skin", ("H", "W", 4), np.uint8))
+            freeze(self, np.uint8, skin=("H", "W", 4))
         parts = {name: frozen(value, f"parts[{name}]", ("F", 3), np.uint32) for name, value in self.parts.items()}
         object.__setattr__(self, "parts", MappingProxyType(parts))
 
@@ -166,11 +162,6 @@ def pack(mesh: FaceMesh) -> PackedMesh:
         iris=iris_share(mesh),
         iris_albedo=mesh.iris_albedo,
     )
-
-
-def iris_share(mesh: FaceMesh) -> float:
-    """Radius of the iris relative to the eyeball."""
-    return mesh.fapu.irisd0_mm / 2 / EYEBALL_RADIUS_MM
 
 
 def frame_uniforms(mesh: FaceMesh, faps: ArrayLike) -> FrameUniforms:

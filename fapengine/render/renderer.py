@@ -190,13 +190,10 @@ class FaceRenderer(Renderer):
         drawing = self._drawing
         uniforms = frame_uniforms(self.mesh, faps)
         ground = drawing.camera, drawing.shading, drawing.wire
-        is_there = self._canvas.begin(ground, partial(self._draw_ground, uniforms))
+        draw_still = partial(self._model.draw, uniforms, drawing, draw_behind=self._backdrop.draw, moving=False)
+        is_there = self._canvas.begin(ground, draw_still)
         behind = None if is_there else self._backdrop.draw
         self._model.draw(uniforms, drawing, draw_behind=behind, still=not is_there)
         if not self._backdrop.is_smooth:
             return None
         return self._reach.rectangles(uniforms, drawing.camera, drawing.drawn_size)
-
-    def _draw_ground(self, uniforms: FrameUniforms) -> None:
-        """Draw everything that no FAP moves: shoulders and backdrop."""
-        self._model.draw(uniforms, self._drawing, draw_behind=self._backdrop.draw, moving=False)

@@ -49,7 +49,7 @@ ZOOM = 1.1
 MIN_SIZE_PT = (200, 160)
 """Width and height of the smallest window, in points."""
 RESIZING_S = 0.15
-"""Time after a change of the window's size in which it counts as being resized: the face is drawn in the old size."""
+"""Time after a change of the window's size during which the face is still drawn in the old size."""
 WINDOW_DRAWING = Drawing(size=(820, 560))
 BORDER = (0.12, 0.13, 0.15)
 RATE_FRAMES = 90
@@ -152,7 +152,7 @@ class FaceWindow:
             If the window was closed by :meth:`close`.
         """
         if self._window is None:
-            raise UsageError("window: got a frame, but it is closed")
+            raise UsageError("window: is closed")
         begun = time.perf_counter()
         with current(self._window):
             self._draw(faps)
@@ -231,7 +231,7 @@ class FaceWindow:
         return self._renderer
 
     def _on_character(self, window: Any, code: int) -> None:
-        """Handle a character of the keyboard's layout, which for Q is at another place on a French one."""
+        """Handle a character by the keyboard's layout: keys differ between layouts."""
         character = chr(code).lower()
         cameras = dict(zip("123456789", CAMERAS, strict=False)) | {"r": CAMERAS[0]}
         if character in cameras:

@@ -27,13 +27,11 @@ from functools import cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fapengine._arrays import frozen
+from fapengine._arrays import Array, frozen
 from fapengine.mpeg4 import fap
 from fapengine.retarget.blend import BlendMap, weights_mm
 from fapengine.retarget.moods import cost_share, find_moods, without_moods
 from fapengine.retarget.shape_rows import ALL_MOODS, ARKIT_NAMES, shape_rows
-
-Array = NDArray[np.float64]
 
 JAW, CLOSE = ARKIT_NAMES.index("jawOpen"), ARKIT_NAMES.index("mouthClose")
 SIDEWAYS = ("jawLeft", "jawRight", "mouthLeft", "mouthRight")
@@ -184,8 +182,8 @@ def _fit_opening(weights: Array, faps: Array) -> Array:
     weights[:, CLOSE] = weights[:, JAW] - share * ajar
     weights[:, openers] *= share[:, None]
     parted_mm = _openings_mm(faps)
-    lacking = (parted_mm - weights @ openings_mm) / openings_mm[JAW] * np.minimum(wanted_mm / PARTED_MM, 1.0)
-    weights[:, JAW] = np.clip(weights[:, JAW] + lacking, weights[:, CLOSE], 1.0)
+    missing = (parted_mm - weights @ openings_mm) / openings_mm[JAW] * np.minimum(wanted_mm / PARTED_MM, 1.0)
+    weights[:, JAW] = np.clip(weights[:, JAW] + missing, weights[:, CLOSE], 1.0)
     return weights
 
 

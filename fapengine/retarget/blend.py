@@ -25,12 +25,10 @@ from functools import cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fapengine._arrays import frozen
+from fapengine._arrays import Array, frozen
 from fapengine.errors import UsageError
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import Fapu
-
-Array = NDArray[np.float64]
 
 ADULT = Fapu(irisd0_mm=11.0, es0_mm=62.0, ens0_mm=47.0, mns0_mm=22.0, mw0_mm=50.0)
 """Face with which millimetres weight the FAPs against each other; the proportions of any face would do."""
@@ -89,7 +87,7 @@ class BlendMap:
         scaled = shapes @ counted
         square = scaled @ scaled.T
         if not np.trace(square) > 0:
-            raise UsageError("faps: got shapes that move nothing, expected some that do")
+            raise UsageError("faps: no shape moves anything")
         square[np.diag_indices_from(square)] += RIDGE * np.trace(square) / len(square) + stiff**2
         lengths = np.sqrt(np.diag(square))  # shapes of one length make the problem round, and gradients quick
         object.__setattr__(self, "_goals", counted @ (scaled / lengths[:, None]).T)

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fapengine._arrays import Array
 from fapengine.errors import DataError, TruncatedError, UsageError
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD
@@ -26,8 +26,6 @@ from fapengine.retarget.arkit import approximate_arkit, arkit_map, arkit_to_faps
 from fapengine.retarget.oculus import OCULUS_NAMES, approximate_visemes, visemes_to_faps
 from fapengine.retarget.shape_rows import ARKIT_NAMES
 from fapengine.retarget.vrm import VRM0_NAMES, VRM1_NAMES, approximate_presets, presets_to_faps
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,6 +140,8 @@ def _json(text: str) -> Found:
         raise DataError("blend shapes: is nested too deeply") from error
     if len(events) == 1 and isinstance(events[0], dict) and isinstance(events[0].get("frames"), list):
         events = events[0]["frames"]
+    if not events:
+        raise TruncatedError("blend shapes: contains no frame")
     return _azure(events) if any(isinstance(e, dict) and "FrameIndex" in e for e in events) else _scores(events)
 
 
@@ -167,8 +167,6 @@ def _scores(events: list[Any]) -> Found:
                 f" frames of {AZURE_WIDTH} values",
                 where=f"event {number + 1}",
             ) from error
-    if not frames:
-        raise TruncatedError("blend shapes: contains no frame")
     shapes, weights = named_weights(frames, list(dict.fromkeys(name for frame in frames for name in frame)), "event 1")
     rate_hz = SCORES_HZ
     if len(times_s) == len(frames) and len(frames) > 1 and times_s[-1] > times_s[0]:
@@ -211,8 +209,6 @@ def _azure(events: list[Any]) -> Found:
             raise DataError(
                 f"blend shapes: got {error}, expected FrameIndex and frames of 55 values", where=where
             ) from error
-    if not frames:
-        raise TruncatedError("blend shapes: contains no frame")
     order = sorted(frames)
     if order[-1] - order[0] + 1 > 4 * len(order) + 600:
         raise DataError(f"blend shapes: got frames {order[0]} to {order[-1]}, of which only {len(order)} are present")
@@ -266,7 +262,7 @@ def _csv(text: str) -> Found:
         try:
             first_s, last_s = float(rows[1][column]), float(rows[-1][column])
         except (IndexError, ValueError) as error:
-            raise DataError("time: got no number, expected seconds", where=where) from error
+            raise DataError("time: is not a number of seconds", where=where) from error
         if not (np.isfinite(first_s) and np.isfinite(last_s) and last_s > first_s):
             raise DataError(f"time: got {first_s:g} to {last_s:g} s, expected rising times", where=where)
         rate_hz = _rate(len(rows) - 1, first_s, last_s, where)
@@ -300,7 +296,7 @@ def _rate(count: int, first_s: float, last_s: float, where: str) -> float:
     """Frame rate of ``count`` frames."""
     rate_hz = float(f"{(count - 1) / (last_s - first_s):.5g}")
     if not 1 <= rate_hz <= 1000:
-        raise DataError(f"time: got {rate_hz:g} frames per second, expected 1..1000", where=where)
+        raise DataError(f"time: frames per second must be 1 to 1000, got {rate_hz:g}", where=where)
     return rate_hz
 
 

@@ -134,7 +134,7 @@ def choose_blendshapes(names: Iterable[str], mapping: Mapping[str, str | Mapping
     words = {name: word for name, word in (mapping or {}).items() if isinstance(word, str)}
     found = by_role([name for name in names if name not in own_faps and words.get(name) != UNUSED], words)
     arkit, visemes = found[Role.ARKIT], found[Role.VISEME]
-    lacking = [name for name in ARKIT_NAMES if name not in arkit | found[Role.SUBSTITUTE]]
+    without = [name for name in ARKIT_NAMES if name not in arkit | found[Role.SUBSTITUTE]]
     halved = {name.removesuffix("Left").removesuffix("Right") for name in found[Role.HALF]}
     tongue = arkit.pop("tongueOut", None)
     if tongue is not None:
@@ -156,7 +156,7 @@ def choose_blendshapes(names: Iterable[str], mapping: Mapping[str, str | Mapping
         jaw=tuple(filter(None, jaws)),
         blended=tuple(dict.fromkeys(blended)),
         own_faps=own_faps,
-        missing=tuple(name for name in lacking if name not in halved),
+        missing=tuple(name for name in without if name not in halved),
     )
 
 

@@ -13,14 +13,12 @@ gaze are not wide eyes, because the eyeballs show it. While a blink hides the ey
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fapengine._arrays import Array
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD
 from fapengine.retarget.blend import BlendMap
 from fapengine.retarget.shape_rows import shape_rows
-
-Array = NDArray[np.float64]
 
 MOODS = {"happy": "joy", "angry": "anger", "sad": "sadness", "surprised": "surprise"}
 """VRM's moods that MPEG-4 also has, and its names for them."""

@@ -8,17 +8,15 @@ that look alike (t, k, n), one represents the others.
 from functools import cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from fapengine._arrays import frozen
+from fapengine._arrays import Array, frozen
 from fapengine.errors import UsageError
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.visemes import VISEMES
 from fapengine.retarget.blend import BlendMap
 from fapengine.retarget.moods import find_moods, without_moods
 from fapengine.retarget.shape_rows import shape_rows
-
-Array = NDArray[np.float64]
 
 OCULUS_NAMES = tuple(viseme.label for viseme in VISEMES)
 """Names in the order of the API, 0..14."""

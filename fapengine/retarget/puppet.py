@@ -18,15 +18,13 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine._arrays import frozen
+from fapengine._arrays import Array, freeze
 from fapengine.geometry.surface import vertex_normals
 from fapengine.mesh.deform import deform
-from fapengine.mesh.face_mesh import Bone, FaceMesh, Material
+from fapengine.mesh.face_mesh import PUPIL_SHARE, Bone, FaceMesh, Material, iris_share
 from fapengine.retarget.arkit import arkit_map
 from fapengine.retarget.blendshape_names import OCULUS, OCULUS_SPELLINGS
 from fapengine.retarget.oculus import oculus_map
-
-Array = NDArray[np.float64]
 
 METRES_PER_MM = 1e-3
 NECK, HEAD, JAW, LEFT_EYE, RIGHT_EYE = range(5)
@@ -50,8 +48,6 @@ INSIDE = ("Teeth", "Tongue", "Mouth")
 """Parts with the mouth's ambient occlusion baked into their colours, as other programs do not have it."""
 NEGLIGIBLE_MM, NEGLIGIBLE_TURN = 0.02, 0.01
 """Displacement, and change of a normal, below which a shape skips a vertex."""
-EYEBALL_RADIUS_MM, PUPIL_SHARE = 14.2, 0.42
-"""Radius that positions on an eyeball are relative to, and pupil to iris, as in this package's renderer."""
 EYE_TEXELS = 256
 SCLERA, VEINS = np.array([0.72, 0.67, 0.64]), np.array([0.92, 0.68, 0.62])
 
@@ -90,10 +86,9 @@ class Part:
     roughness: float
 
     def __post_init__(self) -> None:
-        count = len(self.vertices)
-        for name, width in {"vertices": 3, "normals": 3, "uv": 2, "colours": 3, "weights": len(JOINTS)}.items():
-            object.__setattr__(self, name, frozen(getattr(self, name), name, (count, width), np.float32))
-        object.__setattr__(self, "triangles", frozen(self.triangles, "triangles", ("F", 3), np.uint32))
+        three, weights = ("V", 3), ("V", len(JOINTS))
+        freeze(self, np.float32, vertices=three, normals=three, uv=("V", 2), colours=three, weights=weights)
+        freeze(self, np.uint32, triangles=("F", 3))
 
     def influences(self) -> tuple[NDArray[np.intp], NDArray[np.float32]]:
         """Joints and weights, (V, 4) each, of the four joints that move each vertex most; weights add up to 1."""
@@ -168,7 +163,6 @@ def _part(mesh: FaceMesh, name: str, rest: Array, moved: Mapping[str, Shape]) ->
         texture = None  # texture coordinates of strands are their widths
     elif Material.EYE in mesh.material[used]:
         texture = eye_texture(mesh)
-    shapes = {title: Shape(shape.moves[used], shape.turns[used]) for title, shape in moved.items()}
     return Part(
         name=name,
         vertices=(METRES_PER_MM * rest[used]).astype(np.float32),
@@ -178,9 +172,9 @@ def _part(mesh: FaceMesh, name: str, rest: Array, moved: Mapping[str, Shape]) ->
         triangles=corners.reshape(-1, 3).astype(np.uint32),
         weights=_weights(mesh)[used],
         shapes={
-            title: shape
-            for title, shape in shapes.items()
-            if shape.moves.any() or (title == "viseme_sil" and name == "Face")
+            title: Shape(shape.moves[used], shape.turns[used])
+            for title, shape in moved.items()
+            if shape.moves[used].any() or (title == "viseme_sil" and name == "Face")
         },
         texture=texture,
         roughness=roughness,
@@ -221,7 +215,7 @@ def eye_texture(mesh: FaceMesh) -> NDArray[np.uint8]:
     axis = (np.arange(EYE_TEXELS) + 0.5) / EYE_TEXELS * 2 - 1
     x, y = np.meshgrid(axis, axis)
     radius, around = np.hypot(x, y), np.arctan2(y, x)
-    iris = mesh.fapu.irisd0_mm / 2 / EYEBALL_RADIUS_MM
+    iris = iris_share(mesh)
     pupil = iris * PUPIL_SHARE
     share = radius / iris
     fibres = 0.5 + 0.5 * np.sin(around * 37 + 3 * np.sin(around * 11)) * np.sin(around * 23 + share * 9)

@@ -2,13 +2,13 @@
 
 Theory of operation
 -------------------
-Four lengths on an adult's face decide, in mm relative to rest: the opening of the lips, the narrowing of the mouth, the
-height of the lower lip, and the drop of the jaw. Lips that touch are A; those at rest touch as well, so a closed mouth
-with its jaw up is X, unless the lips part within :data:`PAUSE_S` before and after. A lower lip at the teeth is G. An
-open mouth is F or E if it is narrow, else B, C or D by its opening. Thresholds are between the medians of the shapes in
-planned speech of the shipped profile (106 to 21 cues of a shape; opening of B 6.7, C 7.6, D 11.4, E 7.5, F 4.5, G
-1.2 mm; narrowing of E and F 5.3, of B, C, D 3.0 mm). H is a tongue behind the teeth, which these lengths do not show,
-so it is never returned.
+Four lengths on an adult's face decide, in mm relative to the neutral face: the opening of the lips, the narrowing of
+the mouth, the height of the lower lip, and the drop of the jaw. Lips that touch are A; those of the neutral face touch
+as well, so a closed mouth with its jaw up is X, unless the lips part within :data:`PAUSE_S` before and after. A lower
+lip at the teeth is G. An open mouth is F or E if it is narrow, else B, C or D by its opening. Thresholds are between
+the medians of the shapes in planned speech of the shipped profile (106 to 21 cues of a shape; opening of B 6.7, C 7.6,
+D 11.4, E 7.5, F 4.5, G 1.2 mm; narrowing of E and F 5.3, of B, C, D 3.0 mm). H is a tongue behind the teeth, which
+these lengths do not show, so it is never returned.
 """
 
 import numpy as np
@@ -20,7 +20,7 @@ from fapengine.retarget.blend import weights_mm
 from fapengine.retarget.moods import find_moods, without_moods
 
 SHUT_MM = 0.7
-"""Opening relative to rest below which lips touch; closures of the planner leave 0.3 mm at most."""
+"""Opening relative to the neutral face below which lips touch; closures of the planner leave 0.3 mm at most."""
 BITTEN_OPENING_MM, BITTEN_LOWER_MM, BITTEN_UPPER_MM = 2.5, -0.7, 0.0
 """Largest opening of G, least height of its lower lip, and lowest upper lip: on p b m it comes down."""
 NARROW_MM = 4.5
@@ -80,6 +80,6 @@ def _near(parted: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
     count = np.concatenate([[0], np.cumsum(parted)])
     here = np.arange(len(parted))
     before = count[here + 1] - count[np.maximum(here - reach, 0)]
-    behind = count[np.minimum(here + reach + 1, len(parted))] - count[here]
-    near: NDArray[np.bool_] = (before > 0) & (behind > 0)
+    after = count[np.minimum(here + reach + 1, len(parted))] - count[here]
+    near: NDArray[np.bool_] = (before > 0) & (after > 0)
     return near

@@ -7,9 +7,9 @@ eyes and brows, or VRM's moods. A shape with two names in a file moves once in e
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from fapengine._arrays import frozen
+from fapengine._arrays import Array, frozen
 from fapengine.mpeg4 import fap
 from fapengine.retarget.arkit import approximate_arkit
 from fapengine.retarget.blend import BlendMap
@@ -18,7 +18,6 @@ from fapengine.retarget.oculus import OCULUS_NAMES, approximate_visemes
 from fapengine.retarget.shape_rows import ARKIT_NAMES
 from fapengine.retarget.vrm import SHOWN, VRM0_NAMES, VRM1_NAMES, approximate_presets
 
-Array = NDArray[np.float64]
 Weights = dict[str, Array]
 """(T,) float64, 0..1, by the name of a shape."""
 Meanings = Mapping[str, str | Mapping[int, float]]

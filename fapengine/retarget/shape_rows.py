@@ -9,11 +9,8 @@ the planner shapes them in clear speech, and full expressions, both sides made s
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fapengine._arrays import read_table
-
-Array = NDArray[np.float64]
+from fapengine._arrays import Array, read_table
 
 _TABLES = read_table(__package__, "arkit.npz") | read_table(__package__, "visemes.npz")
 ARKIT_NAMES: tuple[str, ...] = tuple(_TABLES["arkit_names"].tolist())

@@ -12,15 +12,13 @@ sender's (``/VMC/Ext/T``) if every frame has one, else those of arrival. Other a
 import re
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fapengine._arrays import Array
 from fapengine.errors import DataError, TruncatedError
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD
 from fapengine.mpeg4.track import FapTrack, to_codable
 from fapengine.retarget.blend_tracks import named_weights
-
-Array = NDArray[np.float64]
 
 LINE = re.compile(rb"[0-9a-f]{8}\.[0-9a-f]{8} /")
 _VALUE = re.compile(r'sf "([^"]*)" (\S+)$')
@@ -56,7 +54,7 @@ def parse_vmc_recording(data: bytes) -> FapTrack:
         times_s = np.array(sent, np.float64)
     steps_s = np.diff(times_s)
     if (steps_s < 0).any() or times_s[-1] <= times_s[0]:
-        raise DataError("VMC recording: got falling times, expected rising ones")
+        raise DataError("VMC recording: times must rise")
     rate_hz = float(np.clip(round(1 / np.median(steps_s[steps_s > 0])), 1, MAX_RATE_HZ))
     count = int((times_s[-1] - times_s[0]) * rate_hz + 0.01) + 1
     if count > MAX_FILLED * len(frames):

@@ -12,17 +12,15 @@ moods. Looks are for avatars without eye bones; full weight is 30 degrees.
 from functools import cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from fapengine._arrays import frozen
+from fapengine._arrays import Array, frozen
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD
 from fapengine.retarget.blend import BlendMap
 from fapengine.retarget.moods import MOODS, find_moods, without_moods
 from fapengine.retarget.oculus import DEPTH
 from fapengine.retarget.shape_rows import shape_rows
-
-Array = NDArray[np.float64]
 
 VRM1_NAMES = (
     "happy", "angry", "sad", "relaxed", "surprised", "aa", "ih", "ou", "ee", "oh", "blink", "blinkLeft", "blinkRight",

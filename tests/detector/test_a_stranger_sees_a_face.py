@@ -26,6 +26,7 @@ from fapengine.trajectory.expression import expression_faps
 from fapengine.trajectory.faps import displacements_to_faps
 from fapengine.trajectory.planner import plan
 from fapengine.voices.espeak import EspeakVoice
+from tests.projection import project
 
 Array = NDArray[np.float64]
 
@@ -146,7 +147,7 @@ def test_its_mouth_opens_as_ours(sight: Sight, head: FaceMesh) -> None:
 def test_it_sees_the_parts_where_they_are(sight: Sight, head: FaceMesh) -> None:
     landmarks = sight.poses["neutral"][0]
     names = [name for name in LANDMARKS if not name.startswith("4.")]
-    places = VIEWS[0].project(np.array([head.point_mm(name) for name in names]), SIZE)
+    places = project(VIEWS[0], np.array([head.point_mm(name) for name in names]), SIZE)
     off = np.linalg.norm(landmarks[[LANDMARKS[name] for name in names], :2] - places, axis=1)
     across = abs(places[names.index("3.7"), 0] - places[names.index("3.12"), 0])
     assert off.max() / across < 0.09, dict(zip(names, (off / across).round(3), strict=True))

@@ -112,7 +112,7 @@ def test_what_cannot_be_captured_is_told(film: Path, tmp_path: Path) -> None:
     refused(UsageError, "--output: missing", "webcam")
     refused(UsageError, "--overlay: cannot be used live", "webcam", "--window", "--overlay", out)
     refused(UsageError, "expected webcam or a video", tmp_path / "marks.json", "--sink", "vmc://127.0.0.1")
-    refused(ResourceError, "nobody answers", film, "--to", "http://127.0.0.1:9/")
+    refused(ResourceError, "no answer", film, "--to", "http://127.0.0.1:9/")
     refused(UsageError, "expected webcam, or webcam:1", "webcam:front", "-o", out)
     refused(UsageError, "expected a video", "webcam", "-o", out, "--overlay", tmp_path / "beside.mp4")
 

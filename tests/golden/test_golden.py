@@ -24,6 +24,7 @@ from fapengine.render.drawing import Drawing
 from fapengine.render.renderer import FaceRenderer
 from fapengine.trajectory.closures import close_lips
 from fapengine.trajectory.faps import displacements_to_faps
+from tests.projection import project
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -66,7 +67,7 @@ def pictures(head: FaceMesh) -> dict[str, Picture]:
 
 def around(head: FaceMesh, picture: Picture, view: str, name: str, half: int = 1) -> Array:
     """Mean colour at a feature point of the neutral face."""
-    x, y = np.round(VIEWS[view].project(head.point_mm(name)[None], SIZE)[0]).astype(int)
+    x, y = np.round(project(VIEWS[view], head.point_mm(name)[None], SIZE)[0]).astype(int)
     return picture[y - half : y + half + 1, x - half : x + half + 1].reshape(-1, 3).mean(axis=0)
 
 
@@ -108,7 +109,7 @@ def test_neutral_has_lips_skin_eyes_and_hair_where_they_belong(head: FaceMesh, p
 
 def test_joy_lifts_the_corners_of_the_mouth(head: FaceMesh, pictures: dict[str, Picture]) -> None:
     """The red of the lips lies higher at its ends than in its middle."""
-    x, y = np.round(VIEWS["joy"].project(head.point_mm("8.2")[None], SIZE)[0]).astype(int)
+    x, y = np.round(project(VIEWS["joy"], head.point_mm("8.2")[None], SIZE)[0]).astype(int)
     mouth = pictures["joy"][y - 14 : y + 8, x - 18 : x + 16].astype(float)
     rows, columns = np.nonzero(mouth[..., 0] > 1.42 * mouth[..., 1])
     assert len(rows) > 60
@@ -118,7 +119,7 @@ def test_joy_lifts_the_corners_of_the_mouth(head: FaceMesh, pictures: dict[str, 
 
 
 def test_an_open_mouth_is_darker_inside_and_no_black_hole(head: FaceMesh, pictures: dict[str, Picture]) -> None:
-    x, y = np.round(VIEWS["open"].project(head.point_mm("2.3")[None], SIZE)[0]).astype(int)
+    x, y = np.round(project(VIEWS["open"], head.point_mm("2.3")[None], SIZE)[0]).astype(int)
     rows = slice(y - 1, y + 6)
     green = {name: pictures[name][rows, x - 3 : x + 4, 1] for name in ("open", "neutral")}
     assert np.median(green["open"]) < np.median(green["neutral"]) - 15
@@ -128,7 +129,7 @@ def test_an_open_mouth_is_darker_inside_and_no_black_hole(head: FaceMesh, pictur
 def test_a_blink_hides_the_eye(head: FaceMesh, pictures: dict[str, Picture]) -> None:
     with FaceRenderer(head, Drawing(size=SIZE, camera=VIEWS["blink"], samples=4, shading="pixels")) as renderer:
         awake = renderer.draw(np.zeros(68))
-    x, y = np.round(VIEWS["blink"].project(head.point_mm("3.5")[None], SIZE)[0]).astype(int)
+    x, y = np.round(project(VIEWS["blink"], head.point_mm("3.5")[None], SIZE)[0]).astype(int)
     at = (slice(y - 4, y + 5), slice(x - 4, x + 5))
     assert pictures["blink"][at].min(axis=-1).max() < 200
     changed = np.abs(pictures["blink"].astype(int) - awake).max(axis=-1) > 30

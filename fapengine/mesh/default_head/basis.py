@@ -111,7 +111,7 @@ def build_basis(
         below = eye.lids.indices[eye.lids.level > 1][:, ~eye.lids.upper]
         collector.add_shade(Channel(LIFT_CHEEK + side, -np.inf, np.inf), below.ravel())  # for .skin
     _tongue(points, head, feature_points, linear, collector)
-    for number, teeth in teeth_by_light(points, head):  # whose light it changes
+    for number, teeth in teeth_by_light(points, head):  # it changes their light
         collector.add_shade(Channel(number, -np.inf, np.inf), teeth)
     chin = points[feature_points[fap.spec(JAW_FAP).point]]
     jaw_weight = _jaw_weight(points, head, skin, fields[JAW_FAP], chin)

@@ -75,7 +75,7 @@ def _build_edge(builder: MeshBuilder, style: HeadStyle, palette: Palette, detail
     """Add single hairs that begin before and behind the hairline, so that hair has no edge; (N,) indices."""
     number = np.arange(round(EDGE_HAIRS * min(detail, 1.4) ** 1.5))
     place, wild, other = (2 * golden(number, factor) - 1 for factor in (1.0, 5.77, 3.1))
-    angle = np.pi * np.sign(place) * np.abs(place) ** 1.3  # most stand over the face
+    angle = np.pi * np.sign(place) * np.abs(place) ** 1.3  # most are over the face
     degrees = np.rad2deg(np.abs(angle))
     # On the forehead few begin far before the line; at the nape they hang over it.
     before = np.where(degrees > 117.0, 3.0 + 3.0 * wild, 1.0 - 5.0 * wild**2 * np.sign(wild + 0.3))
@@ -103,7 +103,7 @@ def _cap_height(y: Array, angle: Array, haircut: str) -> Array:
 
 
 def _over(points: Array, haircut: str) -> Array:
-    """(N,) mm: how far the cap stands off points of the scalp, (N, 3)."""
+    """(N,) mm: distance of the cap from points of the scalp, (N, 3)."""
     return _cap_height(points[:, 1], np.arctan2(points[:, 0], points[:, 2] - AXIS_Z_MM), haircut)
 
 

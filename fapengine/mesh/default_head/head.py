@@ -4,6 +4,7 @@ Head space: +x the subject's left, +y up, +z out of the face, mm.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -335,8 +336,8 @@ def _finish(
         iris_albedo=np.array(EYE_COLOURS[style.eye_colour], np.float32),
         texture=paint(style),
         folds=Folds(fold_map(), rest[used].astype(np.float32), shades[kept].astype(np.float32)),
-        basis=DeformationBasis(
-            channels=basis.channels,
+        basis=replace(
+            basis,
             offsets=np.concatenate([[0], np.cumsum(np.diff(basis.offsets)[used])]),
             entry_channels=basis.entry_channels[kept],
             entry_mm=basis.entry_mm[kept],

@@ -45,7 +45,7 @@ def build_teeth(builder: MeshBuilder, detail: float, *, upper: bool) -> Indices:
     half_width, front_z = (27.5, 103.6) if upper else (25.5, 100.3)
     edge_y, gum_y = (-35.2, -25.5) if upper else (-32.7, -42.2)
     in_tooth = (np.arange(teeth * each + 1) % each) / each
-    # Columns stand close to the gaps, so that a gap is a line and a tooth is flat.
+    # Columns are close to the gaps, so that a gap is a line and a tooth is flat.
     in_tooth = np.where(in_tooth < 0.5, 0.5 * (2 * in_tooth) ** GAP_POWER, 1 - 0.5 * (2 - 2 * in_tooth) ** GAP_POWER)
     number = np.abs(np.repeat(np.arange(teeth + 1), each)[: teeth * each + 1] + in_tooth - teeth / 2)
     edges = np.cumsum([0.0, *(UPPER_WIDTHS_MM if upper else LOWER_WIDTHS_MM)])
@@ -94,7 +94,7 @@ BACK_ON_JAW = 0.5
 
 def build_tongue(builder: MeshBuilder, detail: float) -> Indices:
     """Add a flattened tube from root to tip; returns its indices, (N,), the tip last."""
-    share = 1 - (1 - np.linspace(0, 1, max(9, round(13 * detail)))) ** 1.5  # rings stand closer at the tip
+    share = 1 - (1 - np.linspace(0, 1, max(9, round(13 * detail)))) ** 1.5  # rings are closer at the tip
     around = np.linspace(0, 2 * np.pi, 4 * max(3, round(4 * detail)), endpoint=False)
     half_width = 18.5 * (1 - 0.35 * share**2) * np.sqrt(np.clip(1 - share**9, 0, 1)) + 0.4
     half_height = 7.5 * (1 - 0.45 * share) * np.sqrt(np.clip(1 - share**9, 0, 1)) + 0.3
@@ -296,8 +296,8 @@ def _temple(start: Array, style: HeadStyle, count: int) -> Array:
     share = np.linspace(0, 1, count)
     z = start[2] + (EAR_Z_MM - 20.0 - start[2]) * share
     y = start[1] + (EAR_Y_MM - start[1]) * np.clip(share / 0.7, 0, 1) - 16.0 * smoothstep((EAR_Z_MM + 2.0 - z) / 24.0)
-    beside = faces.position(np.arctan2(80.0, z - 10.0), np.full(count, EAR_Y_MM), style)[:, 0] + SIDE_CLEAR_MM
-    x = start[0] + np.clip(beside - start[0], 0, None) * smoothstep(share / 0.4)
+    cheek = faces.position(np.arctan2(80.0, z - 10.0), np.full(count, EAR_Y_MM), style)[:, 0] + SIDE_CLEAR_MM
+    x = start[0] + np.clip(cheek - start[0], 0, None) * smoothstep(share / 0.4)
     return np.stack([x, y, z], axis=-1)
 
 

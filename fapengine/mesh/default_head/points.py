@@ -59,7 +59,7 @@ def locate(points: Array, head: HeadParts) -> dict[str, int]:
         return int(candidates[np.linalg.norm(points[candidates] - np.asarray(target), axis=1).argmin()])
 
     ridge = skin[(np.abs(points[skin, 0]) < 0.5) & (points[skin, 1] > -12) & (points[skin, 1] < 22)]
-    vertices["9.3"] = int(ridge[points[ridge, 2].argmax()])  # the tip of the nose is what stands out most
+    vertices["9.3"] = int(ridge[points[ridge, 2].argmax()])  # the tip of the nose is the foremost point
     for name, target in ON_SKIN.items():
         vertices[name] = nearest(skin, target)
     for name, other in MIRRORED.items():

@@ -127,12 +127,12 @@ class HeadStyle:
         for name, (low, high) in BOUNDS.items():
             value = getattr(self, name)
             if not low <= value <= high:
-                raise UsageError(f"{name}: got {value}, expected {low:g}..{high:g}")
+                raise UsageError(f"{name}: must be {low:g} to {high:g}, got {value}")
         for name, known in (("hair_colour", HAIR_COLOURS), ("haircut", HAIRCUTS), ("eye_colour", EYE_COLOURS)):
             if getattr(self, name) not in known:
                 raise UsageError(f"{name}: got {getattr(self, name)!r}, expected one of {', '.join(known)}")
         if len(self.identity) > MODES or not all(abs(weight) <= MAX_WEIGHT for weight in self.identity):
-            expected = f"at most {MODES} numbers of -{MAX_WEIGHT:g}..{MAX_WEIGHT:g}"
+            expected = f"at most {MODES} numbers from -{MAX_WEIGHT:g} to {MAX_WEIGHT:g}"
             given = "/".join(f"{weight:g}" for weight in self.identity)
             raise UsageError(f"identity: got {given}, expected {expected}")
 
@@ -219,7 +219,7 @@ USUAL = 2.0
 """Largest weight of a mode in random people."""
 
 
-def somebody(seed: int) -> HeadStyle:
+def random_person(seed: int) -> HeadStyle:
     """Draw a random person; the same seed gives the same person.
 
     Raises
@@ -271,5 +271,5 @@ def parse_person(name: str) -> tuple[HeadStyle, str] | None:
         seed, _, changes = changes.partition(",")
         if not seed.isdecimal():
             raise UsageError(f"head: got {name!r}, expected {RANDOM}:NUMBER such as {RANDOM}:7")
-        return parse_look(changes, somebody(int(seed)))
+        return parse_look(changes, random_person(int(seed)))
     return parse_look(changes, PEOPLE[person]) if person in PEOPLE else None

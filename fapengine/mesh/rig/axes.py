@@ -48,11 +48,11 @@ def face_axes(
         moves = dict(moves) | _halves(mesh, moves[BOTH], moves.get(JAW))
     moves = {role: move for role, move in moves.items() if np.abs(move).max(initial=0.0) > 0}
     amounts = {role: np.linalg.norm(move, axis=1) for role, move in moves.items()} | _round_bones(mesh, moves)
-    lacking = [role for role in ROLES if role not in amounts]
-    if lacking:
+    missing = [role for role in ROLES if role not in amounts]
+    if missing:
         raise DataError(
-            f"blendshapes: got none for {', '.join(lacking)}, expected some that close the lids of each eye and open"
-            " the jaw (eyeBlinkLeft, eyeBlinkRight, jawOpen); name them in a mapping file, or give the feature points"
+            f"blendshapes: missing for {', '.join(missing)}; name those that close the lids of each eye and open the"
+            " jaw (eyeBlinkLeft, eyeBlinkRight, jawOpen) in a mapping file, or give the feature points"
         )
     return dict(moves), _axes(mesh, amounts, separation_mm, [role for role in ROLES[:2] if role in moves]), amounts
 
@@ -81,7 +81,7 @@ def _axes(
     up = middle - jaw
     up = up - across * (up @ across) / max(size, 1e-12) ** 2
     if not (size > 0 and np.linalg.norm(up) > 0.1 * size):
-        raise DataError("blendshapes: got lids and jaw that move one place, expected two eyes above a mouth")
+        raise DataError("blendshapes: lids and jaw move the same place, expected two eyes above a mouth")
     x, y = across / size, up / np.linalg.norm(up)
     axes = np.stack([x, y, np.cross(x, y)])
     normals = vertex_normals(mesh.vertices, mesh.triangles)

@@ -127,8 +127,8 @@ def blend(moves: Array, faps: Sequence[Coordinate], chin: int, demanded: Array) 
     weights[:, free] = np.linalg.solve(shifts[free] @ shifts[free].T + ridge, shifts[free] @ wanted.T).T
     farthest = np.linalg.norm(moves, axis=2).max(axis=1)
     weights[np.abs(weights) * farthest < MIN_MOTION_SHARE] = 0.0
-    lacks: Array = np.eye(len(faps)) - weights @ shifts
-    return weights, lacks
+    errors: Array = np.eye(len(faps)) - weights @ shifts
+    return weights, errors
 
 
 def _shift(moves: Array, coordinate: Coordinate, chin: int) -> Array:
@@ -214,7 +214,7 @@ def build_basis(rig: Rig, fapu: Fapu) -> tuple[DeformationBasis, list[int]]:
 def _add_coordinates(collector: RowCollector, rig: Rig, faps: Sequence[Coordinate], fapu: Fapu) -> None:
     """Add the blendshapes, and the fields for the remaining error, for all coordinates."""
     steps = np.array([fapu.unit(fap.spec(coordinate.number).unit) for coordinate in faps])
-    weights, lacks = blend(rig.moves, faps, rig.chin, _demanded(rig, faps, steps))
+    weights, errors = blend(rig.moves, faps, rig.chin, _demanded(rig, faps, steps))
     signed = [_signed_channels(collector, coordinate, rig.eyes) for coordinate in faps]
 
     def mixed(per_mm: Array) -> dict[int, float]:
@@ -230,12 +230,12 @@ def _add_coordinates(collector: RowCollector, rig: Rig, faps: Sequence[Coordinat
         own = _own_weights(collector, rig.own_faps[column], faps)
         collector.add(everything, moves, mixed(weights[:, column]) | own)
     for column, coordinate in enumerate(faps):
-        collector.add(rig.fields.vertices, _field_moves(rig, coordinate), mixed(lacks[:, column]))
+        collector.add(rig.fields.vertices, _field_moves(rig, coordinate), mixed(errors[:, column]))
     for row, coordinate in enumerate(faps):
         if _slides(coordinate.number, rig.eyes):
             straight = np.tensordot(weights[row], rig.moves, axes=1)
             for column, other in enumerate(faps):
-                straight[rig.fields.vertices] += lacks[row, column] * _field_moves(rig, other)
+                straight[rig.fields.vertices] += errors[row, column] * _field_moves(rig, other)
             for channel, vertices, moves in _bend(rig, coordinate, steps[row], straight * steps[row]):
                 per_row = ROW_FAPU * moves / (channel.stop - channel.start)
                 collector.add(vertices, per_row, {collector.channel(channel): 1.0})
@@ -311,26 +311,26 @@ def _bend(rig: Rig, lid: Coordinate, step_mm: float, motion: Array) -> Iterator[
     radius = float(np.median(np.linalg.norm(arm[ball], axis=1))) if len(ball) else USUAL_RADIUS_MM
     inside = np.linalg.norm(arm, axis=1) < STRAIGHT_RADII * radius
     near = np.flatnonzero(inside & (np.abs(motion).max(axis=1) > 0))
-    arm, way = arm[near], motion[near] * SHUT
+    arm, closing = arm[near], motion[near] * SHUT
     own = np.flatnonzero(near == lid.vertex)
     if not len(own):
         return
     shares = np.linspace(0.0, SAMPLED_SHARE, SAMPLES)
-    path = np.stack([_round_ball(arm[own], way[own], share, radius)[0] for share in shares])
+    path = np.stack([_round_ball(arm[own], closing[own], share, radius)[0] for share in shares])
     reached = (path - path[0]) @ lid.axis
     top = int(reached.argmax()) + 1
     bent = []
     for knot in KNOTS:
         share = float(np.interp(knot * step_mm, reached[:top], shares[:top]))
-        bent.append(_round_ball(arm, way, share, radius) - arm - way * (knot / SHUT))
+        bent.append(_round_ball(arm, closing, share, radius) - arm - closing * (knot / SHUT))
     for (start, before), (stop, after) in pairwise(zip(KNOTS, bent, strict=True)):
         yield Channel(lid.number, start, stop), near, after - before
 
 
-def _round_ball(arm: Array, way: Array, share: float, radius: float) -> Array:
+def _round_ball(arm: Array, closing: Array, share: float, radius: float) -> Array:
     """(N, 3): vertices after a fraction of their path, at a distance from the eye's centre between its ends."""
-    straight = arm + share * way
-    first, last, now = (np.linalg.norm(end, axis=1) for end in (arm, arm + way, straight))
+    straight = arm + share * closing
+    first, last, now = (np.linalg.norm(end, axis=1) for end in (arm, arm + closing, straight))
     last = np.clip(last, np.minimum(first, MIN_CLEARANCE_RATIO * radius), MAX_RISE_RATIO * first)
     wanted = first + min(share, 1.0) * (last - first)
     slides_by = (STRAIGHT_RADII - first / radius) / (STRAIGHT_RADII - SLIDING_RADII)

@@ -7,7 +7,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine._arrays import Array, Indices, Mask, frozen
+from fapengine._arrays import Array, Indices, Mask, freeze
 from fapengine.errors import UsageError
 
 BONE_NAMES = ("head", "jaw", "left eye", "right eye")
@@ -24,8 +24,8 @@ class Blendshape:
     """(N, 3) float64: displacements, in the mesh's unit and axes."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "vertices", frozen(self.vertices, "vertices", ("N",), np.int64))
-        object.__setattr__(self, "moves", frozen(self.moves, "moves", (len(self.vertices), 3), np.float64))
+        freeze(self, np.int64, vertices=("N",))
+        freeze(self, moves=(len(self.vertices), 3))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,7 +59,7 @@ class BlendshapeMesh:
     texture: NDArray[np.uint8] | None = None
     """(H, W, 4) uint8: base colour of the whole mesh, sRGB and straight alpha."""
     albedo: Array | None = None
-    """(V, 3) float64, linear RGB, 0..1: multiplies the texture, or stands alone; None if the file has none."""
+    """(V, 3) float64, linear RGB, 0..1: multiplies the texture, if there is one; None if the file has none."""
     surfaces: tuple[str, ...] = ()
     """Names of the mesh's surfaces, such as ``"Teeth"``, ``"Hair / HairMaterial"``."""
     surface: Indices | None = None
@@ -70,24 +70,23 @@ class BlendshapeMesh:
     """Sentences about parts of the file that were left out."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "vertices", frozen(self.vertices, "vertices", ("V", 3), np.float64))
-        object.__setattr__(self, "triangles", frozen(self.triangles, "triangles", ("F", 3), np.int64))
+        freeze(self, vertices=("V", 3))
+        freeze(self, np.int64, triangles=("F", 3))
         count = len(self.vertices)
         if len(self.triangles) and not 0 <= self.triangles.min() <= self.triangles.max() < count:
-            raise UsageError(f"triangles: expected vertices 0..{count - 1}")
+            raise UsageError(f"triangles: vertices must be 0 to {count - 1}")
         for name, shape, dtype in (
             ("uv", (count, 2), np.float64),
             ("albedo", (count, 3), np.float64),
             ("surface", (count,), np.int64),
             ("texture", ("H", "W", 4), np.uint8),
         ):
-            value = getattr(self, name)
-            if value is not None:
-                object.__setattr__(self, name, frozen(value, name, shape, dtype))
+            if getattr(self, name) is not None:
+                freeze(self, dtype, **{name: shape})
         for name, blendshape in self.blendshapes.items():
             moved = blendshape.vertices
             if len(moved) and not 0 <= moved.min() <= moved.max() < count:
-                raise UsageError(f"blendshape {name}: expected vertices 0..{count - 1}")
+                raise UsageError(f"blendshape {name}: vertices must be 0 to {count - 1}")
         if unknown := set(self.bones) - set(BONE_NAMES):
             raise UsageError(f"bones: got {sorted(unknown)}, expected some of {', '.join(BONE_NAMES)}")
         object.__setattr__(self, "blendshapes", MappingProxyType(dict(self.blendshapes)))

@@ -39,7 +39,7 @@ def parse_fdp(data: bytes) -> tuple[str, dict[str, int]]:
     """
     points = _xface(data) if data.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"<") else _visage(data)
     if not points:
-        raise DataError("fdp: holds no feature point")
+        raise DataError("fdp: contains no feature point")
     skin = max(points, key=lambda submesh: len(points[submesh]))
     return skin, points[skin]
 
@@ -50,7 +50,7 @@ def _xface(data: bytes) -> Points:
     try:
         root = ElementTree.fromstring(data)
     except (ElementTree.ParseError, ValueError, LookupError) as error:
-        raise DataError(f"fdp: no XML here ({error})") from error
+        raise DataError(f"fdp: is not XML ({error})") from error
     if root.tag != "xfdp":
         raise DataError(f"fdp: got <{root.tag[:40]}>, expected <xfdp>")
     points: Points = {}
@@ -65,7 +65,7 @@ def _visage(data: bytes) -> Points:
     try:
         lines = data.decode("utf-8-sig").splitlines()
     except UnicodeDecodeError as error:
-        raise DataError(f"fdp: is no text ({error})") from error
+        raise DataError(f"fdp: is not text ({error})") from error
     points: Points = {}
     for number, line in enumerate(lines[1:], start=2):
         words = line.split("#")[0].split()
@@ -83,7 +83,7 @@ def _visage(data: bytes) -> Points:
 
 def _add(points: Points, name: str, submesh: str, vertex: int, where: str) -> None:
     if name not in FEATURE_POINT_NAMES or name in points.get(submesh, ()):
-        raise DataError(f"point: got {name[:40]!r}, expected a point such as 8.2, once a submesh", where=where)
+        raise DataError(f"point: got {name[:40]!r}, expected a point such as 8.2, once per submesh", where=where)
     points.setdefault(submesh, {})[name] = vertex
 
 

@@ -10,7 +10,7 @@ and each takes the nearest vertex of the skin that moves with its own lip and fa
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.interpolate import RBFInterpolator
@@ -171,7 +171,7 @@ def _lips(face: _Face) -> dict[str, int]:
     vertices = face.vertices
     lower, upper, gap = _seam(face, vertices, JAW)
     if not len(lower):
-        raise DataError("lips: got no slit that opens with the jaw, expected one; give the feature points instead")
+        raise DataError("lips: no slit opens with the jaw; give the feature points instead")
     lean = vertices[lower] - vertices[upper]
     upright = np.abs(lean[:, 0]) < MAX_SEAM_GAP_MM / 2
     front = (vertices[lower, 2] + vertices[upper, 2]) / 2 - gap
@@ -267,8 +267,7 @@ def _turned_to(face: _Face, standard: FaceMesh) -> _Face:
     motion = fit_rigid(scale * ours, theirs)
     moves = {role: scale * move @ motion.rotation.T for role, move in face.moves.items()}
     vertices = motion.apply(scale * face.vertices)
-    normals = vertex_normals(vertices, face.triangles)
-    return _Face(vertices, face.triangles, moves, face.part, face.skin, normals, face.anchors)
+    return replace(face, vertices=vertices, moves=moves, normals=vertex_normals(vertices, face.triangles))
 
 
 def _bent(face: _Face, standard: FaceMesh) -> dict[str, int]:

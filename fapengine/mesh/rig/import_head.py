@@ -129,12 +129,8 @@ def _measure(mesh: PlacedMesh, standard: FaceMesh) -> tuple[Fapu, list[str]]:
     try:
         return Fapu.measure(positions), []
     except UsageError as error:
-        fapu = standard.fapu
-        measured = Fapu(
-            irisd0_mm=fapu.irisd0_mm, es0_mm=fapu.es0_mm, ens0_mm=fapu.ens0_mm, mns0_mm=fapu.mns0_mm,
-            mw0_mm=float(positions["8.3"][0] - positions["8.4"][0]),
-        )  # fmt: skip
-        return measured, [f"FAPU: {error}; the standard face's, with this mouth's width"]
+        measured = replace(standard.fapu, mw0_mm=float(positions["8.3"][0] - positions["8.4"][0]))
+        return measured, [f"FAPU: {error}; used are those of the standard face with the width of this mouth"]
 
 
 def _make_mesh(
@@ -187,7 +183,7 @@ def head_of_bones(mesh: BlendshapeMesh, standard: FaceMesh) -> ImportedHead:
         If no bone has the vertices of a head, or none of them is above its joint.
     """
     if not can_follow_bones(mesh):
-        raise DataError("bones: got no head that carries vertices, expected one")
+        raise DataError("bones: no head bone has vertices")
     placed = _place(mesh, standard)
     bone, weight = np.zeros(len(placed.kept), np.uint8), np.zeros(len(placed.kept))
     pivots = dict(zip(BONES.values(), (standard.jaw_pivot_mm, *standard.eye_pivots_mm), strict=True))
@@ -213,7 +209,7 @@ def head_of_bones(mesh: BlendshapeMesh, standard: FaceMesh) -> ImportedHead:
         entry_mm=np.zeros((0, 3), np.float32),
     )
     moves = ", ".join([HEAD, *moving])
-    note = f"no blendshape has a name that is known: bones alone move it ({moves}), lips stay"
+    note = f"no blendshape has a known name: only bones move it ({moves}), the lips do not move"
     head = _make_mesh(placed, eyes, {}, bones, standard.fapu, basis)
     return _head(head, placed, bones.reached(eyes, jaw_opens=False), [note], ())
 
@@ -223,7 +219,7 @@ def _place(mesh: BlendshapeMesh, standard: FaceMesh) -> PlacedMesh:
     carried, joint = mesh.bones[HEAD].weight > MIN_WEIGHT, mesh.bones[HEAD].joint
     height = float((mesh.vertices[carried] - joint).max(axis=0)[1])
     if not height > 0:
-        raise DataError("bones: got nothing of the head above its joint, expected a head with y up")
+        raise DataError("bones: no vertex of the head is above its joint, expected a head with y up")
     axes = _axes(mesh)
     wanted = float(standard.vertices_mm[standard.head_weight > MIN_WEIGHT, 1].max() - standard.head_pivot_mm[1])
     scale = wanted / height

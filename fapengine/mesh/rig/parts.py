@@ -143,13 +143,13 @@ def find_tongue(mesh: PlacedMesh) -> Tongue | None:
         return None
     tip = mesh.points["6.1"]
     vertices = np.flatnonzero(mesh.part == mesh.part[tip])
-    way = _ways(mesh, tip)[vertices]
+    distance = _distances(mesh, tip)[vertices]
     in_front = mesh.vertices_mm[vertices, 2] > mesh.vertices_mm[tip, 2] + IN_FRONT_MM
-    root = max(float(np.min(way, where=in_front, initial=way.max())), 1.0)
-    return Tongue(vertices, np.clip(1.0 - way / root, 0.0, 1.0))
+    root = max(float(np.min(distance, where=in_front, initial=distance.max())), 1.0)
+    return Tongue(vertices, np.clip(1.0 - distance / root, 0.0, 1.0))
 
 
-def _ways(mesh: PlacedMesh, start: int) -> Array:
+def _distances(mesh: PlacedMesh, start: int) -> Array:
     """(V,) mm: distance along the edges from a vertex; infinite on other parts."""
     place = mesh.nodes_mm
     edges = np.unique(np.sort(edges_of(mesh.node[mesh.triangles])), axis=0)

@@ -151,8 +151,8 @@ def check_points(points: Mapping[str, int], mesh: BlendshapeMesh) -> None:
     DataError
         For the first of these.
     """
-    lacking = [name for name in NEEDED_POINTS if name not in points]
-    if lacking or len(points) < MIN_POINTS:
+    missing = [name for name in NEEDED_POINTS if name not in points]
+    if missing or len(points) < MIN_POINTS:
         raise DataError(
             f"feature points: got {len(points)} ({', '.join(sorted(points))}), expected at least {MIN_POINTS} with"
             f" {', '.join(NEEDED_POINTS)} among them"
@@ -163,7 +163,7 @@ def check_points(points: Mapping[str, int], mesh: BlendshapeMesh) -> None:
     names: dict[int, str] = {}
     for name, vertex in points.items():
         if not 0 <= vertex < count or not (mesh.triangles == vertex).any():
-            raise DataError(f"feature point {name}: got vertex {vertex}, expected one of a triangle, 0..{count - 1}")
+            raise DataError(f"feature point {name}: got vertex {vertex}, expected one of a triangle, 0 to {count - 1}")
         if vertex in names:
             raise DataError(f"feature points {names[vertex]} and {name}: got one vertex for both, {vertex}")
         names[vertex] = name

@@ -12,7 +12,7 @@ from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.deform import HEAD, bone_transforms, channel_weights, deform
 from fapengine.mesh.face_mesh import Channel, DeformationBasis, FaceMesh, Material
 from fapengine.mpeg4 import fap
-from fapengine.mpeg4.feature_points import FEATURE_POINT_NAMES, FEATURE_POINTS, Side
+from fapengine.mpeg4.feature_points import FEATURE_POINT_NAMES, FEATURE_POINTS
 
 MOVING = [row for row in fap.FAPS if row.positive in fap.HEAD_AXES and row.unit is not fap.FapUnit.AU]
 MIRROR = np.array([-1.0, 1.0, 1.0])
@@ -46,7 +46,7 @@ def test_every_feature_point_is_there_and_on_its_side(head: FaceMesh) -> None:
     assert set(head.feature_points) == set(FEATURE_POINT_NAMES)
     for point in FEATURE_POINTS:
         x = float(head.point_mm(point.name)[0])
-        expected = {Side.LEFT: x > 1, Side.RIGHT: x < -1, Side.MIDDLE: abs(x) < 0.6}[point.side]
+        expected = {"left": x > 1, "right": x < -1}.get(point.place.split()[-1], abs(x) < 0.6)
         assert expected, (point.name, x)
 
 
@@ -149,7 +149,7 @@ def test_mirrored_faps_mirror_the_face(head: FaceMesh) -> None:
         one[fap.column(left)] = other[fap.column(right)] = 150
         a, b = deform(head, one), deform(head, other)
         for point in FEATURE_POINTS:
-            if point.side is Side.MIDDLE and point.name not in ("7.1", "11.5"):
+            if point.place.split()[-1] not in ("left", "right") and point.name not in ("7.1", "11.5"):
                 vertex = head.feature_points[point.name]
                 assert a[vertex] * MIRROR == pytest.approx(b[vertex], abs=0.05), (left, point.name)
 
@@ -202,7 +202,7 @@ def test_refuses(head: FaceMesh) -> None:
         head.point_mm("1.1")
     with pytest.raises(UsageError, match="offsets"):
         DeformationBasis(channels=(), offsets=[0, 2, 1], entry_channels=[0], entry_mm=np.zeros((1, 3)))  # type: ignore[arg-type]
-    with pytest.raises(UsageError, match=r"entry_channels: expected 0\.\.0"):
+    with pytest.raises(UsageError, match="entry_channels: must be 0 to 0"):
         DeformationBasis(channels=(Channel(3, 0, 1),), offsets=[0, 1], entry_channels=[4], entry_mm=np.zeros((1, 3)))  # type: ignore[arg-type]
     parts = {name: getattr(head, name) for name in FaceMesh.__slots__}
     with pytest.raises(UsageError, match="unknown names"):
@@ -211,9 +211,9 @@ def test_refuses(head: FaceMesh) -> None:
         ("triangles", [[0, 1, 10**6]]), ("feature_points", {"2.1": -1}), ("feature_points", {"2.1": 10**6}),
         ("material", np.full_like(head.material, len(Material))), ("bone", np.full_like(head.bone, 4)),
     ):  # fmt: skip
-        with pytest.raises(UsageError, match=rf"{field}: expected 0\.\."):
+        with pytest.raises(UsageError, match=f"{field}: must be 0 to"):
             FaceMesh(**(parts | {field: value}))
-    with pytest.raises(UsageError, match=r"channels: expected FAPs 3\.\.68"):
+    with pytest.raises(UsageError, match=r"channels: must be of FAP 3 to 68"):
         DeformationBasis(channels=(Channel(2, 0, 1),), offsets=[0], entry_channels=[], entry_mm=np.zeros((0, 3)))  # type: ignore[arg-type]
     empty = DeformationBasis(channels=(), offsets=[0], entry_channels=np.zeros(0, int), entry_mm=np.zeros((0, 3)))  # type: ignore[arg-type]
     parts["folds"] = None

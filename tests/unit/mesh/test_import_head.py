@@ -128,7 +128,7 @@ def test_eye_bones_stand_in_for_blinks(rig, standard):
     off = [np.linalg.norm(rig.vertices[index] - standard.point_mm(name)) for name, index in found.items()]
     assert len(found) >= 50
     assert np.mean(off) < 5.0  # mm
-    with pytest.raises(DataError, match="got none for right lid"):
+    with pytest.raises(DataError, match="missing for right lid"):
         locate(
             replace(rig, bones={"left eye": limbs["left eye"]}),
             {LEFT: rig.dense("eyeBlinkLeft"), JAW: rig.dense("jawOpen")},
@@ -139,12 +139,12 @@ def test_eye_bones_stand_in_for_blinks(rig, standard):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda rig, own: {JAW: own[JAW]}, "got none for left lid, right lid"),
-        (lambda rig, own: {BOTH: own[LEFT]}, "got none for left lid, right lid, jaw"),
-        (lambda rig, own: own | {JAW: 0 * own[JAW]}, "got none for jaw"),
+        (lambda rig, own: {JAW: own[JAW]}, "missing for left lid, right lid"),
+        (lambda rig, own: {BOTH: own[LEFT]}, "missing for left lid, right lid, jaw"),
+        (lambda rig, own: own | {JAW: 0 * own[JAW]}, "missing for jaw"),
         (lambda rig, own: own | {LEFT: own[RIGHT], RIGHT: own[LEFT]}, "left and right are exchanged"),
         (lambda rig, own: {LEFT: own[JAW], RIGHT: own[JAW], JAW: own[JAW]}, "two eyes above a mouth"),
-        (lambda rig, own: own | {JAW: sinking(rig)}, "got no slit"),
+        (lambda rig, own: own | {JAW: sinking(rig)}, "no slit opens"),
     ],
 )
 def test_shapes_that_show_no_face(rig, standard, change, message):
@@ -417,8 +417,8 @@ def test_the_weakest_rows_go_where_there_are_too_many():
 def test_meshes_that_contradict_themselves():
     triangle = {"vertices": np.eye(3), "triangles": [[0, 1, 2]]}
     for more, message in (
-        ({"triangles": [[0, 1, 3]]}, "triangles: expected vertices 0..2"),
-        ({"blendshapes": {"a": Blendshape(np.array([3]), np.zeros((1, 3)))}}, "blendshape a: expected vertices 0..2"),
+        ({"triangles": [[0, 1, 3]]}, "triangles: vertices must be 0 to 2"),
+        ({"blendshapes": {"a": Blendshape(np.array([3]), np.zeros((1, 3)))}}, "blendshape a: vertices must be 0 to 2"),
         ({"bones": {"toe": RigBone(np.zeros(3), np.zeros(3))}}, r"got .'toe'., expected some of head, jaw"),
         ({"uv": np.zeros((2, 2))}, "uv: got shape"),
     ):
@@ -426,7 +426,7 @@ def test_meshes_that_contradict_themselves():
             BlendshapeMesh(**({"blendshapes": {}} | triangle | more))
     with pytest.raises(UsageError, match="got 'b', this mesh has a"):
         BlendshapeMesh(**triangle, blendshapes={"a": Blendshape(np.array([0]), np.ones((1, 3)))}).dense("b")
-    with pytest.raises(UsageError, match=r"entry_channels: expected 0\.\.0"):
+    with pytest.raises(UsageError, match="entry_channels: must be 0 to 0"):
         DeformationBasis(
             channels=(Channel(3, 0.0, 1.0),) * 3, offsets=[0, 1], entry_channels=[1], entry_mm=[[0, 0, 0]],
             mix=np.ones((1, 3)),

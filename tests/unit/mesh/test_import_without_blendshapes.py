@@ -179,7 +179,7 @@ def test_vertices_of_no_triangle_are_dropped(standard, stranger):
         (lambda v, t, p: (v * 0, t, p), "got all within"),
         (lambda v, t, p: (v * [0, 1, 0], t, p), "on one line"),
         (lambda v, t, p: (v, t[:0], p), "triangles: got 0"),
-        (lambda v, t, p: (v, t + len(v), p), "triangles: expected vertices"),
+        (lambda v, t, p: (v, t + len(v), p), "triangles: vertices must be"),
     ],
 )
 def test_what_is_no_face_is_refused(standard, stranger, change, message):

@@ -16,9 +16,9 @@ from fapengine.render.drawing import DEFAULT_DRAWING, Drawing, parse_background,
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        ({"size": (8, 192)}, r"size: got 8x192, expected two sides of 16\.\.4096 pixels"),
+        ({"size": (8, 192)}, r"size: got 8x192, expected a width and a height of 16 to 4096 pixels"),
         ({"size": (512, 4097)}, "size: got 512x4097"),
-        ({"size": (512,)}, "size: got 512, expected two sides"),
+        ({"size": (512,)}, "size: got 512, expected a width and a height"),
         ({"camera": "front"}, "camera: got 'front', expected a Camera"),
         ({"samples": 3}, "samples: got 3, expected one of 0, 1, 2, 4, 8"),
         ({"shading": "flat"}, "shading: got 'flat', expected one of auto, pixels, vertices"),

@@ -16,6 +16,7 @@ from fapengine.render.drawing import Drawing
 from fapengine.render.renderer import FaceRenderer
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory.planner import plan
+from tests.projection import project
 
 Array = NDArray[np.float64]
 
@@ -62,7 +63,7 @@ def still() -> NDArray[np.bool_]:
     calm = np.ones(SIZE[::-1], dtype=bool)
     for left, right, bottom, top in (MOUTH_MM, EYES_MM):
         corners = np.array([[left, top, 80.0], [right, bottom, 80.0]])
-        (x0, y0), (x1, y1) = np.round(preset("front").project(corners, SIZE)).astype(int)
+        (x0, y0), (x1, y1) = np.round(project(preset("front"), corners, SIZE)).astype(int)
         calm[y0:y1, x0:x1] = False
     assert 0.6 < calm.mean() < 0.97
     return calm
@@ -105,7 +106,7 @@ def test_no_spot_of_the_cheeks_goes_dark(film: NDArray[np.int16]) -> None:
     grey = film.mean(axis=-1)
     for left, right in ((-46.0, -28.0), (28.0, 46.0)):
         corners = np.array([[left, 4.0, 80.0], [right, -10.0, 80.0]])
-        (x0, y0), (x1, y1) = np.round(preset("front").project(corners, SIZE)).astype(int)
+        (x0, y0), (x1, y1) = np.round(project(preset("front"), corners, SIZE)).astype(int)
         cheek = grey[:, y0:y1, x0:x1]
         share = cheek / np.median(cheek, axis=0)
         assert share.min() > 0.8

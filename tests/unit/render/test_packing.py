@@ -10,7 +10,7 @@ import pytest
 from fapengine.errors import UsageError
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.deform import bone_transforms, channel_weights, deform
-from fapengine.mesh.face_mesh import DeformationBasis, FaceMesh, Material
+from fapengine.mesh.face_mesh import DeformationBasis, FaceMesh, Material, iris_share
 from fapengine.mpeg4 import fap
 from fapengine.render import packing
 from fapengine.render.packing import (
@@ -156,7 +156,7 @@ def test_uniforms_of_one_frame_and_of_many(head: FaceMesh) -> None:
 def test_pupils_widen_within_the_iris(head: FaceMesh) -> None:
     faps = np.zeros((4, 68))
     faps[:, fap.column(29)] = faps[:, fap.column(30)] = (0, 200, 9000, -9000)
-    shares = frame_uniforms(head, faps).iris[:, 1] / packing.iris_share(head)
+    shares = frame_uniforms(head, faps).iris[:, 1] / iris_share(head)
     assert shares == pytest.approx([0.42, 0.42 + 200 / 1024, 0.85, 0.15], rel=1e-5)
     assert pack(head).iris == pytest.approx(frame_uniforms(head, faps[0]).iris[0])
 

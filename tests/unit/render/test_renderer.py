@@ -22,6 +22,7 @@ from fapengine.render.context import create_context
 from fapengine.render.drawing import Drawing, Shading
 from fapengine.render.packing import ATTRIBUTE_SIZES, frame_uniforms, normal_deltas
 from fapengine.render.renderer import FaceRenderer
+from tests.projection import project
 
 SIZE = (192, 192)
 WIDE_OPEN = {3: 500, 4: -150, 5: -520, 8: -110, 9: -110, 10: -420, 11: -420, 51: -140, 52: -520, 55: -100, 56: -100,
@@ -103,7 +104,7 @@ def test_normals_turn_with_the_surface(head: FaceMesh) -> None:
 def test_the_face_fills_its_place(renderer: FaceRenderer, head: FaceMesh) -> None:
     picture = renderer.draw(np.zeros(68))
     assert picture.shape == (*SIZE[::-1], 3)
-    x, y = renderer.drawing.camera.project(head.point_mm("9.3"), SIZE).astype(int)
+    x, y = project(renderer.drawing.camera, head.point_mm("9.3"), SIZE).astype(int)
     nose, corner = picture[y, x].astype(int), picture[3, 3].astype(int)
     assert nose[0] > nose[2] + 30  # skin is warm
     assert corner[2] > corner[0]  # the wall is cool
@@ -113,8 +114,8 @@ def test_the_face_fills_its_place(renderer: FaceRenderer, head: FaceMesh) -> Non
 
 def mouth_inside(picture: NDArray[np.uint8], head: FaceMesh, camera: Camera) -> int:
     """Pixels between the outer lip contours that are darker than lips: little green comes out of a mouth."""
-    left, right = (camera.project(head.point_mm(name), SIZE) for name in ("8.4", "8.3"))
-    top, bottom = camera.project(head.point_mm("8.1"), SIZE)[1], camera.project(head.point_mm("2.10"), SIZE)[1]
+    left, right = (project(camera, head.point_mm(name), SIZE) for name in ("8.4", "8.3"))
+    top, bottom = project(camera, head.point_mm("8.1"), SIZE)[1], project(camera, head.point_mm("2.10"), SIZE)[1]
     box = picture[int(top) : int(bottom), int(left[0]) : int(right[0])]
     return int((box[..., 1] < 85).sum())
 
@@ -127,7 +128,7 @@ def test_an_open_mouth_shows_its_inside(renderer: FaceRenderer, head: FaceMesh) 
 
 
 def test_closed_lids_hide_the_iris(renderer: FaceRenderer, head: FaceMesh) -> None:
-    x, y = renderer.drawing.camera.project(head.point_mm("3.5"), SIZE).astype(int)
+    x, y = project(renderer.drawing.camera, head.point_mm("3.5"), SIZE).astype(int)
     awake, asleep = (renderer.draw(frame(values))[y, x].astype(int) for values in ({}, {19: 1024, 20: 1024}))
     assert awake.max() < 110
     assert asleep[0] > 110
@@ -136,7 +137,7 @@ def test_closed_lids_hide_the_iris(renderer: FaceRenderer, head: FaceMesh) -> No
 def test_gaze_moves_the_iris(renderer: FaceRenderer, head: FaceMesh) -> None:
     left = renderer.draw(frame({23: 40_000, 24: 40_000})).astype(int)
     right = renderer.draw(frame({23: -40_000, 24: -40_000})).astype(int)
-    x, y = renderer.drawing.camera.project(head.point_mm("3.5"), SIZE).astype(int)
+    x, y = project(renderer.drawing.camera, head.point_mm("3.5"), SIZE).astype(int)
     row_left, row_right = left[y, x - 9 : x + 10].sum(axis=-1), right[y, x - 9 : x + 10].sum(axis=-1)
     assert row_left.argmin() > row_right.argmin()  # the subject's left is the viewer's right
 
@@ -186,7 +187,7 @@ def test_a_painting_lies_where_its_coordinates_say(head: FaceMesh, shading: Shad
         camera = renderer.drawing.camera
 
     def at(x_mm: float, y_mm: float) -> NDArray[np.int_]:
-        x, y = camera.project(np.array([x_mm, y_mm, 60.0]), SIZE).astype(int)
+        x, y = project(camera, np.array([x_mm, y_mm, 60.0]), SIZE).astype(int)
         return np.asarray(seen[y, x])
 
     red, blue, plain = at(45, -25), at(-40, 60), at(-45, -25)
@@ -218,7 +219,7 @@ def test_holes_in_the_painting_are_seen_through(shading: Shading) -> None:
     with FaceRenderer(mesh, Drawing(size=SIZE, background="transparent", shading=shading, samples=0)) as renderer:
         assert set(renderer._model.packed.parts) == {"face", "cutout", "eye", "strand"}
         alpha = renderer.draw(np.zeros(68))[..., 3]
-        y = int(renderer.drawing.camera.project(np.array([0.0, (100 / 128 - 0.5) * 300, 60.0]), SIZE)[1])
+        y = int(project(renderer.drawing.camera, np.array([0.0, (100 / 128 - 0.5) * 300, 60.0]), SIZE)[1])
     # The back of the head is culled, so through the hole in its front nothing is seen.
     assert (alpha[: y - 6] == 0).all()
     assert (alpha[y + 6, SIZE[0] // 2 - 30 : SIZE[0] // 2 + 30] == 255).all()
@@ -376,8 +377,8 @@ def test_cameras_by_numbers() -> None:
 
 
 def test_projection_agrees_with_the_matrix() -> None:
-    assert Camera(target_mm=(1.0, 2.0, 3.0)).project(np.array([1.0, 2.0, 3.0]), (100, 50)) == pytest.approx([50, 25])
-    above = Camera().project(np.array([0.0, 100.0, 30.0]), (100, 100))
+    assert project(Camera(target_mm=(1.0, 2.0, 3.0)), np.array([1.0, 2.0, 3.0]), (100, 50)) == pytest.approx([50, 25])
+    above = project(Camera(), np.array([0.0, 100.0, 30.0]), (100, 100))
     assert above[1] < 50
 
 

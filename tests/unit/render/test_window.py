@@ -216,7 +216,7 @@ def test_refuses(display: None) -> None:
     window.close()
     window.close()
     assert not window.is_open
-    with pytest.raises(UsageError, match="it is closed"):
+    with pytest.raises(UsageError, match="window: is closed"):
         window.show(REST)
 
 

@@ -157,7 +157,7 @@ def test_block_pivots_that_do_not_help_go_one_by_one() -> None:
 def test_refuses() -> None:
     with pytest.raises(UsageError, match="limit: got 0"):
         BlendMap(("a",), np.ones((1, 68)), limit=0)
-    with pytest.raises(UsageError, match="move nothing"):
+    with pytest.raises(UsageError, match="no shape moves anything"):
         BlendMap(("a",), np.zeros((1, 68)))
     with pytest.raises(UsageError, match="faps: got shape"):
         BlendMap(("a",), np.zeros((1, 52)))

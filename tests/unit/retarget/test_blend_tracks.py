@@ -96,9 +96,9 @@ ROW = ",".join(["0"] * 52)
         (f"{HEADER}\n0,{ROW[:-1]}x\n", DataError, "got 'x', expected a number .at line 2, column 53"),
         (f"{HEADER}\n0,1\n", DataError, "got 'nothing', expected a number"),
         (f"{HEADER}\n0,{ROW[:-1]}nan\n", DataError, "not finite .at line 2, TongueOut"),
-        (f"{HEADER}\nzero,{ROW}\n1,{ROW}\n", DataError, "expected seconds"),
+        (f"{HEADER}\nzero,{ROW}\n1,{ROW}\n", DataError, "is not a number of seconds"),
         (f"{HEADER}\n1,{ROW}\n1,{ROW}\n", DataError, "rising times"),
-        (f"{HEADER}\n0,{ROW}\n1e-9,{ROW}\n", DataError, "expected 1..1000"),
+        (f"{HEADER}\n0,{ROW}\n1e-9,{ROW}\n", DataError, "must be 1 to 1000"),
         ("{", DataError, "neither JSON nor JSON lines"),
         ("[" * 100_000, DataError, "nested|neither"),
         ("[]", TruncatedError, "no frame"),
@@ -151,7 +151,7 @@ def test_convert_and_render(tmp_path: Path) -> None:
     save_fap(tmp_path / "c.fap", FapTrack.of(np.zeros((2, 68), int), rate_hz=25.0))
     run("encode", tmp_path / "c.fap", "-o", tmp_path / "c.fba")
     run("convert", tmp_path / "c.fba", "-o", tmp_path / "c.csv")
-    with pytest.raises(UsageError, match=r"got .*, expected a name that ends with \.fap, \.csv"):
+    with pytest.raises(UsageError, match=r"got .*, expected a name that ends with \.fap, "):
         run("convert", tmp_path / "c.fba", "-o", tmp_path / "c.doc")
     (tmp_path / "bad.json").write_text("{")
     with pytest.raises(DataError, match=r"bad\.json"):

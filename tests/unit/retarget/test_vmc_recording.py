@@ -72,7 +72,7 @@ FRAME = '{0} /VMC/Ext/Blend/Val sf "A" 0.5\n{0} /VMC/Ext/Blend/Apply \n'
     ("text", "error", "message"),
     [
         ("eeada2a5.00000000 /VMC/Ext/OK i 1\n", TruncatedError, "got 0 frames"),
-        (FRAME.format("eeada2a5.00000000") * 2, DataError, "falling times"),
+        (FRAME.format("eeada2a5.00000000") * 2, DataError, "times must rise"),
         (FRAME.format("eeada2a5.00000000") + FRAME.format("eeada2a6.00000000"), DataError, "expected at least 8"),
         (
             "".join(
