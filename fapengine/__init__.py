@@ -42,7 +42,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from fapengine.app.face import Face
     from fapengine.app.heads import load_head
-    from fapengine.app.motion import frames, load, save
+    from fapengine.app.motion import frames, load, save, weights
     from fapengine.app.performance import Performance, animate, speak
     from fapengine.clients.sender import Client
     from fapengine.codec.decoder import Decoder
@@ -60,6 +60,7 @@ if TYPE_CHECKING:
     from fapengine.speech.phone_track import Phone, PhoneTrack
     from fapengine.trajectory.expression import Mood
     from fapengine.trajectory.style import Style
+    from fapengine.voices.protocol import Speech, Voice
 
 __version__: str
 """Version of the installed distribution, from the git tag; ``"0.0.0"`` where fapengine is not installed."""
@@ -85,8 +86,10 @@ __all__ = [
     "ResourceError",
     "ServeConfig",
     "Server",
+    "Speech",
     "Style",
     "UsageError",
+    "Voice",
     "animate",
     "frames",
     "load",
@@ -94,13 +97,14 @@ __all__ = [
     "load_profile",
     "save",
     "speak",
+    "weights",
 ]
 
 _MODULES = {
     "render.drawing": ("Drawing",),
     "app.face": ("Face",),
     "app.heads": ("load_head",),
-    "app.motion": ("frames", "load", "save"),
+    "app.motion": ("frames", "load", "save", "weights"),
     "app.performance": ("Performance", "animate", "speak"),
     "codec.decoder": ("Decoder",),
     "codec.encoder": ("Encoder", "EncoderOptions"),
@@ -117,6 +121,7 @@ _MODULES = {
     "speech.phone_track": ("Phone", "PhoneTrack"),
     "trajectory.expression": ("Mood",),
     "trajectory.style": ("Style",),
+    "voices.protocol": ("Speech", "Voice"),
 }
 """Module of each public name."""
 _SPELLED = {"Head": "FaceMesh"}

@@ -6,7 +6,10 @@ import struct
 import zipfile
 import zlib
 from collections.abc import Sequence
+from dataclasses import fields
 from importlib.resources import files
+from numbers import Real
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -18,6 +21,21 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 """The usual types of arrays, of any shape."""
+
+Sound = tuple[NDArray[np.int16], int]
+"""(N,) int16 mono samples, and the sample rate in Hz."""
+SoundLike = tuple[ArrayLike, float]
+"""Samples in any form that :func:`as_sound` takes, and the sample rate in Hz."""
+SOUND_RATES_HZ = (1_000, 768_000)
+"""Lowest and highest sample rate."""
+MAX_CHANNELS = 32
+MAX_OVERSHOOT = 4.0
+"""Largest float sample: decoders and resamplers overshoot 1 by some dB, integers as floats by thousands."""
+SAMPLE_KINDS = {
+    "f2": (0.0, 1.0), "f4": (0.0, 1.0), "f8": (0.0, 1.0), "i2": (0.0, 2.0**15), "i4": (0.0, 2.0**31),
+    "u1": (128.0, 128.0),
+}  # fmt: skip
+"""Silence and full scale of each kind of samples, by NumPy's codes."""
 
 DIGESTS = "SHA256SUMS"
 """File with the digests of the tables in its folder, in the format of ``sha256sum``."""
@@ -84,6 +102,67 @@ def frozen(
     return copy
 
 
+def as_sound(sound: SoundLike, name: str = "sound") -> Sound:
+    """Convert sound in any usual form to 16-bit mono.
+
+    Parameters
+    ----------
+    sound : (array_like, int)
+        Samples, (N,) or (N, C): float in -1..1, int16, int32 or uint8, as soundfile and librosa give them. The mean of
+        C channels (at most :data:`MAX_CHANNELS`) is taken. Floats beyond 1 are clipped; beyond :data:`MAX_OVERSHOOT`
+        they are an error. And the sample rate, a whole number in :data:`SOUND_RATES_HZ`.
+    name : str
+        Name of the argument, for messages.
+
+    Returns
+    -------
+    samples : (N,) int16
+        Read-only.
+    rate_hz : int
+
+    Raises
+    ------
+    UsageError
+        ``sound: got dtype int64, expected int16, int32, uint8 or float``.
+    """
+    try:
+        samples, rate_hz = sound
+    except (TypeError, ValueError) as error:
+        raise UsageError(
+            f"{name}: got {type(sound).__name__}, expected a pair: samples, and their rate in Hz"
+        ) from error
+    low, high = SOUND_RATES_HZ
+    if not (isinstance(rate_hz, Real) and low <= rate_hz <= high and float(rate_hz).is_integer()):
+        raise UsageError(f"{name}: got a rate of {rate_hz!s:.40} Hz, expected {low}..{high}, a whole number")
+    try:
+        values = np.asarray(samples)
+    except ValueError as error:  # ragged nested lists
+        raise UsageError(f"{name}: got a ragged sequence, expected shape (N,) or (N, channels)") from error
+    kind = values.dtype.str[1:]
+    if kind not in SAMPLE_KINDS:
+        raise UsageError(f"{name}: got dtype {values.dtype}, expected int16, int32, uint8 or float")
+    if values.ndim not in (1, 2) or (values.ndim == 2 and not 1 <= values.shape[1] <= MAX_CHANNELS):
+        raise UsageError(
+            f"{name}: got shape {values.shape}, expected (N,) or (N, channels) with 1 to {MAX_CHANNELS} channels"
+        )
+    if values.dtype == np.int16 and values.ndim == 1:
+        if values.flags.writeable:
+            values = values.copy()
+            values.flags.writeable = False
+        return values, int(rate_hz)
+    mono = values.astype(np.float64).reshape(len(values), -1).mean(axis=1)
+    if not np.isfinite(mono).all():
+        at = int(np.argmin(np.isfinite(mono)))
+        raise UsageError(f"{name}: got {mono[at]} at {at}, expected finite numbers")
+    peak = np.abs(values).max(initial=0) if kind[0] == "f" else 0.0
+    if peak > MAX_OVERSHOOT:
+        raise UsageError(f"{name}: got {values.dtype} samples up to {peak:g}, expected -1..1; integers go in as int16")
+    centre, full_scale = SAMPLE_KINDS[kind]
+    scaled = np.clip(np.rint((mono - centre) * (2.0**15 / full_scale)), -(2**15), 2**15 - 1).astype(np.int16)
+    scaled.flags.writeable = False
+    return scaled, int(rate_hz)
+
+
 def freeze(owner: object, dtype: DTypeLike = np.float64, **shapes: Sequence[str | int]) -> None:
     """Replace fields of a frozen dataclass by :func:`frozen` copies; an axis name has one length in all of them."""
     lengths: dict[str | int, int] = {}
@@ -91,6 +170,27 @@ def freeze(owner: object, dtype: DTypeLike = np.float64, **shapes: Sequence[str 
         values = frozen(getattr(owner, name), name, [lengths.get(axis, axis) for axis in shape], dtype)
         lengths |= dict(zip(shape, values.shape, strict=True))
         object.__setattr__(owner, name, values)
+
+
+class Rebuilt:
+    """Base of frozen dataclasses with arrays or mappings: copies and pickles are as read-only as the original."""
+
+    __slots__ = ()
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Keep the arguments of the constructor; a mapping proxy itself cannot be pickled."""
+        values = {one.name: getattr(self, one.name) for one in fields(self) if one.init}  # type: ignore[arg-type]
+        plain = {name: dict(value) if isinstance(value, MappingProxyType) else value for name, value in values.items()}
+        return _rebuild, (type(self), plain)
+
+
+def _rebuild(kind: type, values: dict[str, Any]) -> object:
+    for name, value in values.items():
+        if isinstance(value, np.ndarray):
+            value.flags.writeable = False
+        elif isinstance(value, dict):
+            values[name] = MappingProxyType(value)
+    return kind(**values)
 
 
 def _fits(got: tuple[int, ...], wanted: Sequence[str | int]) -> bool:

@@ -4,19 +4,26 @@ A key that a dataclass does not have, one that is missing, and a value of anothe
 name file, key, value and expectation.
 """
 
+import builtins
 import dataclasses
+import functools
+import inspect
 import json
 import re
+import sys
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from math import inf
+from numbers import Integral, Real
 from types import UnionType
-from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, ForwardRef, Literal, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from fapengine.errors import DataError, UsageError
 
 T = TypeVar("T")
+P = ParamSpec("P")
+R = TypeVar("R")
 
 MAX_BYTES = 16 << 20
 MAX_DOTS = 500
@@ -29,6 +36,9 @@ WORDS: dict[object, str] = {
     str: "a string",
     dict: "a table",
     tuple: "a list",
+    Mapping: "a table",
+    Sequence: "a list",
+    Iterable: "a list",
 }
 """Name of each type in error messages."""
 
@@ -58,8 +68,65 @@ class Checked:
     __slots__ = ()
 
     def __post_init__(self) -> None:
-        for name, kind in get_type_hints(type(self), include_extras=True).items():
-            check_value(name, getattr(self, name), kind)
+        check_fields(self)
+
+
+def check_fields(value: object) -> None:
+    """Reject fields of a dataclass that their annotations do not allow. Raises as :func:`check_value`."""
+    owner: Any = type(value)
+    for name, kind in _kinds(owner).items():
+        check_value(name, getattr(value, name), kind)
+
+
+def checked(function: Callable[P, R]) -> Callable[P, R]:
+    """Check the arguments of each call against the annotations; defaults are not checked.
+
+    Raises
+    ------
+    UsageError
+        From the call, for an argument of another type; the message begins with the parameter's name.
+
+    Examples
+    --------
+    >>> @checked
+    ... def half(of: float) -> float:
+    ...     return of / 2
+    >>> half(of="3")
+    Traceback (most recent call last):
+    fapengine.errors.UsageError: of: got '3', expected a number
+    """
+    names = tuple(inspect.signature(function).parameters)
+    defaults = {name: each.default for name, each in inspect.signature(function).parameters.items()}
+
+    @functools.wraps(function)
+    def call(*args: P.args, **kwargs: P.kwargs) -> R:
+        for name, value in (*zip(names, args, strict=False), *kwargs.items()):
+            if value is not defaults.get(name, inspect.Parameter.empty):
+                check_value(name, value, _kinds(function).get(name, Any))
+        return function(*args, **kwargs)
+
+    return call
+
+
+@functools.cache
+def _kinds(owner: Any) -> dict[str, Any]:
+    """Annotation by name of a function, or of a class and its bases; names that only type checkers know allow all."""
+    kinds: dict[str, Any] = {}
+    for each in reversed(owner.__mro__) if isinstance(owner, type) else (owner,):
+        names = _Names(vars(sys.modules[each.__module__]))
+        for name, kind in getattr(each, "__annotations__", {}).items():
+            try:
+                kinds[name] = eval(kind, {}, names) if isinstance(kind, str) else kind
+            except TypeError:  # such a name, with parameters
+                kinds[name] = Any
+    return kinds
+
+
+class _Names(dict[str, Any]):
+    """Names of a module; builtins, and Any for others."""
+
+    def __missing__(self, name: str) -> Any:
+        return getattr(builtins, name, Any)
 
 
 def check_value(name: str, value: object, kind: Any) -> None:
@@ -146,7 +213,10 @@ def _structured(value: Any, kind: Any, path: tuple[str | int, ...], error: type[
     try:
         return _converted(value, kind)
     except _UnfitError as trouble:
-        raise error(_complaint(value, kind), where=spell_path(*path)) from trouble
+        complaint = (
+            f"got {value!r:.60}, expected a table" if dataclasses.is_dataclass(kind) else _complaint(value, kind)
+        )
+        raise error(complaint, where=spell_path(*path)) from trouble
 
 
 class _UnfitError(ValueError):
@@ -156,6 +226,8 @@ class _UnfitError(ValueError):
 def _converted(value: Any, kind: Any) -> Any:
     """Convert a value to the type of an annotation, such as a whole number to a float; raise _UnfitError otherwise."""
     origin, parts = get_origin(kind) or kind, get_args(kind)
+    if kind is Any or isinstance(kind, ForwardRef | TypeVar):
+        return value
     if origin is Annotated:
         value = _converted(value, parts[0])
         if all(part.low <= value <= part.high for part in parts[1:] if isinstance(part, Between)):
@@ -167,9 +239,13 @@ def _converted(value: Any, kind: Any) -> Any:
         for part in parts:
             with suppress(_UnfitError):
                 return _converted(value, part)
-    elif origin is float and isinstance(value, (int, float)) and not isinstance(value, bool):
+    elif origin is float and isinstance(value, Real) and not isinstance(value, bool) and value == value:
         with suppress(OverflowError):
             return float(value)
+    elif origin is int and isinstance(value, Integral) and not isinstance(value, bool):
+        return int(value)
+    elif origin in (Sequence, Iterable) and isinstance(value, origin) and not isinstance(value, (str, bytes)):
+        return value if origin is Iterable else [_converted(item, parts[0]) for item in value]
     elif origin is tuple and isinstance(value, (list, tuple)):
         kinds = parts[:1] * len(value) if parts[-1] is ... else parts
         if len(kinds) == len(value):
@@ -177,9 +253,9 @@ def _converted(value: Any, kind: Any) -> Any:
     elif origin in (dict, Mapping) and isinstance(value, Mapping):
         return {_converted(key, parts[0]): _converted(item, parts[1]) for key, item in value.items()}
     elif (
-        origin in (bool, int, str, type(None))
+        origin not in (int, float, tuple, dict, Mapping, Sequence, Iterable)
+        and isinstance(origin, type)
         and isinstance(value, origin)
-        and isinstance(value, bool) is (origin is bool)
     ):
         return value
     raise _UnfitError
@@ -228,7 +304,8 @@ def _spell(kind: Any) -> str:
     if origin is Literal:
         return f"one of {', '.join(map(str, parts))}"
     if origin in (Union, UnionType):
-        return " or ".join(_spell(part) for part in parts if part is not type(None))
+        return " or ".join(dict.fromkeys(_spell(part) for part in parts if part is not type(None)))
     if origin is tuple and parts[-1] is not ...:
         return f"a list of {len(parts)}"
-    return WORDS.get(origin or kind, "a table")
+    kind = origin or kind
+    return WORDS.get(kind, getattr(kind, "__name__", "a value"))

@@ -15,7 +15,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fapengine._arrays import DAMAGE, frozen
+from fapengine._arrays import DAMAGE, Rebuilt, frozen
 from fapengine._strict_toml import parse_toml, quoted, spell_path
 from fapengine.errors import ProfileError, UsageError
 from fapengine.expressions import STANDARD_EXPRESSIONS, Expression
@@ -38,7 +38,7 @@ FEATURE_KINDS: tuple[FeatureKind, ...] = get_args(FeatureKind)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class PhoneTarget:
+class PhoneTarget(Rebuilt):
     """Points of one phone in the viseme space."""
 
     ipa: str
@@ -54,7 +54,7 @@ class PhoneTarget:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class ExpressionTarget:
+class ExpressionTarget(Rebuilt):
     """One of the six expressions at full strength."""
 
     target: NDArray[np.float64]
@@ -64,7 +64,7 @@ class ExpressionTarget:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class ContextModel:
+class ContextModel(Rebuilt):
     """Targets that depend on a phone's neighbours; :mod:`fapengine.trajectory.context` computes and learns them."""
 
     fractions: tuple[float, ...]
@@ -83,7 +83,7 @@ class ContextModel:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Profile:
+class Profile(Rebuilt):
     """How one face speaks one language."""
 
     id: str

@@ -142,10 +142,7 @@ class AgentFace:
         data = self._half + data
         whole = len(data) // (2 * channels) * 2 * channels
         self._half = data[whole:]
-        samples = np.frombuffer(data[:whole], "<i2")
-        if channels > 1:
-            samples = samples.reshape(-1, channels).mean(axis=1)
-        self.host.push(samples.astype(np.int16), rate_hz)
+        self.host.push(np.frombuffer(data[:whole], "<i2").reshape(-1, channels), rate_hz)
 
     def word(self, text: str, start_s: float, end_s: float | None = None) -> None:
         """Add a word with its times, counted from the first audio of the utterance."""

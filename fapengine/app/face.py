@@ -1,6 +1,7 @@
 """A face that speaks now: an engine, the sound card, and sinks."""
 
 import asyncio
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -12,12 +13,14 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine._strict_toml import checked
 from fapengine.app.manner import Expressions, moods_of
 from fapengine.app.performance import Performance, load_voice
 from fapengine.audio.device import open_output
 from fapengine.engine.commands import Cancel, Command, Express, Pause, Resume
 from fapengine.engine.engine import Engine
 from fapengine.engine.gesture_methods import GestureMethods
+from fapengine.errors import UsageError
 from fapengine.expressions import EXPRESSIONS
 from fapengine.files.profiles import load_profile
 from fapengine.host.hub import FramePacer, Hub
@@ -70,7 +73,8 @@ class SoundErrors:
 class Face(GestureMethods):
     """A face in this program that speaks now and follows the sound card. Stateful; close it, or use it in ``with``.
 
-    Call :meth:`frame` for each image, or let :meth:`frames` keep the time.
+    Call :meth:`frame` for each image, or let :meth:`frames` keep the time. Only the thread that uses it first may
+    use it.
 
     Parameters
     ----------
@@ -107,6 +111,7 @@ class Face(GestureMethods):
     (68,)
     """
 
+    @checked
     def __init__(
         self,
         profile: str | Path | Profile = DEFAULT_PROFILE,
@@ -136,6 +141,7 @@ class Face(GestureMethods):
         self._sinks = [datagram_sink(self.hub, address) for address in addresses]
         self._waiting: list[_Waiting] = []
         self._shown_s = -inf
+        self._owner: int | None = None
         self._is_closed = False
 
     def __enter__(self) -> Self:
@@ -175,10 +181,14 @@ class Face(GestureMethods):
         Raises
         ------
         UsageError
-            If there is nothing to speak, a performance has no sound, or an expression is invalid.
+            If there is nothing to speak, a performance has no sound, an expression is invalid, the face is closed, or
+            another thread uses it.
         ResourceError
             If the voice is not installed.
         """
+        self._check_use()
+        if not isinstance(speech, str | Performance | Speech):
+            raise UsageError(f"speech: got {speech!r:.80}, expected a text, a Performance or a Speech")
         if isinstance(speech, str):
             spoken = load_voice(self._voice).speak(speech).padded(lead_s=LEAD_S, tail_s=TAIL_S)
             text = spoken.text or read_marks(speech).text
@@ -193,6 +203,7 @@ class Face(GestureMethods):
 
     def tell(self, command: Command) -> None:
         """Apply a command of :mod:`fapengine.engine.commands`."""
+        self._check_use()
         self.hub.host(SESSION).apply(command, self.hub.clock())
 
     def pause(self) -> None:
@@ -205,6 +216,7 @@ class Face(GestureMethods):
 
     def stop(self) -> None:
         """Stop the sound, and return to neutral."""
+        self._check_use()
         self.speaker.stop()
         self._waiting.clear()
         self.tell(Cancel())
@@ -237,6 +249,7 @@ class Face(GestureMethods):
         (68,) int32, FAPU
             Column ``number - 1`` is the FAP of that number.
         """
+        self._check_use()
         now_s = self.hub.clock()
         self.speaker.follow(now_s)
         self._express()
@@ -268,6 +281,15 @@ class Face(GestureMethods):
         self.hub.tick(max(self.hub.clock(), self._shown_s))
         for sink in self._sinks:
             asyncio.run(sink.close())
+
+    def _check_use(self) -> None:
+        """Raise UsageError if the face is closed, or another thread used it first."""
+        if self._is_closed:
+            raise UsageError("face: it is closed")
+        thread = threading.get_ident()
+        self._owner = self._owner or thread
+        if thread != self._owner:
+            raise UsageError("face: another thread uses it; a face belongs to the thread that uses it first")
 
     def _express(self) -> None:
         for waiting in tuple(self._waiting):

@@ -54,7 +54,7 @@ class FitJob:
     """Axis that points up."""
     seed: int = 1
     """Random seed of the split into training and held-out takes."""
-    voice: str = "en-us"
+    voice: str | None = None
     """Voice that pronounces words where phones are missing."""
     report: bool = True
     """True to write report.html."""

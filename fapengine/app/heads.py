@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from fapengine._strict_toml import checked
 from fapengine.files.heads.built import load_built
 from fapengine.files.heads.load import DEFAULT_HEAD
 from fapengine.files.heads.load import load_head as load_by_name
@@ -9,6 +10,7 @@ from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.face_mesh import FaceMesh
 
 
+@checked
 def load_head(
     name: str | Path | HeadStyle = DEFAULT_HEAD,
     *,

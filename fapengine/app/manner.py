@@ -6,10 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from fapengine._strict_toml import Checked
 from fapengine.errors import UsageError
 from fapengine.expressions import EXPRESSION_NAMES, Expression
 from fapengine.profiles import Profile
-from fapengine.speaking import DEFAULT_PROFILE, MannerOptions, SpeakingOptions
+from fapengine.speaking import DEFAULT_PROFILE, MannerOptions, Seed, SpeakingOptions
 from fapengine.speech.phone_track import PhoneTrack
 from fapengine.trajectory.expression import Mood, during_word
 from fapengine.trajectory.style import Style, parse_method
@@ -22,14 +23,14 @@ Expressions = Mapping[str | Expression, float] | Mapping[str, float] | Mapping[E
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Manner:
+class Manner(Checked):
     """How a face speaks."""
 
     profile: str | Path | Profile = DEFAULT_PROFILE
     """Speaker profile: a built-in name, a folder, or a loaded profile."""
     style: Style = Style()  # noqa: RUF009  frozen
     expressions: Expressions = ()
-    seed: int = 1
+    seed: Seed = 1
     """Random seed of blinks, glances and head motion; the same seed gives the same motion."""
     rate_hz: float = 30.0
     """Frame rate, 1 to 240 Hz."""

@@ -4,15 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine._arrays import SoundLike
+from fapengine._late import needed
+from fapengine._strict_toml import checked
 from fapengine.app.drawing import resized
-from fapengine.app.outputs import SaveOptions, Sound, draw_frames, write_output
+from fapengine.app.outputs import SaveOptions, draw_frames, write_output
 from fapengine.errors import UsageError
-from fapengine.files.motion import BLEND_ENDINGS, RECORDED_ENDINGS, load_motion
+from fapengine.files.motion import BLEND_ENDINGS, RECORDED_ENDINGS, load_motion, shown
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mpeg4.track import FapTrack
 from fapengine.render.drawing import Drawing, Picture
+from fapengine.retarget.shape_rows import ARKIT_NAMES
 
 if TYPE_CHECKING:
     from fapengine.app.scene_files import Into
@@ -22,6 +29,7 @@ LOADED = (".fap", ".fba", *BLEND_ENDINGS, *RECORDED_ENDINGS)
 """Endings of files of face motion that can be loaded."""
 
 
+@checked
 def load(path: str | Path) -> FapTrack:
     """Load face motion.
 
@@ -44,11 +52,12 @@ def load(path: str | Path) -> FapTrack:
     return load_motion(path)
 
 
+@checked
 def save(
     track: FapTrack,
     path: str | Path,
     *,
-    sound: Sound | None = None,
+    sound: SoundLike | None = None,
     head: str | Path | FaceMesh = "default",
     drawing: Drawing | None = None,
     size: tuple[int, int] | None = None,
@@ -69,8 +78,9 @@ def save(
         ``.gif``, ``.webp`` animation; ``frame_%04d.png`` or the name of a folder: numbered images; ``.png`` one image;
         ``.wav`` the sound alone; ``.glb``, ``.vrm`` the avatar ``into`` with the motion inside, ``.usda``, ``.usdc`` a
         built-in head; ``.vrma`` a VRM animation; ``.json``, ``.tsv``, ``.xml``, ``.dat`` mouth shapes.
-    sound : ((N,) int16, int), optional
-        Mono samples and their rate in Hz, for a video, from its start, and for ``.wav``.
+    sound : (array_like, int), optional
+        Samples and their rate in Hz, for a video, from its start, and for ``.wav``: (N,) mono or (N, channels), which
+        are averaged; float in -1..1, int16, int32 or uint8, as librosa and soundfile give them.
     head : str, Path or Head
         The head that is drawn: see :func:`fapengine.load_head`.
     drawing : Drawing, optional
@@ -112,6 +122,56 @@ def save(
     return Path(path)
 
 
+class Weights(NamedTuple):
+    """Weights of blendshapes over time."""
+
+    values: NDArray[np.float64]
+    """(T, B) float64, 0..1."""
+    names: tuple[str, ...]
+    """(B,) names of the blendshapes, as their programs write them."""
+    times_s: NDArray[np.float64]
+    """(T,) float64, s."""
+
+    def to_frame(self) -> Any:
+        """Return a pandas DataFrame: a column a blendshape, indexed by time in s.
+
+        Raises
+        ------
+        ResourceError
+            If pandas is not installed.
+        """
+        pandas = needed("pandas", "pandas", "to_frame")
+        return pandas.DataFrame(self.values, pandas.Index(self.times_s, name="time_s"), list(self.names))
+
+
+@checked
+def weights(track: FapTrack, shapes: str = "arkit") -> Weights:
+    """Convert face motion to weights of blendshapes, those that :func:`save` writes as ``.csv``.
+
+    Parameters
+    ----------
+    track : FapTrack
+    shapes : str
+        ``"arkit"`` (52, named as Apple names them: ``jawOpen``), ``"oculus"`` (15 visemes), ``"vrm0"`` or ``"vrm1"``.
+
+    Raises
+    ------
+    UsageError
+        If the set is unknown.
+
+    Examples
+    --------
+    >>> weights(FapTrack.pose(open_jaw=300)).values.shape
+    (1, 52)
+    """
+    from fapengine.retarget.blend_tracks import shape_set
+
+    chosen = shape_set(shapes)
+    names = ARKIT_NAMES if shapes == "arkit" else chosen.names
+    return Weights(chosen.from_faps(track.values.astype(np.float64)), names, track.times_s)
+
+
+@checked
 def frames(
     track: FapTrack,
     *,
@@ -143,4 +203,4 @@ def frames(
     ResourceError
         If there is no OpenGL.
     """
-    return draw_frames(track.even_values(), SaveOptions(head=head, drawing=resized(drawing, size)))
+    return draw_frames(shown(track).even_values(), SaveOptions(head=head, drawing=resized(drawing, size)))

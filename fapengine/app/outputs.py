@@ -1,6 +1,6 @@
 """The kinds of files that face motion is saved as: one row per ending.
 
-Python's ``save``, the commands ``say``, ``animate`` and ``convert``, their help and their errors use this table. To add
+Python's ``save``, the commands ``say``, ``animate``, ``convert`` and ``batch`` and their errors use this table. To add
 a kind, write its function here, or in :mod:`fapengine.app.scene_files`, and add its row.
 """
 
@@ -14,11 +14,12 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine._arrays import Sound, SoundLike, as_sound
 from fapengine.app.drawing import resized
 from fapengine.app.heads import load_head
 from fapengine.app.report import Report
 from fapengine.errors import UsageError
-from fapengine.files.motion import save_fap
+from fapengine.files.motion import save_fap, shown
 from fapengine.files.moving import FOLDER_PATTERN, check_moving, is_sequence, write_moving
 from fapengine.files.paths import write_bytes
 from fapengine.files.pictures import save_png, straight
@@ -33,8 +34,6 @@ if TYPE_CHECKING:
     from fapengine.app.scene_files import Into
     from fapengine.codec.encoder import EncoderOptions
 
-Sound = tuple[NDArray[np.int16], int]
-"""(N,) int16 mono samples, and the sample rate in Hz."""
 TABLE_SHAPES = (None, "arkit", "oculus", "vrm0", "vrm1")
 """Sets of shapes of a table of weights."""
 RHUBARB = "rhubarb"
@@ -68,6 +67,7 @@ class SaveOptions:
     def of(
         cls,
         *,
+        sound: SoundLike | None = None,
         drawing: Drawing | None,
         size: tuple[int, int] | None,
         kbit_s: float | None,
@@ -86,7 +86,8 @@ class SaveOptions:
             from fapengine.app.scene_files import Into
 
             into = Into(Path(into))
-        return cls(drawing=resized(drawing, size), encoding=encoding, into=into, **others)
+        heard = None if sound is None else as_sound(sound)
+        return cls(sound=heard, drawing=resized(drawing, size), encoding=encoding, into=into, **others)
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,13 +99,18 @@ class OutputKind:
     name: str
     """Its name in reports."""
     write: Callable[[FapTrack, Path, SaveOptions], None]
-    commands: str
-    """Commands that write it: ``"say"`` (with ``animate``), ``"convert"``, both or none. Python writes all."""
     beside: tuple[str, ...] = ()
-    """Endings of the files that ``say`` writes next to it."""
+    """Endings of the files that ``say`` and ``animate`` write next to it."""
     shapes: tuple[str | None, ...] = TABLE_SHAPES
     """Sets of shapes that it accepts; a file without shapes ignores those of tables. None: there is a default."""
     takes_avatar: bool = False
+    keeps_visemes: bool = False
+    """FAP 1 and 2 are written as they are; elsewhere as the low-level FAPs that show them."""
+
+    @property
+    def is_drawn(self) -> bool:
+        """True for what needs a renderer."""
+        return self.write in (_write_image, _write_images)
 
     @property
     def is_image(self) -> bool:
@@ -112,26 +118,24 @@ class OutputKind:
         return self.write is _write_images
 
 
-def find_kind(path: Path, command: str = "") -> OutputKind:
+def find_kind(path: Path) -> OutputKind:
     """Find the kind of a file name.
 
     Raises
     ------
     UsageError
-        If the ending is unknown, or the command does not write it.
+        If the ending is unknown.
     """
     ending = FOLDER_PATTERN if is_sequence(path) else path.suffix
-    rows = [row for row in OUTPUT_KINDS if command in row.commands]
-    exact = [row for row in rows if row.ending == ending]
-    found = exact or [row for row in rows if row.takes_avatar and row.ending == ending.lower()]
+    exact = [row for row in OUTPUT_KINDS if row.ending == ending]
+    found = exact or [row for row in OUTPUT_KINDS if row.takes_avatar and row.ending == ending.lower()]
     if not found:
-        endings = ", ".join(row.ending for row in rows if row.ending)
-        folder = ", or a folder" if not rows[-1].ending else ""
-        raise UsageError(f"path: got {path}, expected a name that ends with {endings}{folder}")
+        endings = ", ".join(row.ending for row in OUTPUT_KINDS if row.ending)
+        raise UsageError(f"path: got {path}, expected a name that ends with {endings}, or a folder")
     return found[0]
 
 
-def check_output(path: Path, command: str, options: SaveOptions, *, rate_hz: float) -> OutputKind:
+def check_output(path: Path, options: SaveOptions, *, rate_hz: float) -> OutputKind:
     """Find the kind of a file name, and reject options that it does not support, before any work is done.
 
     Raises
@@ -141,7 +145,9 @@ def check_output(path: Path, command: str, options: SaveOptions, *, rate_hz: flo
     ResourceError
         If a library for writing is not installed.
     """
-    kind = find_kind(path, command)
+    kind = find_kind(path)
+    if options.encoding is not None and kind.write is not _write_stream:
+        raise UsageError(f"encoding: got one, or kbit_s, for {path}, expected a name that ends with .fba")
     if options.shapes not in kind.shapes:
         if options.shapes == RHUBARB:
             endings = ", ".join(row.ending for row in OUTPUT_KINDS if RHUBARB in row.shapes)
@@ -174,7 +180,8 @@ def write_output(track: FapTrack, path: Path, options: SaveOptions) -> None:
     ResourceError
         If the file cannot be written, or there is no OpenGL.
     """
-    check_output(path, "", options, rate_hz=track.rate_hz).write(track, path, options)
+    kind = check_output(path, options, rate_hz=track.rate_hz)
+    kind.write(track if kind.keeps_visemes else shown(track), path, options)
 
 
 def _write_fap(track: FapTrack, path: Path, options: SaveOptions) -> None:
@@ -259,28 +266,28 @@ def _write_scene(track: FapTrack, path: Path, options: SaveOptions) -> None:
 FILM, SPOKEN = (".fap", ".wav", ".png"), (".fap", ".wav")
 """What ``say`` writes next to a video, and next to an avatar."""
 OUTPUT_KINDS = (
-    OutputKind(".fap", "FAPs", _write_fap, "say convert", (".wav",)),
-    OutputKind(".fba", "FBA stream", _write_stream, ""),
-    OutputKind(".csv", "blendshapes", _write_table, "convert"),
-    OutputKind(".json", "mouth shapes", _write_mouth_shapes, "say convert", (".wav",), (RHUBARB,)),
-    OutputKind(".tsv", "mouth shapes", _write_mouth_shapes, "say convert", (".wav",), (RHUBARB,)),
-    OutputKind(".xml", "mouth shapes", _write_mouth_shapes, "say convert", (".wav",), (RHUBARB,)),
-    OutputKind(".dat", "mouth shapes", _write_mouth_shapes, "say convert", (".wav",), (RHUBARB,)),
-    OutputKind(".glb", "avatar", _write_scene, "say convert", SPOKEN, takes_avatar=True),
-    OutputKind(".vrm", "avatar", _write_scene, "say convert", SPOKEN, takes_avatar=True),
-    OutputKind(".usda", "avatar", _write_scene, "say convert", SPOKEN, takes_avatar=True),
-    OutputKind(".usdc", "avatar", _write_scene, "say convert", SPOKEN, takes_avatar=True),
-    OutputKind(".usd", "avatar", _write_scene, "say convert", SPOKEN, takes_avatar=True),
-    OutputKind(".vrma", "avatar", _write_scene, "say convert", SPOKEN, (None, "vrm1", "arkit")),
-    OutputKind(".wav", "sound", _write_sound, ""),
-    OutputKind(".png", "image", _write_image, ""),
-    OutputKind(".mp4", "video", _write_images, "say", FILM),
-    OutputKind(".webm", "video", _write_images, "say", FILM),
-    OutputKind(".mkv", "video", _write_images, "say", FILM),
-    OutputKind(".mov", "video", _write_images, "say", FILM),
-    OutputKind(".gif", "pictures", _write_images, "say", FILM),
-    OutputKind(".webp", "pictures", _write_images, "say", FILM),
-    OutputKind(FOLDER_PATTERN, "pictures", _write_images, "say", FILM),
-    OutputKind("", "pictures", _write_images, "say", FILM),
+    OutputKind(".fap", "FAPs", _write_fap, (".wav",), keeps_visemes=True),
+    OutputKind(".fba", "FBA stream", _write_stream, (".wav",), keeps_visemes=True),
+    OutputKind(".csv", "blendshapes", _write_table, (".wav",)),
+    OutputKind(".json", "mouth shapes", _write_mouth_shapes, (".wav",), (RHUBARB,)),
+    OutputKind(".tsv", "mouth shapes", _write_mouth_shapes, (".wav",), (RHUBARB,)),
+    OutputKind(".xml", "mouth shapes", _write_mouth_shapes, (".wav",), (RHUBARB,)),
+    OutputKind(".dat", "mouth shapes", _write_mouth_shapes, (".wav",), (RHUBARB,)),
+    OutputKind(".glb", "avatar", _write_scene, SPOKEN, takes_avatar=True),
+    OutputKind(".vrm", "avatar", _write_scene, SPOKEN, takes_avatar=True),
+    OutputKind(".usda", "avatar", _write_scene, SPOKEN, takes_avatar=True),
+    OutputKind(".usdc", "avatar", _write_scene, SPOKEN, takes_avatar=True),
+    OutputKind(".usd", "avatar", _write_scene, SPOKEN, takes_avatar=True),
+    OutputKind(".vrma", "avatar", _write_scene, SPOKEN, (None, "vrm1", "arkit")),
+    OutputKind(".wav", "sound", _write_sound),
+    OutputKind(".png", "image", _write_image),
+    OutputKind(".mp4", "video", _write_images, FILM),
+    OutputKind(".webm", "video", _write_images, FILM),
+    OutputKind(".mkv", "video", _write_images, FILM),
+    OutputKind(".mov", "video", _write_images, FILM),
+    OutputKind(".gif", "pictures", _write_images, FILM),
+    OutputKind(".webp", "pictures", _write_images, FILM),
+    OutputKind(FOLDER_PATTERN, "pictures", _write_images, FILM),
+    OutputKind("", "pictures", _write_images, FILM),
 )
 """All kinds, in the order in which errors list them."""

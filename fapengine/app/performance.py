@@ -3,25 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fapengine._arrays import Sound, SoundLike, as_sound
+from fapengine._strict_toml import checked
 from fapengine.app.manner import Expressions, Manner, check_expressions, moods_of
-from fapengine.app.outputs import SaveOptions, Sound, write_output
+from fapengine.app.outputs import SaveOptions, write_output
 from fapengine.engine.commands import Express
 from fapengine.engine.gestures import command_ramps, commands_of
 from fapengine.errors import UsageError
+from fapengine.files.paths import naming
 from fapengine.files.profiles import load_profile
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mpeg4.track import FapTrack
 from fapengine.profiles import Profile
 from fapengine.render.drawing import Drawing
-from fapengine.speaking import DEFAULT_PROFILE
+from fapengine.speaking import DEFAULT_PROFILE, DEFAULT_VOICE
 from fapengine.speech.marks import TimedMark, read_marks
 from fapengine.speech.phone_track import PhoneTrack
+from fapengine.speech.plausible import refuse, remarks_on, script_remarks
 from fapengine.trajectory.expression import Mood
 from fapengine.trajectory.planner import plan
 from fapengine.trajectory.style import Style
@@ -34,6 +38,8 @@ if TYPE_CHECKING:
 
 LEAD_S, TAIL_S = 0.3, 0.5
 """Silence before and after a spoken text, in which the face starts and ends at rest."""
+SILENT, FULL_SCALE, CLIPPED_SHARE = 33, 2**15 - 1, 0.001
+"""Samples below which a sound is silent (-60 dB), and from which they are clipped; share of these that counts."""
 SHORT_S = 0.25
 """Time by which a sound may end before its phones: an inaudible last phone, rounding of a codec."""
 
@@ -53,13 +59,20 @@ class Performance:
     phones: PhoneTrack
     """Phones in the time of the track, which begins at 0."""
     sound: Sound | None = None
-    """(N,) int16 mono samples and their rate in Hz; None if it is silent."""
+    """(N,) int16 mono samples and their rate in Hz; None if it is silent. Other forms of sound are converted."""
     text: str = ""
     """Words that were spoken, where they are known."""
     remarks: tuple[str, ...] = ()
-    """Sentences about text that was not spoken as written, and about inputs that do not fit together."""
+    """Sentences about text that was not spoken as written, timings that look wrong, and what was assumed."""
     marks: tuple[TimedMark, ...] = ()
     """Inline cues of the text, such as ``[laughs]``."""
+
+    def __post_init__(self) -> None:
+        if self.sound is not None:
+            object.__setattr__(self, "sound", as_sound(self.sound))
+
+    def __repr__(self) -> str:
+        return f"Performance({self.text!r:.60}, {self.track!r}, {self.phones!r}, {'no ' * (not self.sound)}sound)"
 
     @property
     def duration_s(self) -> float:
@@ -83,6 +96,12 @@ class Performance:
             marks=self.marks,
         )  # fmt: skip
 
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """The remarks on what looks wrong or was assumed: all but that on the voice of timed words."""
+        return tuple(remark for remark in self.remarks if remark != self.phones.reading.voice)
+
+    @checked
     def save(
         self,
         path: str | Path,
@@ -121,6 +140,21 @@ def _as_long_as_spoken(sound: Sound | None, phones: PhoneTrack) -> tuple[Sound |
         " recording? silence was appended"
     )
     return (np.concatenate([samples, np.zeros(lacking, samples.dtype)]), rate_hz), (remark,)
+
+
+def _doubts_of(sound: Sound | None, phones: PhoneTrack) -> tuple[str, ...]:
+    """Say if a sound is silent where phones are spoken, or clipped."""
+    loudness = np.abs(sound[0].astype(np.int32)) if sound else np.zeros(0)
+    if not len(loudness) or all(phone.is_silence for phone in phones.phones):
+        return ()
+    if loudness.max() < SILENT:
+        return ("sound: it is silent, though phones are spoken in it; is it the right file or channel?",)
+    clipped = float(np.mean(loudness >= FULL_SCALE))
+    if clipped < CLIPPED_SHARE:
+        return ()
+    return (
+        f"sound: {100 * clipped:.2g} % of its samples are at full scale (clipped); record or export it more softly",
+    )
 
 
 def perform(
@@ -163,10 +197,14 @@ def perform(
         ],
     )
     return Performance(
-        track=planned.track, phones=phones, sound=sound, text=text, remarks=(*remarks, *lacking), marks=marks
-    )
+        track=planned.track, phones=phones, sound=sound, text=text, marks=marks,
+        remarks=(
+            *remarks, *filter(None, [phones.reading.voice]), *remarks_on(phones), *lacking, *_doubts_of(sound, phones)
+        ),
+    )  # fmt: skip
 
 
+@checked
 def speak(
     text: str,
     *,
@@ -221,15 +259,21 @@ def speak(
     )
 
 
+@checked
 def animate(
     timings: str | Path | PhoneTrack,
     *,
-    sound: str | Path | Sound | None = None,
+    sound: str | Path | SoundLike | None = None,
     transcript: str | None = None,
-    language: str = "en-us",
+    language: str | None = None,
     channel: int | None = None,
     recognizer: str | Path | None = None,
-    voice: str | VoiceChoice | Voice = "en-us",
+    format: str | None = None,  # noqa: A002  as the option of the command line
+    tier: str | None = None,
+    alphabet: str | None = None,
+    columns: str | None = None,
+    strict: bool = False,
+    voice: str | VoiceChoice | Voice | None = None,
     expressions: Expressions = (),
     style: Style | None = None,
     profile: str | Path | Profile = DEFAULT_PROFILE,
@@ -243,18 +287,23 @@ def animate(
     timings : str, Path or PhoneTrack
         A recording (``.wav``, ``.mp3``, a video ...), whose phones are recognized; a file of phone timings in any
         format that ``fapengine animate`` reads, detected from its content; or the phones themselves.
-    sound : str, Path or ((N,) int16, int), optional
-        The sound that the timings belong to: a file, or mono samples and their rate in Hz.
+    sound : str, Path or (array_like, int), optional
+        The sound that the timings belong to: a file, or samples and their rate in Hz, as of :func:`fapengine.save`.
     transcript : str, optional
         Transcript of a recording; without it, recognition is less accurate.
-    language : str
-        Language of the transcript.
+    language : str, optional
+        Language of the transcript, American English by default; or of timed words, by default the one that the file
+        names.
     channel : int, optional
         Channel of the sound, 1 for the first; by default the mean of all.
     recognizer : str or Path, optional
         Speech recognizer without a transcript: ``"small"``, ``"sphinx"``, ``"both"``, or an ONNX model of your own.
-    voice : str or Voice
-        Pronounces timings that have words only.
+    format, tier, alphabet, columns : str, optional
+        How a file of timings is read: see :func:`fapengine.files.timings.load_timings`.
+    strict : bool
+        True to refuse timings with a remark on anything that looks wrong or was assumed.
+    voice : str or Voice, optional
+        Pronounces timings that have words only; by default the voice of the language.
     expressions, style, profile, seed, rate_hz
         As of :func:`speak`.
 
@@ -263,7 +312,7 @@ def animate(
     UsageError
         If a file cannot be read, or a parameter is invalid.
     DataError
-        If a file's content is wrong, or the transcript is that of another recording.
+        If a file's content is wrong, the transcript is that of another recording, or ``strict`` finds a remark.
     ResourceError
         If a recognizer is needed and not installed.
     """
@@ -276,18 +325,53 @@ def animate(
         if sound is not None:
             raise UsageError(f"sound: cannot be used here: {timings} is a recording itself")
         model = Path(recognizer) if recognizer is not None else None
-        hearing = hear(Path(timings), transcript=transcript, language=language, channel=channel, recognizer=model)
-        return perform(hearing.phones, load_sound(Path(timings), channel=channel), manner, text=transcript or "")
+        if any((format, tier, alphabet, columns)):
+            raise UsageError(f"format, tier, alphabet, columns: cannot be used here: {timings} is a recording")
+        hearing = hear(
+            Path(timings), transcript=transcript, language=language or DEFAULT_VOICE, channel=channel, recognizer=model
+        )
+        recording = load_sound(Path(timings), channel=channel)
+        performance = perform(hearing.phones, recording, manner, text=transcript or "")
+        if strict:
+            refuse(performance.doubts, str(timings))
+        return performance
     if recognizer is not None:
         raise UsageError("recognizer: cannot be used with phone timings")
     if transcript is not None:
         raise UsageError("transcript: cannot be used with phone timings")
+    if isinstance(timings, PhoneTrack):
+        phones = pronounced(timings, voice, language=language)
+    else:
+        phones = read_timings(
+            Path(timings), voice, language=language, file_format=format, tier=tier, alphabet=alphabet, columns=columns
+        )
+    if channel is not None and not isinstance(sound, str | Path):
+        raise UsageError(f"channel: got {channel}, which only a file has; give the samples of that channel as sound")
+    if isinstance(sound, str | Path):
+        sound = load_sound(Path(sound), channel=channel, spoken_s=phones.duration_s)
+    played = None if sound is None else as_sound(sound)
+    performance = perform(with_loudness(phones, *played) if played else phones, played, manner)
+    if strict:
+        refuse(performance.doubts, "timings" if isinstance(timings, PhoneTrack) else str(timings))
+    return performance
+
+
+def read_timings(
+    path: Path,
+    voice: str | VoiceChoice | Voice | None = None,
+    *,
+    language: str | None = None,
+    **how: str | None,
+) -> PhoneTrack:
+    """Read phones from a file of timings, with words pronounced.
+
+    Parameters and errors are those of :func:`fapengine.files.timings.load_timings` and :func:`pronounced`.
+    """
     from fapengine.files.timings import load_timings  # all formats; whoever speaks a text needs none
 
-    phones = timings if isinstance(timings, PhoneTrack) else load_timings(Path(timings))
-    heard = load_sound(Path(sound), channel=channel) if isinstance(sound, str | Path) else sound
-    phones = pronounced(phones, voice)
-    return perform(with_loudness(phones, *heard) if heard else phones, heard, manner)
+    phones = load_timings(path, **how)
+    with naming(path):
+        return pronounced(phones, voice, language=language)
 
 
 def load_voice(voice: str | VoiceChoice | Voice) -> Voice:
@@ -297,10 +381,48 @@ def load_voice(voice: str | VoiceChoice | Voice) -> Voice:
     return voice.load() if isinstance(voice, VoiceChoice) else voice
 
 
-def pronounced(phones: PhoneTrack, voice: str | VoiceChoice | Voice) -> PhoneTrack:
-    """Pronounce a track of words within their times; a track of phones is returned unchanged."""
+def pronounced(
+    phones: PhoneTrack, voice: str | VoiceChoice | Voice | None = None, *, language: str | None = None
+) -> PhoneTrack:
+    """Pronounce a track of words within their times; a track of phones is returned unchanged.
+
+    Parameters
+    ----------
+    phones : PhoneTrack
+    voice : str, VoiceChoice or Voice, optional
+        By default that of ``language``, else of the language that the file names, else American English.
+    language : str, optional
+        Language of the words, a code or an English name.
+
+    Raises
+    ------
+    DataError
+        If nobody chose the voice, and it does not read the script of the words.
+    UsageError
+        If there is no voice for ``language``.
+    """
     if not phones.spelled:
         return phones
+    from fapengine.voices.espeak import EspeakVoice, catalogue
     from fapengine.voices.pronounce import pronounce
 
-    return pronounce(phones, load_voice(voice))
+    named, said, remarks = phones.reading.language, "", phones.reading.remarks
+    is_chosen = voice is not None or language is not None
+    if voice is None and language is not None:
+        voice = catalogue().of_language(language) or language
+    elif voice is None:
+        voice = catalogue().of_language(named) if named else None
+        if named and voice is None:
+            remarks += (f"words: no voice speaks {named!r}, the language of the file; read in {DEFAULT_VOICE};"
+                        " voice=CODE reads them in another",)  # fmt: skip
+        elif voice is not None:
+            said = f"words read in {voice} (from the file); voice=CODE reads them in another"
+        else:
+            said = f"words read in {DEFAULT_VOICE}: the file names no language; voice=CODE reads them in another"
+        voice = voice or DEFAULT_VOICE
+    speaker = load_voice(voice)
+    if isinstance(speaker, EspeakVoice):
+        words = [phone for phone in phones.phones if not phone.is_silence]
+        remarks += script_remarks(words, speaker.entry.code, is_chosen=is_chosen)
+    track = pronounce(phones, speaker)
+    return replace(track, reading=replace(track.reading, voice=said, remarks=remarks))

@@ -28,8 +28,10 @@ class Report:
     """Unit of the timings: phone, word or character."""
     unknown: tuple[UnknownPhone, ...] = ()
     """Labels that no phone set contains."""
-    reading: Reading | None = None
-    """Alphabet of the labels of a file; None if they are IPA already, or words."""
+    reading: Reading = field(default_factory=Reading)
+    """How the labels of a file were understood."""
+    remarks: tuple[str, ...] = ()
+    """Remarks of the performance."""
     notes: tuple[str, ...] = ()
     """Remarks of the recognizer: words that a voice pronounced, places where text and sound differ."""
     shows: Callable[[str], AbstractContextManager[object]] = nullcontext
@@ -69,7 +71,8 @@ class Report:
                 {"label": each.label, "count": each.count, "first_s": each.first_s, "stand_in": each.stand_in}
                 for each in self.unknown
             ],
-            "alphabet": self.reading.alphabet if self.reading else "",
-            "alphabet_guessed": bool(self.reading and self.reading.guessed),
-            "alphabet_could_be": list(self.reading.others) if self.reading else [],
+            "alphabet": self.reading.alphabet,
+            "alphabet_guessed": self.reading.guessed,
+            "alphabet_could_be": list(self.reading.others),
+            "remarks": list(self.remarks),
         }

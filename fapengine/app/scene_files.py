@@ -46,6 +46,8 @@ class Into:
 
 def check_avatar(path: Path, into: Into) -> None:
     """Reject options that a file with an avatar does not support. Raises UsageError."""
+    if into.avatar.suffix[1:].isalpha() and not (into.is_foreign or into.avatar.is_dir()):
+        raise UsageError(f"into: got {into.avatar}, expected an avatar ({', '.join(AVATARS)}) or the name of a head")
     if into.keys not in WAYS:
         raise UsageError(f"keys: got {into.keys!r}, expected {' or '.join(WAYS)}")
     if _is_usd(path) and (into.is_foreign or into.keys != STRAIGHT or into.mapping is not None):

@@ -1,20 +1,19 @@
 """Scores of lip syncs, from files of motion, timings and sound."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.app.manner import Manner
-from fapengine.app.performance import perform, pronounced
+from fapengine.app.performance import perform, read_timings
 from fapengine.errors import DataError, UsageError
 from fapengine.files.landmarks import landmarks_of
 from fapengine.files.motion import load_motion
 from fapengine.files.paths import write_bytes
 from fapengine.files.sound import inspect_sound, load_sound
-from fapengine.files.timings import load_timings
 from fapengine.files.video import FILMS
 from fapengine.mpeg4.track import FapTrack
 from fapengine.retarget.blend import ADULT
@@ -49,10 +48,10 @@ class ScoreJob:
     """Start of the lip sync within the other files."""
     closed_mm: float = CLOSED_MM
     """Lip opening below which lips count as closed."""
-    voice: str = "en-us"
-    """Voice that pronounces timings which have words only."""
-    read_phones: Callable[[Path], PhoneTrack] = load_timings
-    """Reader of the timings; by default the format is detected."""
+    voice: str | None = None
+    """Voice that pronounces timings which have words only; by default that of the file's language."""
+    how: Mapping[str, str | None] = field(default_factory=dict)
+    """Options of :func:`fapengine.files.timings.load_timings`."""
     output: Path | None = None
     """File for the report, HTML; None for none."""
 
@@ -70,7 +69,7 @@ def run_score(job: ScoreJob, *, on_frame: Callable[[], None] = lambda: None) -> 
     if job.output is not None and job.output.suffix not in (".html", ".htm"):
         raise UsageError(f"output: got {job.output}, expected a name that ends with .html")
     made = _mouth(job.made, job.offset_s, on_frame)
-    phones = pronounced(job.read_phones(job.phones), job.voice) if job.phones is not None else None
+    phones = read_timings(job.phones, job.voice, **job.how) if job.phones is not None else None
     truth = _mouth(job.against, 0.0, on_frame) if job.against is not None else None
     if job.plan and phones is not None:
         truth = mouth_of(plan_of(phones, (len(made.times_s) - 1) / (made.end_s - float(made.times_s[0]))))

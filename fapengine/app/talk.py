@@ -9,7 +9,6 @@ import numpy as np
 from fapengine.app.outputs import RHUBARB, OutputKind, SaveOptions, find_kind
 from fapengine.app.performance import Performance
 from fapengine.app.report import Report
-from fapengine.errors import DataError
 from fapengine.files.moving import beside, moving_files
 from fapengine.files.paths import is_standard
 from fapengine.files.pictures import contact_sheet, save_png
@@ -23,8 +22,10 @@ KEY_FRACTION = 0.3
 """Part of a phone's duration after which it is shown: its keyframe."""
 
 
-def outputs_of(path: Path, *, sound: bool, inputs: Collection[Path] = (), recording: bool = False) -> list[Path]:
-    """List the files that :func:`write_talk` writes.
+def outputs_of(
+    path: Path, *, sound: bool, inputs: Collection[Path] = (), recording: bool = False
+) -> tuple[list[Path], list[Path]]:
+    """List the files that :func:`write_talk` writes: the output, and those beside it.
 
     Parameters
     ----------
@@ -36,9 +37,9 @@ def outputs_of(path: Path, *, sound: bool, inputs: Collection[Path] = (), record
     recording : bool
         True if the sound comes from a file of the user.
     """
-    kind = find_kind(path, "say")
-    files = moving_files(path) if kind.is_image else [path]
-    return files + _companions(path, kind, sound=sound, inputs=inputs, recording=recording)
+    kind = find_kind(path)
+    companions = _companions(path, kind, sound=sound, inputs=inputs, recording=recording)
+    return moving_files(path) if kind.is_image else [path], companions
 
 
 def _companions(
@@ -52,27 +53,13 @@ def _companions(
     return [name for name in names if name.suffix != ".wav" or (has_sound and not _is_among(name, inputs))]
 
 
-def refuse_unknown(phones: PhoneTrack, where: str) -> None:
-    """Reject a track with unknown labels, or with labels that two alphabets read differently.
-
-    Raises
-    ------
-    DataError
-        Its message lists them; ``where`` is the file or the voice.
-    """
-    if phones.reading is not None and phones.reading.others:
-        raise DataError(f"alphabet: got {phones.reading}, expected labels of one alphabet", where=where)
-    if unknown := find_unknown(phones):
-        raise DataError(f"unknown phones: got {'; '.join(map(str, unknown))}, expected IPA", where=where)
-
-
 def note_speech(performance: Performance, report: Report) -> None:
     """Fill in the figures of the speech."""
     phones = performance.phones
     report.frames, report.rate_hz = len(performance.track), performance.track.rate_hz
     report.duration_s, report.level = performance.duration_s, phones.level
     report.phones = sum(not phone.is_silence for phone in phones.phones)
-    report.unknown, report.reading = find_unknown(phones), phones.reading
+    report.unknown, report.reading, report.remarks = find_unknown(phones), phones.reading, performance.remarks
 
 
 def write_talk(performance: Performance, path: Path, options: SaveOptions, *, inputs: Collection[Path] = ()) -> None:
@@ -95,7 +82,7 @@ def write_talk(performance: Performance, path: Path, options: SaveOptions, *, in
     ResourceError
         If a file cannot be written, or there is no OpenGL.
     """
-    kind, report, track = find_kind(path, "say"), options.report, performance.track
+    kind, report, track = find_kind(path), options.report, performance.track
     note_speech(performance, report)
     has_sound, has_recording = performance.sound is not None, options.recording is not None
     companions = _companions(path, kind, sound=has_sound, inputs=inputs, recording=has_recording)

@@ -323,7 +323,7 @@ class ServerSource(Source):
             if not self._link.is_speaking:
                 self._pause(False)  # as the face's, it ends with what was being said
         if self._sound is not None:
-            self._sound.follow(self._clock())
+            self._sound.play(self._clock())
         return self._link.faps()
 
     def status(self) -> str:
@@ -367,7 +367,7 @@ class ServerSource(Source):
         self.is_paused = on
         if self._sound is not None:
             self._sound.pause(on)
-        if on or self._sound is None or not self._sound.is_playing:  # a sound that resumes reports where: that is exact
+        if on or self._sound is None or not self._sound.playing:  # a sound that resumes reports where: that is exact
             self._link.send("pause" if on else "resume")
 
 
@@ -389,7 +389,7 @@ def open_file(path: Path, audio: Path | None = None, *, device: str | None = Non
     title = f"fapengine, {path.name}"
     if audio is None:
         return TrackSource(track, time.monotonic, title=title)
-    samples, rate_hz = load_sound(audio)
+    samples, rate_hz = load_sound(audio, spoken_s=track.times_s[-1])
     output = open_output(rate_hz, device=device, silent=silent)
     return TrackSource(track, time.monotonic, title=title, samples=samples, sample_rate_hz=rate_hz, output=output)
 

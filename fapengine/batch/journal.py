@@ -34,6 +34,8 @@ class Done:
     phones: int = 0
     unknown: int = 0
     """Number of unknown phones."""
+    remarks: tuple[str, ...] = ()
+    """What looked wrong, and what was assumed."""
     seconds: float = 0.0
     """Processing time."""
     error: str = ""

@@ -13,7 +13,7 @@ from fapengine.files.paths import write_bytes
 from fapengine.files.report.parts import page, table
 
 INDEX, PAGE = "index.csv", "index.html"
-COLUMNS = ("id", "state", "file", "bytes", "duration_s", "frames", "phones", "unknown", "seconds", "error")
+COLUMNS = ("id", "state", "file", "bytes", "duration_s", "frames", "phones", "unknown", "seconds", "error", "remarks")
 PERCENTILES = (5, 25, 50, 75, 95, 100)
 WORST = 10
 
@@ -37,7 +37,7 @@ def format_index(rows: Sequence[Row], done: Mapping[str, Done]) -> bytes:
         name, (size, _) = next(iter(entry.outputs.items()), ("", (0, 0)))
         state = "failed" if entry.error else "done"
         figures = (entry.duration_s, entry.frames, entry.phones, entry.unknown, entry.seconds)
-        writer.writerow([row.id, state, name, size, *figures, entry.error])
+        writer.writerow([row.id, state, name, size, *figures, entry.error, "; ".join(entry.remarks)])
     return buffer.getvalue().encode()
 
 

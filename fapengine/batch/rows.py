@@ -5,18 +5,18 @@ from pathlib import Path
 
 from fapengine.app.fit import OWNED, FitJob
 from fapengine.app.manner import manner_of, voice_of
-from fapengine.app.outputs import SaveOptions, check_output
+from fapengine.app.outputs import OUTPUT_KINDS, SaveOptions, check_output, find_kind
 from fapengine.codec.encoder import EncoderOptions
 from fapengine.errors import UsageError
 from fapengine.files.outputs import files_in
 from fapengine.laboratory.fit import FitOptions
 from fapengine.models.via_points import STRAIGHT
 from fapengine.render.drawing import Drawing
-from fapengine.speaking import SpeakingOptions
+from fapengine.speaking import DEFAULT_VOICE, SpeakingOptions
 
 PROFILE = "profile"
-KINDS = ("fba", "fap", "mp4", "csv", "glb", PROFILE)
-"""Kinds of output; a profile is a folder."""
+KINDS = (*(row.ending[1:] for row in OUTPUT_KINDS if row.ending.startswith(".")), PROFILE)
+"""Kinds of output: all files that ``say`` writes, and a profile, which is a folder."""
 FILES = ("session", "timings", "audio", "into", "map")
 """Columns that name files, or a folder of recordings, relative to the manifest."""
 
@@ -25,7 +25,7 @@ FILES = ("session", "timings", "audio", "into", "map")
 class Options(SpeakingOptions):
     """Options of ``say``, ``animate``, ``encode``, ``convert`` and ``fit``, with their names and defaults."""
 
-    language: str = "en-us"
+    language: str = DEFAULT_VOICE
     channel: int | None = None
     format: str | None = None
     tier: str | None = None
@@ -37,7 +37,7 @@ class Options(SpeakingOptions):
     background: str = "studio"
     edges: str = "soft"
     size: str = "512x512"
-    shapes: str = "arkit"
+    shapes: str | None = None
     quant: int = 1
     kbps: float | None = None
     into: str | None = None
@@ -52,24 +52,30 @@ class Options(SpeakingOptions):
     report: bool = True
     faps: bool = False
 
+    @property
+    def chosen_voice(self) -> str | None:
+        """Voice of timed words; None if voice and language are the default, which gives way to the file's language."""
+        return next((each for each in (self.voice, self.language) if each != DEFAULT_VOICE), None)
+
     def saving(self, kind: str) -> SaveOptions:
         """Return the options of a file of this kind. Raises UsageError for an invalid one."""
-        if kind == "mp4":
-            drawing = Drawing.parse(size=self.size, camera=self.camera, background=self.background, edges=self.edges)
-            return SaveOptions(head=self.head, drawing=drawing)
-        if kind == "glb" and self.into:
+        into = None
+        if self.into and find_kind(Path(f"a.{kind}")).takes_avatar:
             from fapengine.app.scene_files import Into  # with scipy
 
-            return SaveOptions(into=Into(Path(self.into), self.keys, Path(self.map) if self.map else None))
+            into = Into(Path(self.into), self.keys, Path(self.map) if self.map else None)
         return SaveOptions(
+            head=self.head,
+            drawing=Drawing.parse(size=self.size, camera=self.camera, background=self.background, edges=self.edges),
             shapes=self.shapes,
             encoding=EncoderOptions(quant=self.quant, kbit_s=self.kbps) if kind == "fba" else None,
+            into=into,
         )
 
     def fitting(self, session: Path, output: Path) -> FitJob:
         """Return the job that learns a profile from a session. Raises UsageError for invalid options."""
         return FitJob(
-            session=session, output=output, units=self.units, up=self.up, seed=self.seed, voice=self.voice,
+            session=session, output=output, units=self.units, up=self.up, seed=self.seed, voice=self.chosen_voice,
             options=FitOptions(
                 modes=self.modes, k=self.subset, tolerance_mm=self.tolerance, held_out=self.held_out
             ),
@@ -83,7 +89,7 @@ class Options(SpeakingOptions):
         if kind == PROFILE:
             self.fitting(Path("a"), Path("b"))
         else:
-            check_output(Path(f"a.{kind}"), "", self.saving(kind), rate_hz=self.fps)
+            check_output(Path(f"a.{kind}"), self.saving(kind), rate_hz=self.fps)
 
 
 OPTION_NAMES = tuple(each.name for each in fields(Options))

@@ -10,19 +10,18 @@ from typing import Any
 import fapengine
 from fapengine.app.fit import run_fit
 from fapengine.app.manner import manner_of, voice_of
-from fapengine.app.outputs import write_output
-from fapengine.app.performance import Performance, animate, perform, pronounced, speak
-from fapengine.app.talk import refuse_unknown
+from fapengine.app.outputs import find_kind, write_output
+from fapengine.app.performance import Performance, animate, perform, read_timings, speak
 from fapengine.batch.journal import Done, checksum
 from fapengine.batch.rows import Options, Row
 from fapengine.errors import FapEngineError
 from fapengine.files.paths import read_bytes
 from fapengine.files.profiles import load_profile
 from fapengine.files.sound import load_sound
-from fapengine.files.timings import load_timings
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.profiles import Profile
 from fapengine.speech.phone_track import find_unknown
+from fapengine.speech.plausible import refuse
 from fapengine.voices.choice import VoiceChoice
 from fapengine.voices.process import FreshVoices
 from fapengine.voices.protocol import Speech
@@ -63,6 +62,7 @@ def _save(row: Row, job: Job) -> dict[str, Any]:
         "duration_s": round(performance.duration_s, 4), "frames": len(performance.track),
         "phones": sum(not phone.is_silence for phone in performance.phones.phones),
         "unknown": sum(unknown.count for unknown in find_unknown(performance.phones)),
+        "remarks": performance.doubts,
     }  # fmt: skip
 
 
@@ -79,12 +79,12 @@ def perform_row(row: Row) -> Performance:
     options = row.options
     manner = replace(manner_of(options), profile=loaded_profile(options.profile))
     if row.timings is not None:
-        read = load_timings(
-            row.timings, file_format=options.format, tier=options.tier, alphabet=options.alphabet,
+        read = read_timings(
+            row.timings, options.chosen_voice, file_format=options.format, tier=options.tier, alphabet=options.alphabet,
             columns=options.columns,
         )  # fmt: skip
-        sound = load_sound(row.audio, channel=options.channel) if row.audio else None
-        performance = perform(pronounced(read, options.voice), sound, manner, text=row.timings.name)
+        sound = load_sound(row.audio, channel=options.channel, spoken_s=read.duration_s) if row.audio else None
+        performance = perform(read, sound, manner, text=row.timings.name)
     else:
         chosen: dict[str, Any] = {
             "expressions": manner.expressions, "style": manner.style, "profile": manner.profile, "seed": manner.seed,
@@ -98,14 +98,14 @@ def perform_row(row: Row) -> Performance:
             assert row.text is not None
             performance = speak(row.text, voice=_Fresh(voice_of(options)), **chosen)
     if options.strict:
-        refuse_unknown(performance.phones, row.id)
+        refuse(performance.doubts, row.id)
     return performance
 
 
 def save_row(performance: Performance, path: Path, options: Options) -> None:
     """Write the file of a row; the ending of its name is the kind."""
-    saving = replace(options.saving(path.suffix[1:]), sound=performance.sound)
-    if path.suffix == ".mp4":
+    saving = replace(options.saving(path.suffix[1:]), sound=performance.sound, phones=performance.phones)
+    if find_kind(path).is_drawn:
         saving = replace(saving, head=loaded_head(options.head))
     write_output(performance.track, path, saving)
 

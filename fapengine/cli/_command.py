@@ -30,8 +30,8 @@ ALIASES = {
     "offset_s": "offset", "bus": "nats", "sound": "play",
 }  # fmt: skip
 """Parameter names of the library to those of the commands, where they differ."""
-at_end: ContextVar[Callable[[Callable[[], object]], object]] = ContextVar("at_end")
-"""Registers a function that is called when the running command has ended, in success or failure."""
+running: ContextVar[typer.Context] = ContextVar("running")
+"""The running command; its ``call_on_close`` registers what is done when it has ended, in success or failure."""
 
 
 def command(function: Callable[..., None]) -> Callable[..., None]:
@@ -52,7 +52,7 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
     parameters = [_spelled(parameter) for parameter in parameters]
 
     def run(context: typer.Context, **values: Any) -> None:
-        at_end.set(context.call_on_close)
+        running.set(context)
         try:
             for name, value in values.items():
                 values[name] = _checked(name, value, kinds[name])
@@ -60,7 +60,7 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
                 values[name] = group(**{field.name: values.pop(field.name) for field in fields(group)})
             function(**values)
         except FapEngineError as error:
-            raise _reworded(error, _flags(context)) from error
+            raise _reworded(error, flags_of(context)) from error
 
     functools.update_wrapper(run, function)
     run.__doc__ = help_of(function.__doc__ or "")
@@ -109,15 +109,20 @@ def with_flags(text: str, flags: Mapping[str, str], *, names_parameter: bool = T
     """
 
     def option(match: re.Match[str]) -> str:
-        name = ALIASES.get(match["name"], match["name"])
+        name = _own(match["name"], flags)
         if match[0] in flags:
             return flags[match[0]]
         return f"{flags[name]} {match['value']}" if name in flags else match[0]
 
-    text = re.sub(r"\b(?P<name>[a-z_]+)=(?P<value>[A-Za-z]+)", option, text)
+    text = re.sub(r"\b(?P<name>[a-z_]+)=(?P<value>'[^']*'|[A-Za-z]+)", option, text)
     name, colon, rest = text.partition(":")
-    name = ALIASES.get(name, name)
+    name = _own(name, flags)
     return f"{flags[name]}{colon}{rest}" if names_parameter and colon and name in flags else text
+
+
+def _own(name: str, flags: Mapping[str, str]) -> str:
+    """Name of the command's parameter for one of the library."""
+    return name if name in flags else ALIASES.get(name, name)
 
 
 def _checked(name: str, value: Any, kind: Any) -> Any:
@@ -184,7 +189,7 @@ def _option(field: "Field[Any]") -> inspect.Parameter:
     )  # fmt: skip
 
 
-def _flags(context: typer.Context) -> dict[str, str]:
+def flags_of(context: typer.Context) -> dict[str, str]:
     """Return the option of each parameter of the running command, for :func:`with_flags`."""
     flags: dict[str, str] = {}
     for parameter in context.command.params:
@@ -192,6 +197,8 @@ def _flags(context: typer.Context) -> dict[str, str]:
             flags[parameter.name] = max(parameter.opts, key=len)
             if parameter.secondary_opts:
                 flags[f"{parameter.name}=False"] = parameter.secondary_opts[0]
+            if getattr(parameter, "is_flag", False):
+                flags[f"{parameter.name}=True"] = flags[parameter.name]
     return flags
 
 

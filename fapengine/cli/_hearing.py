@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from fapengine.speaking import DEFAULT_VOICE
+
 if TYPE_CHECKING:
     from fapengine.app.hearing import Hearing
 
@@ -18,8 +20,12 @@ Transcript = Annotated[
     str | None, typer.Option("--transcript", help="Transcript as text.", rich_help_panel=HEARING)
 ]  # fmt: skip
 Language = Annotated[
-    str,
-    typer.Option("--language", help="Language of the transcript: en-us, de, fr-fr, ...", rich_help_panel=HEARING),
+    str | None,
+    typer.Option(
+        "--language",
+        help="Language of the transcript or of timed words: en-us, de, french, ... Default: the file's, else en-us.",
+        rich_help_panel=HEARING,
+    ),
 ]
 Channel = Annotated[
     str | None,
@@ -92,7 +98,7 @@ def transcript_of(text: Path | None, transcript: str | None) -> str | None:
 
 
 def hear_with_bar(
-    path: Path, *, transcript: str | None, language: str, channel: int | None, recognizer: Path | None
+    path: Path, *, transcript: str | None, language: str | None, channel: int | None, recognizer: Path | None
 ) -> "Hearing":
     """Recognize a file with a progress bar; see :func:`fapengine.app.hearing.hear`."""
     from fapengine.app.hearing import hear
@@ -101,5 +107,6 @@ def hear_with_bar(
 
     with progress("listening, s", round(inspect_sound(path).duration_s)) as advance:
         return hear(
-            path, transcript=transcript, language=language, channel=channel, recognizer=recognizer, on_heard=advance
-        )
+            path, transcript=transcript, language=language or DEFAULT_VOICE, channel=channel, recognizer=recognizer,
+            on_heard=advance,
+        )  # fmt: skip

@@ -13,7 +13,7 @@ def align(
     sound: Annotated[Path, typer.Argument(help="Recording: WAV, FLAC, MP3, Ogg, Opus, M4A or any video.")],
     text: _hearing.Text = None,
     transcript: _hearing.Transcript = None,
-    language: _hearing.Language = "en-us",
+    language: _hearing.Language = None,
     channel: _hearing.Channel = None,
     recognizer: _hearing.RecognizerName = None,
     output: Annotated[

@@ -7,7 +7,7 @@ import typer
 
 from fapengine.cli import _hearing
 from fapengine.cli import options as shared
-from fapengine.speaking import DEFAULT_VOICE, MannerOptions
+from fapengine.speaking import MannerOptions
 
 
 def animate(
@@ -24,12 +24,10 @@ def animate(
     shapes: shared.Shapes = None,
     text: _hearing.Text = None,
     transcript: _hearing.Transcript = None,
-    language: _hearing.Language = "en-us",
+    language: _hearing.Language = None,
     channel: _hearing.Channel = None,
     recognizer: _hearing.RecognizerName = None,
-    voice: Annotated[
-        str, typer.Option("--voice", "-v", help="Voice that pronounces timings without phones.")
-    ] = DEFAULT_VOICE,
+    voice: shared.WordsVoice = None,
     head: shared.HeadName = "default",
     strict: shared.Strict = False,
     timings: shared.TimingOptions = shared.TimingOptions(),
@@ -53,15 +51,16 @@ def animate(
     from fapengine.app.hearing import is_sound, with_loudness
     from fapengine.app.manner import manner_of
     from fapengine.app.outputs import RHUBARB, SaveOptions, check_output
-    from fapengine.app.performance import perform, pronounced
+    from fapengine.app.performance import perform, read_timings
     from fapengine.app.report import Report
-    from fapengine.app.talk import outputs_of, refuse_unknown
+    from fapengine.app.talk import outputs_of
     from fapengine.cli._hearing import channels_of, hear_with_bar, transcript_of
     from fapengine.cli._printing import working
-    from fapengine.cli._talking import print_reports, write
+    from fapengine.cli._talking import print_remarks, print_reports, write
     from fapengine.errors import UsageError
     from fapengine.files.paths import is_standard, standard_output
     from fapengine.files.sound import load_sound
+    from fapengine.speech.plausible import refuse
 
     listens = is_sound(source)
     of_timings = {"--audio": audio, **timings.given}
@@ -77,15 +76,13 @@ def animate(
     tracks = channels_of(channel, source if listens else None, output, has_words=has_words)
     recording = source if listens else audio
     saving = SaveOptions(head=head, drawing=how, shapes=shapes, into=into, recording=recording)
-    check_output(output, "say", saving, rate_hz=chosen.rate_hz)
+    names = [outputs_of(path, sound=recording is not None, inputs=inputs, recording=True) for _, path in tracks]
     writing.check(
-        [
-            name
-            for _, path in tracks
-            for name in outputs_of(path, sound=recording is not None, inputs=inputs, recording=True)
-        ],
+        [name for files, _ in names for name in files],
         [*inputs, text, recognizer, head, manner.profile, drawing.background, avatar.into, avatar.mapping],
+        beside=[name for _, beside in names for name in beside],
     )
+    check_output(output, saving, rate_hz=chosen.rate_hz)
     words = transcript_of(text, transcript) if listens else None
     reports: list[Report] = []
     for number, path in tracks:
@@ -99,16 +96,16 @@ def animate(
             phones, report.notes = hearing.phones, hearing.notes
         else:
             with report.stage("read"):
-                phones = pronounced(timings.load(source), voice)
+                phones = read_timings(source, voice, language=language, **timings.how)
         with report.stage("read"):
-            sound = load_sound(recording, channel=number) if recording else None
+            spoken_s = None if listens else phones.duration_s
+            sound = load_sound(recording, channel=number, spoken_s=spoken_s) if recording else None
             if sound is not None and not listens:
                 phones = with_loudness(phones, *sound)
-        if strict:
-            refuse_unknown(phones, str(source))
         with report.stage("plan"):
             performance = perform(phones, sound, chosen, text=source.name)
-        for remark in performance.remarks:
-            typer.echo(f"fapengine: {remark}", err=True)
+        if strict:
+            refuse(performance.doubts, str(source))
+        print_remarks(performance.doubts)
         write(performance, path, replace(saving, report=report), inputs=inputs)
     print_reports(reports, as_json=as_json, err=is_standard(output))

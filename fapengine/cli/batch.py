@@ -27,7 +27,9 @@ def batch(
     to: Annotated[
         str,
         typer.Option(
-            "--to", help="Output type: fba, fap, mp4, csv, glb (with --into, or a column into) or profile (see `fit`)."
+            "--to",
+            help="Output type: the ending of any file that `say` writes (fba, fap, mp4, csv, json, glb ...), or profile"
+            " (see `fit`).",
         ),
     ] = "fba",
     text: Annotated[
@@ -79,8 +81,10 @@ def batch(
     from fapengine.batch.run import on_dask, on_this_machine, plan_run, run, serially
     from fapengine.batch.work import Job
     from fapengine.cli._printing import print_result, progress
+    from fapengine.cli._talking import print_remarks
     from fapengine.errors import UsageError
     from fapengine.files.outputs import check_outputs
+    from fapengine.files.paths import resolved
 
     folder = Path(manifest)
     is_run = folder.is_dir()
@@ -102,7 +106,7 @@ def batch(
         avatar.value()
         into, mapping = (_place(path) for path in (avatar.into, avatar.mapping))
         options = Options(keys=avatar.keys, into=into, map=mapping)
-        pattern = manifest if any(letter in manifest for letter in "*?[") else str(folder.resolve())
+        pattern = manifest if any(letter in manifest for letter in "*?[") else str(resolved(folder))
         corpus = Corpus(manifest=pattern, kind=to, text=text, options=options)
     number, count = _share(shard)
     journal = output / (f"journal.{number}-of-{count}.jsonl" if shard else "journal.jsonl")
@@ -125,7 +129,12 @@ def batch(
     failed = [done[row.id] for row in mine if row.id in done and done[row.id].error]
     facts: dict[str, object] = {"rows": len(mine), "done": len(done) - len(failed), "new": len(plan.left)}
     facts["failed"] = {one.id: one.error for one in failed}
+    facts["remarks"] = {row.id: list(done[row.id].remarks) for row in mine if row.id in done and done[row.id].remarks}
     print_result(facts, *_lines(str(output), len(mine), len(done) - len(failed), failed, 0), as_json=as_json)
+    remarks = [f"{row.id}: {remark}" for row in mine if row.id in done for remark in done[row.id].remarks]
+    print_remarks(remarks[:MAX_LISTED])
+    if len(remarks) > MAX_LISTED:
+        print_remarks([f"and {len(remarks) - MAX_LISTED} more remarks: index.csv"])
     if failed:
         raise typer.Exit(2)
 

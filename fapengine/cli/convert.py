@@ -1,6 +1,7 @@
 """``fapengine convert``: convert face motion between file formats."""
 
 from pathlib import Path
+from typing import Annotated
 
 import typer
 
@@ -8,25 +9,15 @@ from fapengine.cli import options as shared
 
 
 def convert(
-    motion: Path = typer.Argument(
-        ...,
-        help="FAPs (.fap, .fba), a table of ARKit, Oculus or VRM weights (.csv; Azure frames, .json), or VMC (.osc);"
-        " with --into a dense face, a marker recording (.c3d, .trc, .npz).",
-    ),
-    output: Path = typer.Option(
-        ...,
-        "--output",
-        "-o",
-        help="FAPs (.fap); weights and head rotation (.csv); mouth cues (.json, .tsv, .xml, .dat); with --into,"
-        " an avatar (.glb, .vrm) or a built-in head (.usda, .usdc); an animation for VRM avatars (.vrma). - writes a"
-        " table to standard output; -.fap chooses another type.",
-    ),
-    shapes: str | None = typer.Option(
-        None,
-        "--shapes",
-        help="Shapes of a table: arkit (52, the default), oculus (15 visemes), vrm0 or vrm1 (presets). Of .vrma: vrm1"
-        " (the default) or arkit. Of .json, .tsv, .xml, .dat: rhubarb (nine mouth shapes).",
-    ),
+    motion: Annotated[
+        Path,
+        typer.Argument(
+            help="FAPs (.fap, .fba), a table of ARKit, Oculus or VRM weights (.csv; Azure frames, .json), or VMC"
+            " (.osc); with --into a dense face, a marker recording (.c3d, .trc, .npz)."
+        ),
+    ],
+    output: shared.Output,
+    shapes: shared.Shapes = None,
     avatar: shared.AvatarOptions = shared.AvatarOptions(),
     as_json: shared.AsJson = False,
     writing: shared.WriteOptions = shared.WriteOptions(),
@@ -51,8 +42,8 @@ def convert(
 
     output = standard_output(output, ".json" if shapes == RHUBARB else ".csv")
     options = SaveOptions(shapes=shapes, into=avatar.value(), name=motion.stem)
-    kind = check_output(output, "convert", options, rate_hz=0.0)
     writing.check([output], [motion, avatar.into, avatar.mapping])
+    kind = check_output(output, options, rate_hz=0.0)
     if is_take(motion):
         from fapengine.app.scene_files import save_take_scene  # with scipy
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from fapengine.cli.options import AsJson, WriteOptions
+from fapengine.cli.options import AsJson, WordsVoice, WriteOptions
 
 if TYPE_CHECKING:
     from fapengine.app.fit import FitJob
@@ -31,7 +31,7 @@ def fit(
     units: str | None = typer.Option(None, "--units", help="Units of recordings without units: mm, cm, m or inch."),
     up: str | None = typer.Option(None, "--up", help="Up axis: +y, +z, ..."),
     seed: int = typer.Option(1, "--seed", min=0, help="Random seed of the split into training and held-out takes."),
-    voice: str = typer.Option("en-us", "--voice", "-v", help="Voice that pronounces timings without phones."),
+    voice: WordsVoice = None,
     report: bool = typer.Option(True, "--report/--no-report", help="Write report.html into the profile folder."),
     faps: bool = typer.Option(False, "--faps", help="Also write every take as FAPs: takes/TAKE.fap."),
     adapt: bool = typer.Option(

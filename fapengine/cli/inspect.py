@@ -43,7 +43,7 @@ def inspect(
     from fapengine.files.pictures import save_png
 
     writing.check([output for output in (plot, sliders) if output is not None], [path])
-    source = Source(path, timings.file_format, timings.tier, timings.alphabet, timings.columns)
+    source = Source(path, **timings.how)
     report = find_kind(source).describe(source)
     if sliders is not None:
         if report.sliders is None:

@@ -1,6 +1,6 @@
 """Options that several commands share: single ones as types, groups as dataclasses."""
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from fapengine.app.say_live import LiveOutput
     from fapengine.app.scene_files import Into
     from fapengine.render.drawing import Drawing
-    from fapengine.speech.phone_track import PhoneTrack
 
 DRAWING, LIVE, AVATAR = "Rendering", "Live output", "Avatar output"
 """Titles of groups of options; that of the speaking options is :data:`fapengine.cli._command.MANNER`."""
@@ -29,8 +28,9 @@ Output = Annotated[
         "--output",
         "-o",
         help="Output file. Video: .mp4, .webm, .mkv, .mov. Animation: .gif, .webp. Image sequence: frame_%04d.png or a"
-        " folder. FAPs and sound without a video: .fap (- writes FAPs to standard output). With --into: .glb, .vrm."
-        " With --shapes rhubarb: .json, .tsv, .xml, .dat.",
+        " folder; one image: .png. FAPs: .fap (- writes them to standard output), .fba. Weights of blendshapes: .csv."
+        " Sound: .wav. With --into: .glb, .vrm, .usda, .usdc, .usd. Animation for VRM avatars: .vrma. With --shapes"
+        " rhubarb: .json, .tsv, .xml, .dat.",
     ),
 ]
 HeadName = Annotated[
@@ -53,9 +53,25 @@ CameraName = Annotated[
 ]
 Size = Annotated[str, typer.Option("--size", help="Image size in pixels, WIDTHxHEIGHT.", rich_help_panel=DRAWING)]
 Shapes = Annotated[
-    str | None, typer.Option("--shapes", help="Write mouth cues instead of a face. Set: rhubarb (nine shapes).")
+    str | None,
+    typer.Option(
+        "--shapes",
+        help="Shapes of a table (.csv): arkit (52, the default), oculus (15 visemes), vrm0 or vrm1 (presets). Of .vrma:"
+        " vrm1 (the default) or arkit. Of .json, .tsv, .xml, .dat: rhubarb (nine mouth shapes).",
+    ),
 ]
-Strict = Annotated[bool, typer.Option("--strict", help="Fail on an unknown phone instead of using a neutral vowel.")]
+Strict = Annotated[
+    bool,
+    typer.Option("--strict", help="Fail on anything that looks wrong or had to be assumed, such as an unknown phone."),
+]
+WordsVoice = Annotated[
+    str | None,
+    typer.Option(
+        "--voice",
+        "-v",
+        help="Voice that pronounces timings without phones. Default: the file's language, else en-us.",
+    ),
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 Device = Annotated[
     str | None,
@@ -151,7 +167,13 @@ class WriteOptions:
         bool, typer.Option("--no-overwrite", help="Do not overwrite existing files. Checked before any work starts.")
     ] = False
 
-    def check(self, outputs: "Iterable[Path]", inputs: "Iterable[Path | str | None]" = ()) -> None:
+    def check(
+        self,
+        outputs: "Iterable[Path]",
+        inputs: "Iterable[Path | str | None]" = (),
+        *,
+        beside: "Iterable[Path]" = (),
+    ) -> None:
         """Check the output names; when the command has finished, report which files were replaced.
 
         Parameters
@@ -159,17 +181,21 @@ class WriteOptions:
         outputs : iterable of Path
         inputs : iterable of Path or str
             Files and folders that are read; None, and names of other things, are ignored.
+        beside : iterable of Path
+            Further outputs, which the user did not name: existing ones are replaced only if fapengine wrote them.
 
         Raises
         ------
         UsageError, ResourceError
-            As :func:`fapengine.files.outputs.check_outputs` does.
+            As :func:`fapengine.files.outputs.check_outputs` and ``refuse_foreign`` do.
         """
-        from fapengine.cli._command import at_end
-        from fapengine.files.outputs import check_outputs, listed, marks_of
+        from fapengine.cli._command import running
+        from fapengine.files.outputs import check_outputs, listed, marks_of, refuse_foreign
 
+        beside = list(beside)
         read = [Path(path) for path in inputs if path is not None]
-        before = marks_of(check_outputs(outputs, read, overwrite=not self.no_overwrite))
+        before = marks_of(check_outputs([*outputs, *beside], read, overwrite=not self.no_overwrite))
+        refuse_foreign(beside)
 
         def tell() -> None:
             after = marks_of(before)
@@ -177,14 +203,14 @@ class WriteOptions:
                 typer.echo(f"fapengine: replaced {listed(replaced)}", err=True)
 
         if before:
-            at_end.get()(tell)
+            running.get().call_on_close(tell)
 
 
 @dataclass(frozen=True, slots=True)
 class TimingOptions:
     """How phone timings are read."""
 
-    file_format: Annotated[
+    format: Annotated[
         str | None, typer.Option("--format", help="Format of the timings, if it cannot be detected: textgrid, htk, ...")
     ] = None
     tier: Annotated[str | None, typer.Option("--tier", help="TextGrid: tier with the phones.")] = None
@@ -203,20 +229,12 @@ class TimingOptions:
     @property
     def given(self) -> "Mapping[str, str | None]":
         """Value of each option by its flag; None if it was not given."""
-        return {
-            "--format": self.file_format,
-            "--tier": self.tier,
-            "--alphabet": self.alphabet,
-            "--columns": self.columns,
-        }
+        return {f"--{name}": value for name, value in asdict(self).items()}
 
-    def load(self, path: Path) -> "PhoneTrack":
-        """Read timings; see :func:`fapengine.files.timings.load_timings`."""
-        from fapengine.files.timings import load_timings
-
-        return load_timings(
-            path, file_format=self.file_format, tier=self.tier, alphabet=self.alphabet, columns=self.columns
-        )
+    @property
+    def how(self) -> "Mapping[str, str | None]":
+        """Options of :func:`fapengine.files.timings.load_timings`."""
+        return {"file_format": self.format, "tier": self.tier, "alphabet": self.alphabet, "columns": self.columns}
 
 
 @dataclass(frozen=True, slots=True)

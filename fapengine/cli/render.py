@@ -117,7 +117,7 @@ def render(
         rate_hz, rows = fps, [rows[index] for index in chosen] if isinstance(rows, list) else rows[chosen]
     if not is_one:
         check_moving(output, rate_hz=rate_hz, size=crowd_size(how, faces), alpha=how.components == 4)
-    sound = load_sound(audio) if audio else None
+    sound = load_sound(audio, spoken_s=len(rows) / rate_hz) if audio else None
     last_s = (len(rows) - 1) / rate_hz
     with open_crowd(meshes, how) as crowd:
         if is_one and sheet:

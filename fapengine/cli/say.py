@@ -87,13 +87,13 @@ def say(
     from fapengine.app.outputs import RHUBARB, SaveOptions, check_output
     from fapengine.app.performance import LEAD_S, TAIL_S, perform
     from fapengine.app.report import Report
-    from fapengine.app.talk import outputs_of, refuse_unknown
-    from fapengine.cli._command import with_flags
+    from fapengine.app.talk import outputs_of
     from fapengine.cli._printing import working
-    from fapengine.cli._talking import print_reports, write
+    from fapengine.cli._talking import print_remarks, print_reports, write
     from fapengine.errors import UsageError
     from fapengine.files.paths import is_standard, standard_output
     from fapengine.speech.marks import read_marks
+    from fapengine.speech.plausible import refuse, remarks_on
     from fapengine.speech.text.normal_form import decoded, speakable
 
     output = standard_output(output, ".json" if shapes == RHUBARB else ".fap")
@@ -113,11 +113,11 @@ def say(
         raise UsageError("text: missing; give a text, or use --live --mic to speak")
     report = Report(shows=working)
     saving = SaveOptions(head=head, drawing=how, shapes=shapes, into=into, report=report)
-    check_output(output, "say", saving, rate_hz=chosen.rate_hz)
     if not live:
-        writing.check(
-            outputs_of(output, sound=True), [head, speaking.profile, drawing.background, avatar.into, avatar.mapping]
-        )
+        files, beside = outputs_of(output, sound=True)
+        read = [head, speaking.profile, drawing.background, avatar.into, avatar.mapping]
+        writing.check(files, read, beside=beside)
+    check_output(output, saving, rate_hz=chosen.rate_hz)
     if text == "-" and sys.stdin is None:
         raise UsageError("text: - reads standard input, but it is closed")
     words = decoded(sys.stdin.buffer.read()) if text == "-" else text
@@ -125,10 +125,10 @@ def say(
         speech = voice_of(speaking).load().speak(words).padded(lead_s=LEAD_S, tail_s=TAIL_S)
     shown = speakable(speech.text or read_marks(words, ssml=speaking.ssml).text).text
     shown = " ".join(shown.split()) if speaking.ssml else shown.strip()
-    for remark in speech.remarks:
-        typer.echo(f"fapengine: {with_flags(remark, {'ssml=True': '--ssml'})}", err=True)
+    remarks = (*speech.remarks, *remarks_on(speech.phones))
     if strict:
-        refuse_unknown(speech.phones, f"voice {speaking.voice}")
+        refuse(remarks, f"voice {speaking.voice}")
+    print_remarks(remarks)
     if live:
         from fapengine.cli._say_live import print_live, say_now
 
@@ -139,7 +139,8 @@ def say(
         return
     with report.stage("plan"):
         performance = perform(
-            speech.phones, (speech.samples, speech.sample_rate_hz), chosen, text=shown, marks=speech.marks
-        )
+            speech.phones, (speech.samples, speech.sample_rate_hz), chosen, text=shown, marks=speech.marks,
+            remarks=speech.remarks,
+        )  # fmt: skip
     write(performance, output, saving)
     print_reports([report], as_json=as_json, err=is_standard(output))

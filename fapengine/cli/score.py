@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from fapengine.cli.options import AsJson, TimingOptions, WriteOptions
+from fapengine.cli.options import AsJson, TimingOptions, WordsVoice, WriteOptions
 
 
 def score(
@@ -41,9 +41,7 @@ def score(
             help="Lip opening relative to neutral below which lips count as closed, in mm.",
         ),
     ] = 1.0,
-    voice: Annotated[
-        str, typer.Option("--voice", "-v", help="Voice that pronounces timings without phones.")
-    ] = "en-us",
+    voice: WordsVoice = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Report with plots (.html).")] = None,
     as_json: AsJson = False,
     timings: TimingOptions = TimingOptions(),
@@ -70,7 +68,7 @@ def score(
             raise UsageError(f"{flag}: requires --phones")
     job = ScoreJob(
         made=made, against=against, phones=phones, plan=plan, audio=audio, offset_s=offset, closed_mm=closed_mm,
-        voice=voice, read_phones=timings.load, output=output,
+        voice=voice, how=timings.how, output=output,
     )  # fmt: skip
     if output is not None:
         writing.check([output], [made, against, phones, audio])

@@ -98,7 +98,8 @@ def test_a_missing_library_is_named_with_the_command_that_installs_it(folder: Pa
     commands = [words for _, words in LACKS.values()]
     codes, told = run(folder, [WORKS[0], *commands])
     assert codes[1:] == [f"CODE {words[0]} 3" for words in commands], told
-    for (package, (install, _)), line in zip(LACKS.items(), told.splitlines(), strict=True):
+    lines = [line for line in told.splitlines() if not line.startswith("FAPENGINE_CACHE: ")]  # which needs pillow
+    for (package, (install, _)), line in zip(LACKS.items(), lines, strict=True):
         assert f"{package} is not installed. Install it with: pip install {install}" in line
 
 

@@ -15,7 +15,7 @@
 * jump to the sound: sound that is 80 ms off is jumped to
 * late phones: the sender is told how many phones came late
 * repeats of what is over: a datagram that comes twice does not start an utterance again
-* gap at the end: what is missing at the end of an utterance is asked for
+* end of a gap: phones that are missing are concealed up to the next one
 * sound outranks the clock: while a sender tells where its sound is, the clocks do not move the face
 * repeated begin: a begin that comes twice is counted and changes nothing
 * padding: an OSC string ends with at least one NUL
@@ -30,7 +30,6 @@
 * scaled pauses: VOICEVOX multiplies pauses by pauseLengthScale
 * overlap of labels: labels that overlap by more than a millisecond are refused
 * inside of a skin: feature points lie on the outside of a skin that has an inside
-* true QR: nearly dependent markers keep their digits
 * ridge: blendshapes reach the pose that FAPs ask for
 """
 

@@ -77,6 +77,7 @@ VERBS = {
     "encode --audio": Verb("encode OTHER.fap --audio INPUT -o OUTPUT", "a.mp4", ("a.mp4",)),
     "encode --epf": Verb("encode OTHER.fap --epf INPUT -o OUTPUT", "a.fba", ("a.fba",)),
     "decode": Verb("decode INPUT -o OUTPUT", "a.fap", ("a.fap",)),
+    "decode --fit": Verb("decode OTHER.fba --fit INPUT -o OUTPUT", "a.fap", ("a.fap",)),
     "convert": Verb("convert INPUT -o OUTPUT", "a.csv", ("a.csv",)),
     "convert --into": Verb("convert OTHER.fap --into INPUT -o OUTPUT", "a.glb", ("a.glb",)),
     "convert --map": Verb("convert OTHER.fap --into OTHER.glb --map INPUT -o OUTPUT", "a.glb", ("a.glb",)),
@@ -310,7 +311,7 @@ def test_an_own_recording_is_not_written_over_by_its_sound(
     from fapengine.files.sound import save_wav
 
     (tmp_path / "talk.pho").write_text(VISEMES)
-    save_wav(tmp_path / "talk.wav", np.zeros(4000, np.int16), 8000)
+    save_wav(tmp_path / "talk.wav", np.resize(np.array([900, -900], np.int16), 4000), 8000)
     before = (tmp_path / "talk.wav").read_bytes()
     words = ["animate", "talk.pho", "--audio", "talk.wav", "-o", "talk.fap", "--no-overwrite"]
     monkeypatch.chdir(tmp_path)

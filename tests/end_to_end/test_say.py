@@ -18,6 +18,7 @@ from fapengine.mesh.default_head.head import build_head
 from fapengine.render.camera import preset
 from fapengine.voices.espeak import EspeakVoice
 from tests.processes import start
+from tests.projection import project
 from tests.videos import Video, load_video
 
 SENTENCE = "Bright sunshine shimmers on the ocean."
@@ -69,7 +70,7 @@ def test_video_is_as_long_as_the_sound(folder: Path, video: Video) -> None:
 def dark_pixels(video: Video, time_s: float) -> int:
     """Pixels with less green than lips between nose and chin of the decoded picture, less those of a shut mouth."""
     head, camera = build_head(), preset("front")
-    corner, chin, nose = (camera.project(head.point_mm(name), (512, 512)) for name in ("8.3", "2.1", "9.15"))
+    corner, chin, nose = (project(camera, head.point_mm(name), (512, 512)) for name in ("8.3", "2.1", "9.15"))
     half = int(corner[0] - 256) + 6
     mouth = np.s_[int(nose[1]) + 8 : int(chin[1]) - 6, 256 - half : 256 + half, 1]
     now, shut = (int((video.frames[number][mouth] < 80).sum()) for number in (round(time_s * video.rate_hz), 0))

@@ -14,10 +14,10 @@ FILE_KINDS: tuple[FileKind, ...] = (
     tracked.MARKERS,
     faces.AVATAR,
     motion.FBA,
+    media.RECORDING,
     motion.SHAPES,
     timings.TIMINGS,
     motion.FAPS,
-    media.RECORDING,
     media.IMAGE,
 )
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict
+from io import BytesIO
 from typing import Any
 
 import numpy as np
@@ -12,11 +13,12 @@ from fapengine.codec.elementary import level_of
 from fapengine.codec.fields import FIELD_FAPS
 from fapengine.errors import DataError
 from fapengine.files.fba import load_fba, read_fba_film, read_stream
-from fapengine.files.motion import load_motion
-from fapengine.files.paths import is_mp4
+from fapengine.files.motion import load_fap, load_motion, shown
+from fapengine.files.paths import is_mp4, open_file
 from fapengine.files.pictures import Picture, bar_chart
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack
+from fapengine.mpeg4.visemes import FAP_2_EXPRESSIONS, FULL_WEIGHT, VISEMES
 from fapengine.retarget.blend_tracks import is_blend_table
 from fapengine.retarget.vmc_recording import is_vmc_recording
 
@@ -27,7 +29,8 @@ FBA_START = b"\x00\x00\x01"
 
 
 def _is_stream(source: Source) -> bool:
-    data = source.data
+    with open_file(source.path) if source.ending == ".mp4" else BytesIO(source.data) as file:
+        data = file.read(8)  # a film may be long
     return data.startswith(FBA_START) or (is_mp4(data) and read_fba_film(source.path) is not None)
 
 
@@ -44,6 +47,7 @@ def _stream(source: Source) -> Report:
         f"{facts['seconds']:.2f} s at {facts['rate_hz']:.6g} Hz, {facts['kbit_s']:.3f} kbit/s",
         f"Simple Face Animation: {f'level {level}' if level else 'within no level'}",
     ]
+    text += _high_level_lines(facts)
     if facts["body_planes"]:
         text.append(f"{facts['body_planes']} planes contain a body, which is ignored")
     rows = []
@@ -94,6 +98,7 @@ def describe_stream(decoded: Decoded, size: int) -> dict[str, Any]:
         "planes": planes,
         "fap_bits": {number: round(float(costs[number]), 1) for number in range(1, 69) if costs[number] > 0},
         "losses": [asdict(loss) for loss in decoded.losses],
+        **high_level(track),
     }
 
 
@@ -128,10 +133,11 @@ def _plane_bars(facts: dict[str, Any]) -> Picture:
 
 def _motion(source: Source, what: str) -> Report:
     """Describe face motion as FAPs; ``what`` is what the file holds."""
-    track = load_motion(source.path)
+    sent = load_fap(source.path) if source.ending == ".fap" else load_motion(source.path)
+    track = shown(sent)
     if not len(track.frame_numbers):
         raise DataError(f"{source.path}: contains no frames")
-    facts = describe_track(track)
+    facts = describe_track(track) | high_level(sent)
     skipped = f", {facts['skipped']} skipped" if facts["skipped"] else ""
     moving = sorted(facts["faps"].items(), key=lambda item: -_reach(item[1]))
     lines = [
@@ -140,6 +146,7 @@ def _motion(source: Source, what: str) -> Report:
     text: list[str | Table] = [
         f"{what}: {facts['frames']} frames at {facts['rate_hz']:g} Hz{skipped}",
         f"{facts['seconds']:.2f} s, {len(facts['faps'])} FAPs move",
+        *_high_level_lines(facts),
         Table(rows=lines, shown=FAPS_SHOWN, more="  ... and {} more (--all)"),
     ]
     return Report(facts=facts, text=text, plot=lambda: _opening(track, facts["seconds"]))
@@ -157,8 +164,30 @@ def describe_track(track: FapTrack) -> dict[str, Any]:
     return {
         "format": "FAP", "name": track.name, "rate_hz": track.rate_hz, "frames": len(track.frame_numbers),
         "skipped": count - len(track.frame_numbers), "seconds": count / track.rate_hz,
-        "visemes": bool(track.visemes.any()), "expressions": bool(track.expressions.any()), "faps": spans,
+        "faps": spans,
     }  # fmt: skip
+
+
+def high_level(track: FapTrack) -> dict[str, Any]:
+    """Name the visemes and expressions (FAP 1 and 2) that a track selects at some weight, in the standard's order."""
+    selects = (
+        ("visemes", [viseme.label for viseme in VISEMES], track.visemes[track.mask[:, 0]], ((0, 2), (1, 2))),
+        ("expressions", FAP_2_EXPRESSIONS, track.expressions[track.mask[:, 1]], ((0, 1), (2, 3))),
+    )
+    named = {}
+    for key, names, rows, places in selects:
+        weights = [rows[:, weight] if select != 1 else FULL_WEIGHT - rows[:, weight] for select, weight in places]
+        used = {
+            int(number)
+            for (select, _), weight in zip(places, weights, strict=True)
+            for number in rows[weight > 0, select]
+        }
+        named[key] = [names[number] for number in sorted(used)]
+    return named
+
+
+def _high_level_lines(facts: dict[str, Any]) -> list[str]:
+    return [f"{key}: {', '.join(facts[key])}" for key in ("visemes", "expressions") if facts[key]]
 
 
 def _reach(row: dict[str, Any]) -> float:

@@ -2,12 +2,13 @@
 
 from typing import Any
 
-from fapengine.app.inspection.report import FileKind, Markup, Report, Source, Table
+from fapengine.app.inspection.report import FileKind, Report, Source, Table
 from fapengine.files.pictures import draw_timeline
 from fapengine.files.timings import load_timings
 from fapengine.speech import ipa
 from fapengine.speech.formats.registry import FORMATS, guess_format
 from fapengine.speech.phone_track import PhoneTrack, find_unknown
+from fapengine.speech.plausible import remarks_on
 
 ROWS_SHOWN = 40
 BAR = 24
@@ -16,11 +17,7 @@ BAR = 24
 
 def _timings(source: Source) -> Report:
     track = load_timings(
-        source.path,
-        file_format=source.file_format,
-        tier=source.tier,
-        alphabet=source.alphabet,
-        columns=source.columns,
+        source.path, file_format=source.file_format, tier=source.tier, alphabet=source.alphabet, columns=source.columns
     )
     found = FORMATS.get(source.file_format or "") or guess_format(source.data, ending=source.path.suffix)
     facts = describe_timings(track, found.name if found else "", found.tool if found else "")
@@ -28,15 +25,15 @@ def _timings(source: Source) -> Report:
         f"{facts['format']} ({facts['tool']}): {facts['phones']} {facts['level']}s,"
         f" {facts['speech_s']:.2f} s of speech in {facts['duration_s']:.2f} s"
     ]
-    if track.reading is not None:
+    if track.reading.alphabet:
         text.append(str(track.reading))
+    if track.reading.language:
+        text.append(f"language: {track.reading.language}")
     if track.spelled:
         text.append("These are words; `fapengine animate` lets a voice pronounce them.")
     text.append(_timeline(track))
-    if not track.spelled:
-        text += [Markup(f"[yellow]unknown phone[/] {_plain(unknown)}") for unknown in facts["unknown"]]
     title = f"{source.path.name}: {facts['phones']} {facts['level']}s"
-    return Report(facts=facts, text=text, plot=lambda: draw_timeline(track, title=title))
+    return Report(facts=facts, text=text, plot=lambda: draw_timeline(track, title=title), warnings=facts["remarks"])
 
 
 def describe_timings(track: PhoneTrack, file_format: str, tool: str) -> dict[str, Any]:
@@ -50,9 +47,11 @@ def describe_timings(track: PhoneTrack, file_format: str, tool: str) -> dict[str
         "duration_s": track.duration_s,
         "phones": len(spoken),
         "speech_s": sum(phone.duration_s for phone in spoken),
-        "alphabet": track.reading.alphabet if track.reading else "",
-        "alphabet_guessed": bool(track.reading and track.reading.guessed),
-        "alphabet_could_be": list(track.reading.others) if track.reading else [],
+        "alphabet": track.reading.alphabet,
+        "alphabet_guessed": track.reading.guessed,
+        "alphabet_could_be": list(track.reading.others),
+        "language": track.reading.language,
+        "remarks": list(remarks_on(track)),
         "unknown": [] if track.spelled else [str(each) for each in find_unknown(track)],
         "timeline": [
             {"start_s": p.start_s, "end_s": p.end_s, "label": p.label, "stress": p.stress, "word": p.word}
@@ -77,10 +76,6 @@ def _timeline(track: PhoneTrack) -> Table:
     return Table(
         columns=("start s", "end s", "ms", "label", "word", ""), right=3, rows=rows, styles=styles, shown=ROWS_SHOWN
     )
-
-
-def _plain(text: str) -> str:
-    return text.replace("[", "\\[")
 
 
 TIMINGS = FileKind(

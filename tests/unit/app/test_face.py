@@ -1,5 +1,10 @@
 """A face in a program: speech, expressions, frames in their time, and an end. Its sound: test_view."""
 
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -70,3 +75,70 @@ def test_what_cannot_be() -> None:
     face = fapengine.Face(silent=True, style=STILL)
     face.close()
     face.close()
+
+
+def test_another_thread_is_refused() -> None:
+    errors = []
+
+    def use(face: fapengine.Face) -> None:
+        for call in (face.frame, face.stop, lambda: face.say("Mama."), lambda: face.express("joy")):
+            with pytest.raises(fapengine.UsageError, match="face: another thread uses it") as caught:
+                call()
+            errors.append(caught.value)
+
+    with fapengine.Face(style=STILL, silent=True) as face:
+        face.frame()
+        thread = threading.Thread(target=use, args=(face,))
+        thread.start()
+        thread.join(60)
+        assert len(errors) == 4
+        assert face.frame().shape == (68,)
+
+
+def test_a_thread_may_use_a_face_that_another_made() -> None:
+    with fapengine.Face(style=STILL, silent=True) as face:
+        shapes = []
+        thread = threading.Thread(target=lambda: shapes.append(face.frame().shape))
+        thread.start()
+        thread.join(60)
+        assert shapes == [(68,)]
+
+
+@pytest.mark.parametrize(
+    "use",
+    [
+        lambda face: face.frame(), lambda face: face.say("Mama."), lambda face: face.express("joy"),
+        lambda face: face.pause(), lambda face: face.stop(), lambda face: face.look(0.1, 0.1),
+    ],
+)  # fmt: skip
+def test_a_closed_face_says_so(use: Callable[[fapengine.Face], object]) -> None:
+    face = fapengine.Face(style=STILL, silent=True)
+    face.close()
+    face.close()
+    with pytest.raises(fapengine.UsageError, match="face: it is closed"):
+        use(face)
+
+
+@pytest.mark.parametrize("speech", [None, 3, b"Mama."])
+def test_what_is_no_speech_is_refused(speech: object) -> None:
+    with (
+        fapengine.Face(style=STILL, silent=True) as face,
+        pytest.raises(fapengine.UsageError, match=r"speech: got .*expected a text"),
+    ):
+        face.say(speech)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    "program",
+    [
+        "face = fapengine.Face(silent=True); face.say('Mama.'); face.frame()",
+        "import os; child = os.fork(); face = fapengine.Face(silent=True); face.frame(); face.close();"
+        " child and sys.exit(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))",
+    ],
+    ids=["ends with an open face", "forks after the import"],
+)
+def test_a_program_ends_in_order(program: str) -> None:
+    ended = subprocess.run(
+        [sys.executable, "-c", f"import sys, fapengine; {program}"], capture_output=True, text=True, timeout=120
+    )
+    assert (ended.returncode, ended.stderr) == (0, "")

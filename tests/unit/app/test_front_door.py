@@ -176,3 +176,25 @@ def test_wrong_calls_are_usage_errors(mama: fapengine.Performance, call: object,
 def test_a_path_that_cannot_be_written(mama: fapengine.Performance, name: str) -> None:
     with pytest.raises(fapengine.ResourceError, match=re.escape(f"/dev/null/{name}")):
         mama.save(f"/dev/null/{name}", size=SMALL, head=HEAD)
+
+
+def test_weights_are_arrays_with_names(mama: fapengine.Performance, tmp_path: Path) -> None:
+    values, names, times_s = fapengine.weights(mama.track)
+    assert values.shape == (len(mama.track), 52) == (len(times_s), len(names))
+    table = np.loadtxt(mama.save(tmp_path / "a.csv"), delimiter=",", skiprows=1)
+    assert np.allclose(table[:, 1:53], values, atol=1e-5)
+    assert "jawOpen" in names
+    with pytest.raises(fapengine.UsageError, match="shapes: got 'lips'"):
+        fapengine.weights(mama.track, "lips")
+
+
+def test_weights_become_a_table_of_pandas(mama: fapengine.Performance) -> None:
+    pytest.importorskip("pandas")
+    table = fapengine.weights(mama.track, "oculus").to_frame()
+    assert table.shape == (len(mama.track), 15)
+    assert table.index.name == "time_s"
+
+
+def test_what_is_printed_is_a_line(mama: fapengine.Performance) -> None:
+    assert repr(mama).startswith("Performance('Mama.', FapTrack(15 frames, 1.20 s at 12.5 Hz")
+    assert "\n" not in repr(mama)

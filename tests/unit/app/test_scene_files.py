@@ -72,7 +72,7 @@ def test_animate_writes_faps_beside_it(avatar: Path, tmp_path: Path) -> None:
 )
 def test_what_does_not_belong_together_is_refused(output: str, into: Into | None, message: str) -> None:
     with pytest.raises(UsageError, match=message):
-        check_output(Path(output), "", SaveOptions(into=into), rate_hz=30.0)
+        check_output(Path(output), SaveOptions(into=into), rate_hz=30.0)
 
 
 def test_an_avatar_is_not_written_over(avatar: Path, tmp_path: Path) -> None:

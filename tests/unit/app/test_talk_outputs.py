@@ -1,24 +1,41 @@
 """What say and animate write: by the name's kind, and what stands beside it."""
 
+import json
+import wave
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
 from PIL import Image
+from typer.testing import CliRunner
 
+import fapengine
 from fapengine.app.manner import Manner
-from fapengine.app.outputs import OUTPUT_KINDS, TABLE_SHAPES, SaveOptions, check_output, find_kind
+from fapengine.app.outputs import OUTPUT_KINDS, RHUBARB, TABLE_SHAPES, SaveOptions, check_output, find_kind
 from fapengine.app.performance import perform
 from fapengine.app.report import Report
+from fapengine.app.scene_files import USD, Into
 from fapengine.app.talk import outputs_of, write_talk
+from fapengine.cli import options as options_module
+from fapengine.cli.main import app
 from fapengine.cli.options import DrawingOptions
+from fapengine.codec.encoder import EncoderOptions
 from fapengine.errors import UsageError
 from fapengine.files.gltf.vrma import SETS
 from fapengine.files.moving import FOLDER_PATTERN, FORMATS
-from fapengine.files.outputs import check_outputs
+from fapengine.files.outputs import check_outputs, refuse_foreign
+from fapengine.files.sound import load_sound, save_wav
 from fapengine.render.drawing import Drawing
 from fapengine.retarget.blend_tracks import SHAPE_SETS
 from fapengine.speech.phone_track import Phone, PhoneTrack
+
+
+def command(*words: object) -> None:
+    done = CliRunner().invoke(app, [str(word) for word in words])
+    if done.exception is not None:
+        raise done.exception
+
 
 PHONES = PhoneTrack.of([Phone("_", 0.0, 0.1), Phone("m", 0.1, 0.2), Phone("a", 0.2, 0.4), Phone("_", 0.4, 0.5)])
 RATE_HZ, FRAMES = 12.5, 6
@@ -64,10 +81,8 @@ def test_refuses_before_any_work(tmp_path: Path) -> None:
         ("a.mp4", 30.0, {"antialias": "hard"}, "edges: got 'hard', expected one of fine, soft"),
     ):
         with pytest.raises(UsageError, match=message):
-            check_output(
-                tmp_path / name, "say", SaveOptions(drawing=DrawingOptions(**drawing).value()), rate_hz=rate_hz
-            )
-    check_output(tmp_path / "a.fap", "say", SaveOptions(), rate_hz=60.0)
+            check_output(tmp_path / name, SaveOptions(drawing=DrawingOptions(**drawing).value()), rate_hz=rate_hz)
+    check_output(tmp_path / "a.fap", SaveOptions(), rate_hz=60.0)
 
 
 def test_a_users_own_recording_stays_as_it_is(tmp_path: Path) -> None:
@@ -90,8 +105,30 @@ def test_a_video_is_not_written_over_itself(tmp_path: Path) -> None:
     video = tmp_path / "talk.mp4"
     video.write_bytes(b"video")
     with pytest.raises(UsageError, match=r"talk\.mp4, which is read, and would be written over"):
-        check_outputs(outputs_of(video, sound=True, inputs=[video]), [video])
-    assert check_outputs(outputs_of(tmp_path / "face.mp4", sound=True), [video]) == ()
+        check_outputs(outputs_of(video, sound=True, inputs=[video])[0], [video])
+    assert check_outputs(outputs_of(tmp_path / "face.mp4", sound=True)[0], [video]) == ()
+
+
+@pytest.mark.parametrize("ending", [".wav", ".fap", ".png"])
+def test_files_of_others_beside_an_output_are_not_replaced(tmp_path: Path, ending: str) -> None:
+    (own := tmp_path / f"a{ending}").write_bytes(b"RIFF\0\0\0\0WAVE of mine" if ending == ".wav" else b"")
+    with pytest.raises(UsageError, match=rf"path: .*a\{ending} would be replaced, and is not of fapengine"):
+        refuse_foreign(outputs_of(tmp_path / "a.gif", sound=True)[1])
+    own.unlink()
+    written(tmp_path / "a.gif")
+    assert own.is_file()
+    beside = outputs_of(tmp_path / "a.gif", sound=True)[1]
+    assert own in beside
+    refuse_foreign(beside)  # an earlier run wrote it
+
+
+def test_a_written_sound_is_a_whole_riff_file(tmp_path: Path) -> None:
+    save_wav(tmp_path / "a.wav", np.arange(5, dtype=np.int16), 8000)
+    data = (tmp_path / "a.wav").read_bytes()
+    assert int.from_bytes(data[4:8], "little") == len(data) - 8
+    with wave.open(str(tmp_path / "a.wav")) as file:
+        assert (file.getnframes(), file.getframerate(), file.getnchannels(), file.getsampwidth()) == (5, 8000, 1, 2)
+    assert load_sound(tmp_path / "a.wav")[0].tolist() == [0, 1, 2, 3, 4]
 
 
 def test_every_ending_is_one_row_and_its_files_have_rows_too() -> None:
@@ -104,18 +141,61 @@ def test_every_ending_is_one_row_and_its_files_have_rows_too() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "command", "shapes", "message"),
+    ("name", "options", "message"),
     [
-        ("a.mp4", "say", "rhubarb", r"path: got a\.mp4, expected a name that ends with \.json, .* for shapes=rhubarb"),
-        ("a.mp4", "say", "foo", r"shapes: got foo for a\.mp4, expected shapes=arkit or"),
-        ("a.json", "convert", None, r"shapes: got none for a\.json, expected shapes=rhubarb"),
-        ("a.json", "convert", "oculus", r"shapes: got oculus for a\.json, expected shapes=rhubarb"),
-        ("a.csv", "say", None, r"path: got a\.csv"),
-        ("a.mp4", "convert", None, r"path: got a\.mp4"),
+        ("a.mp4", {"shapes": "rhubarb"}, r"path: got a\.mp4, expected a name that ends with \.json, .* shapes=rhubarb"),
+        ("a.mp4", {"shapes": "foo"}, r"shapes: got foo for a\.mp4, expected shapes=arkit or"),
+        ("a.json", {}, r"shapes: got none for a\.json, expected shapes=rhubarb"),
+        ("a.json", {"shapes": "oculus"}, r"shapes: got oculus for a\.json, expected shapes=rhubarb"),
+        ("a.mp4", {"encoding": EncoderOptions()}, r"encoding: got one, or kbit_s, for a\.mp4"),
+        ("a.glb", {"into": Into(Path("rnd.fba"))}, r"into: got rnd\.fba, expected an avatar"),
     ],
 )
-def test_shapes_and_commands_that_a_kind_does_not_have(
-    name: str, command: str, shapes: str | None, message: str
-) -> None:  # fmt: skip
+def test_options_that_a_kind_does_not_have(name: str, options: dict[str, object], message: str) -> None:
     with pytest.raises(UsageError, match=message):
-        check_output(Path(name), command, SaveOptions(shapes=shapes), rate_hz=30.0)
+        check_output(Path(name), SaveOptions(**options), rate_hz=30.0)
+
+
+def cases() -> list[tuple[str, tuple[str, ...]]]:
+    """One name for every ending that needs no renderer, with the options that it needs."""
+    return [
+        (
+            f"a{row.ending}",
+            ("--shapes", RHUBARB) * (row.shapes == (RHUBARB,)) + ("--into", "default:level=coarse") * row.takes_avatar,
+        )
+        for row in OUTPUT_KINDS
+        if not row.is_drawn and row.ending not in USD
+    ]
+
+
+@pytest.mark.parametrize(("name", "options"), cases())
+def test_every_command_and_python_write_the_same_bytes(name: str, options: tuple[str, ...], tmp_path: Path) -> None:
+    save_wav(tmp_path / "in.wav", np.arange(8000, dtype=np.int16), 16_000)
+    (tmp_path / "in.pho").write_text("_ 100\nm 100\na 200\n_ 100\n")
+    given = dict(zip((key[2:] for key in options[::2]), options[1::2], strict=True))
+    spoken = fapengine.animate(tmp_path / "in.pho", sound=tmp_path / "in.wav", rate_hz=25.0)
+    spoken.save(tmp_path / "python" / name, **given)
+    expected = (tmp_path / "python" / name).read_bytes()
+    command("animate", tmp_path / "in.pho", "-a", tmp_path / "in.wav", "--fps", "25", "-o", tmp_path / name, *options)
+    (tmp_path / "rows.jsonl").write_text(
+        json.dumps({"id": "a", "timings": "in.pho", "audio": "in.wav", "fps": 25, **given})
+    )
+    command("batch", tmp_path / "rows.jsonl", "--to", name[2:], "--workers", "0", "-o", tmp_path / "batch")
+    files = [tmp_path / name, tmp_path / "batch" / name]
+    spoken.save(tmp_path / "in.fap")
+    if name != "a.wav":
+        command("convert", tmp_path / "in.fap", "-o", tmp_path / "converted" / name, *options)
+        fapengine.save(spoken.track, tmp_path / "saved" / name, **given)
+        if RHUBARB not in options and "--into" not in options and name != "a.vrma":  # which tell of phones and names
+            assert (tmp_path / "converted" / name).read_bytes() == (tmp_path / "saved" / name).read_bytes() == expected
+    if RHUBARB in options:  # the command line names the recording
+        expected = expected.replace(b'"soundFile": ""', f'"soundFile": "{(tmp_path / "in.wav").resolve()}"'.encode())
+        expected = expected.replace(b"<soundFile></", f"<soundFile>{(tmp_path / 'in.wav').resolve()}</".encode())
+        assert files.pop(0).read_bytes() == expected
+        expected = (tmp_path / "python" / name).read_bytes()
+    assert all(file.read_bytes() == expected for file in files)
+
+
+def test_help_lists_every_ending() -> None:
+    (output,) = [meta for meta in get_args(options_module.Output) if hasattr(meta, "help")]
+    assert not [row.ending for row in OUTPUT_KINDS if row.ending not in output.help]

@@ -12,7 +12,7 @@ from fapengine.cli.main import app
 from fapengine.codec.elementary import visual_headers
 from fapengine.codec.encoder import EncoderOptions, encode
 from fapengine.errors import DataError, UnsupportedError, UsageError
-from fapengine.files.motion import load_fap, save_fap
+from fapengine.files.motion import load_fap, load_motion, save_fap
 from fapengine.files.pictures import load_picture
 from fapengine.files.sound import save_wav
 from fapengine.mpeg4 import fap
@@ -155,3 +155,53 @@ def test_plot_is_a_picture(fap_file: Path, tmp_path: Path) -> None:
     run("encode", fap_file, "-o", stream)
     run("inspect", stream, "--plot", plot)
     assert load_picture(plot).shape == (600, 960, 3)
+
+
+VISEMES = "2.1 v 25 3\n" + "".join(f"1{' 0' * 67}\n{n} 10 1 {63 - 21 * n} 0\n" for n in range(3))
+"""Viseme 10 that becomes viseme 1."""
+
+
+def test_visemes_move_what_is_decoded_converted_and_described(tmp_path: Path) -> None:
+    source, stream, filled, table = (tmp_path / name for name in ("v.fap", "v.fba", "filled.fap", "v.csv"))
+    source.write_text(VISEMES)
+    run("encode", source, "-o", stream)
+    run("decode", stream, "--fill", "-o", filled)
+    opened = [load_motion(path).values[:, 2].tolist() for path in (filled, stream, source)]
+    assert opened[0] == opened[1] == opened[2]
+    assert opened[0][0] > opened[0][1] > opened[0][2] > 0
+    run("convert", stream, "--shapes", "oculus", "-o", table)
+    rows = [dict(zip(*pair, strict=True)) for pair in _pairs(table)]
+    assert float(rows[0]["aa"]) > 0.5 > float(rows[-1]["aa"])
+    for path in (source, stream):
+        assert "visemes: PP, aa" in run("inspect", path)
+    run("decode", stream, "-o", filled)
+    assert filled.read_text().splitlines()[1].startswith("1 0 0")  # as it was sent
+
+
+def _pairs(table: Path) -> list[tuple[list[str], list[str]]]:
+    header, *rows = (line.split(",") for line in table.read_text().splitlines())
+    return [(header, row) for row in rows]
+
+
+def test_a_sentence_as_visemes_and_a_rate_that_is_missed(tmp_path: Path) -> None:
+    source, stream = tmp_path / "a.fap", tmp_path / "a.fba"
+    moving = 300 * np.sin(np.arange(50) / 5 + np.arange(66)[:, None]).T
+    save_fap(source, FapTrack.of(np.rint(np.column_stack([np.zeros((50, 2)), moving])), rate_hz=25.0))
+    assert float(run("encode", source, "--visemes", "-o", stream).split()[-2]) < 1.0
+    told = CliRunner().invoke(app, ["encode", str(source), "--kbps", "1", "-o", str(stream)]).stderr
+    assert "is more than the 1 asked for; --moving-only and --visemes" in told
+    assert json.loads(run("encode", source, "--kbps", 1, "-o", stream, "--json"))["missed"]
+    assert not json.loads(run("encode", source, "--kbps", 100, "-o", stream, "--json"))["missed"]
+
+
+def test_a_table_computes_faps_that_were_not_sent(tmp_path: Path) -> None:
+    source, stream, table, out = (tmp_path / name for name in ("a.fap", "a.fba", "a.fit", "out.fap"))
+    source.write_text(f"2.1 a 25 1\n0 0 1{' 0' * 65}\n0 400\n")
+    run("encode", source, "-o", stream)
+    table.write_text("2\n1 3\n2 14 5\n1\n0 1 1\n1 2 0 1 1 0 1 1 0\n1 1 1 1 1 0 1 2 0\n")
+    run("decode", stream, "--fit", table, "-o", out)
+    values = load_motion(out).values[0]
+    assert values[[2, 13, 4]].tolist() == [400, 200, -20]
+    table.write_text("2\n1 3\n")
+    with pytest.raises(DataError, match=r"a\.fit: the table ends where the number of FAPs is expected"):
+        run("decode", stream, "--fit", table, "-o", out)

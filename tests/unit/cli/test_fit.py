@@ -223,7 +223,7 @@ def test_phones_behind_the_recording_are_told(recorded, tmp_path):
     long = PhoneTrack((Phone("_", 0.0, 0.4), Phone("a", 0.4, 50.0), Phone("p", 50.0, 51.0)))
     (folder / "take00.TextGrid").write_text(textgrid(long))
     loaded = load_session(folder)
-    assert any("2 phones end behind the recording" in text for text in loaded.warnings)
+    assert any("2 phones end after the recording" in text for text in loaded.warnings)
 
 
 def test_scans_in_their_folder_are_no_takes(recorded, tmp_path):

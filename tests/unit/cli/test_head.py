@@ -120,7 +120,7 @@ def test_a_file_s_own_names_are_mapped(avatar, tmp_path):
     for name in (b"jawOpen", b"eyeBlinkLeft", b"eyeBlinkRight"):
         data = data.replace(b'"' + name + b'"', b'"' + name[::-1].replace(b"n", b"_") + b'"')
     (tmp_path / "b.glb").write_bytes(data)
-    with pytest.raises(DataError, match=r"got none for left lid, right lid, jaw.*b\.glb"):
+    with pytest.raises(DataError, match=r"missing for left lid, right lid, jaw.*b\.glb"):
         run("head", "import", tmp_path / "b.glb", "-o", tmp_path / "h")
     (tmp_path / "map.toml").write_text(
         '[shapes]\n"_epOwaj" = "jawOpen"\n"tfeLk_ilBeye" = "eyeBlinkLeft"\n"thgiRk_ilBeye" = "blinkRight"\n'

@@ -56,7 +56,7 @@ def test_every_option_arrives(monkeypatch: pytest.MonkeyPatch) -> None:
             "--web-port",
             3,
             "--token",
-            "t",
+            "t" * 16,
             "--metrics-port",
             4,
             "--log",
@@ -66,7 +66,7 @@ def test_every_option_arrives(monkeypatch: pytest.MonkeyPatch) -> None:
         *("--profile", "p", "--head", "o", "--seed", 0, "--without", "all", "--play", "face", "--device", "USB"),
     )
     listen = config.listen
-    assert (listen.host, listen.port, listen.web_port, listen.metrics_port, listen.token) == ("h", 0, 3, 4, "t")
+    assert (listen.host, listen.port, listen.web_port, listen.metrics_port, listen.token) == ("h", 0, 3, 4, "t" * 16)
     assert (config.log.format, config.log.level) == ("json", "debug")
     assert (config.face.profile, config.face.head, config.face.seed) == ("p", "o", 0)
     assert (config.sound.session, config.sound.device) == ("face", "USB")
@@ -94,9 +94,7 @@ def test_what_cannot_be(words: tuple[str, ...], what: str, monkeypatch: pytest.M
 
 
 def test_files_that_cannot_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(
-        UsageError, match=r"^--config: got .*absent.toml, expected a file that can be read: No such file"
-    ):
+    with pytest.raises(UsageError, match=r"absent.toml: cannot be read \(No such file"):
         configured(monkeypatch, "--config", tmp_path / "absent.toml")
     path = tmp_path / "a.toml"
     path.write_text("[listen]\nport = 'x'")

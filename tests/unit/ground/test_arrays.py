@@ -1,6 +1,13 @@
+import copy
+import pickle
+from collections.abc import Callable
+from dataclasses import fields, is_dataclass
+from types import MappingProxyType
+
 import numpy as np
 import pytest
 
+import fapengine
 from fapengine._arrays import frozen
 from fapengine.errors import UsageError
 
@@ -41,3 +48,35 @@ def test_leading_axes_are_free_behind_an_ellipsis() -> None:
 
 def test_infinity_passes_where_it_is_asked_for() -> None:
     assert np.isinf(frozen([np.inf], "x", ("N",), float, finite=False)[0])
+
+
+def same(one: object, other: object) -> bool:
+    """Whether values are equal down to arrays, and whether all arrays and mappings of the second are read-only."""
+    if isinstance(one, np.ndarray):
+        assert isinstance(other, np.ndarray)
+        return np.array_equal(one, other) and one.dtype == other.dtype and not other.flags.writeable
+    if isinstance(one, MappingProxyType):
+        return (
+            isinstance(other, MappingProxyType)
+            and list(one) == list(other)
+            and all(map(same, one.values(), other.values()))
+        )
+    if is_dataclass(one) and not isinstance(one, type):
+        return type(one) is type(other) and all(same(getattr(one, f.name), getattr(other, f.name)) for f in fields(one))
+    return one == other
+
+
+@pytest.mark.parametrize("duplicate", [lambda value: pickle.loads(pickle.dumps(value)), copy.deepcopy])
+@pytest.mark.parametrize(
+    "value",
+    [
+        fapengine.FapTrack.pose(open_jaw=300),
+        fapengine.load_profile("grid_s1_en"),
+        fapengine.load_head("default:hair=false,level=coarse"),
+        fapengine.Phone("m", 0.0, 0.1),
+        fapengine.PhoneTrack.of([fapengine.Phone("m", 0.0, 0.1)]),
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_copies_and_pickles_are_equal_and_read_only(value: object, duplicate: Callable[[object], object]) -> None:
+    assert same(value, duplicate(value))
