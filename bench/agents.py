@@ -21,7 +21,6 @@ from fapengine.files.profiles import load_profile
 from fapengine.host.stream import StreamHost
 from fapengine.host.words import TimedWord
 from fapengine.mpeg4.track import FapTrack
-from fapengine.recognition.process import DirectRecognizer
 from fapengine.recognition.protocol import Recognizer
 from fapengine.recognition.small_recognizer import SmallRecognizer
 from fapengine.recognition.sphinx_recognizer import SphinxRecognizer
@@ -31,6 +30,7 @@ from fapengine.speech.marks import words_of
 from fapengine.voices.espeak import EspeakVoice
 from fapengine.voices.pronounce import Pronouncer
 from fapengine.wire.fap_osc import encode_track
+from tests.direct_recognizer import DirectRecognizer
 
 TEXT = "Good morning. I looked at the plan you sent me, and most of it is fine; but the budget may be a problem."
 DIALOGUE = (

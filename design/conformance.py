@@ -11,7 +11,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 DOC = ROOT / "docs" / "conformance.md"
-SOURCES = ("fapengine/mpeg4", "fapengine/codec")
+SOURCES = ("fapengine/mpeg4", "fapengine/codec", "fapengine/trajectory")
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +39,7 @@ CLAUSES: tuple[Clause, ...] = (
     Clause("7.12",        "6",    "quantiser and prediction",                           "codec/kernels.py",                "t01, t04, t15"),
     Clause("7.12",        "7",    "arithmetic coder: models, stuffing, segment end",    "codec/kernels.py",                "t16, t17, t30"),
     Clause("7.12",        "8",    "order of segments, visemes and expressions",         "codec/kernels.py, codec/fields.py", "t03, t20, t23, t25"),
-    Clause("7.12",        "9",    "FAPs that are not sent: held, interpolated",         "codec/interpolate.py",            "test_what_is_not_sent_is_held_or_taken_from_its_partner", "own rules, see deviations; FIT tables are not read"),
+    Clause("7.12",        "9",    "FAPs that are not sent: held, interpolated",         "codec/interpolate.py",            "test_what_is_not_sent_is_held_or_taken_from_its_partner", "own rules, see deviations; `decode --fit` applies FIT tables"),
     Clause("6.3.10",      "10",   "frame rate, time codes, skipped frames",             "codec/decoder.py, codec/header.py", "t10, t11, t27"),
     Clause("-",           "11",   "worked example",                                     "-",                               "test_bitstream.py"),
     Clause("7.12",        "13",   "DCT mode",                                           "codec/header.py",                 "test_a_wrong_fixed_bit_is_named", "UnsupportedError: its code tables are not known"),
@@ -47,6 +47,7 @@ CLAUSES: tuple[Clause, ...] = (
     Clause("Annex C, C.2", "-",   "FAPU",                                               "mpeg4/fapu.py",                   "tests/unit/mpeg4"),
     Clause("Annex C",      "-",   "feature points",                                     "mpeg4/feature_points.py",         "tests/unit/mpeg4"),
     Clause("Annex C, C.4, C.5", "-", "visemes, expressions",                            "mpeg4/visemes.py",                "tests/unit/mpeg4"),
+    Clause("Annex C, C.4, C.5", "9", "visemes and expressions are shown",               "trajectory/high_level.py",        "tests/unit/trajectory/test_high_level.py", "own reading of the definitions and init_face, see deviations"),
     Clause("-",           "-",    ".fap text",                                          "codec/fapfile.py",                "t01 to t30, test_fapfile.py"),
     Clause("-",           "-",    ".epf parameter files",                               "codec/epf.py",                    "t01 to t30"),
 )

@@ -219,8 +219,7 @@ def measure(folder: Path) -> dict[str, NDArray[Any]]:
     lift = np.linalg.lstsq(captured, flat, rcond=None)[0]
     off = captured - planned
     beyond = flat - captured @ lift
-    components = fit_components(beyond)
-    modes = components.vectors[:RESIDUAL_MODES]
+    modes = fit_components(beyond)[0][:RESIDUAL_MODES]
     amounts = beyond @ modes.T
     rest = beyond - amounts @ modes
     labels = sorted(set(data["phone"].tolist()) - {"sil"})

@@ -23,6 +23,7 @@ from fapengine.host.hub import Hub
 from fapengine.mesh.default_head.head import build_head
 from fapengine.server.calls.calls import Calls, add_calls
 from fapengine.server.film.film import FilmForm, Studio
+from fapengine.server.web.access import Access
 from fapengine.server.web.app import make_app
 from fapengine.trajectory.style import Style
 from tests.patient import PatientClock
@@ -39,13 +40,12 @@ async def serve(
     clock = PatientClock()
     hub = Hub(engine, clock=clock)
     hearing = Hearing(hub)
-    app = make_app(
-        hub, load_head(str(folder)), token=token, profile="grid_s1_en", hearing=hearing, origins=tuple(origins)
-    )
+    access = Access(token, tuple(origins))
+    app = make_app(hub, load_head(str(folder)), access=access, profile="grid_s1_en", hearing=hearing)
     studio = Studio(hub, hearing)
     calls = Calls(hub, studio, hearing, form=FilmForm(size=(256, 256)), most=4)
     if takes_calls:
-        add_calls(app, calls, token, tuple(origins))
+        add_calls(app, calls, access)
     runner = web.AppRunner(app, access_log=None)
     await runner.setup()
     await web.TCPSite(runner, "127.0.0.1", port).start()

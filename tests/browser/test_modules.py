@@ -2,20 +2,25 @@
 
 import base64
 import json
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from fapengine.codec.fapfile import format_fap
+from fapengine.files.profiles import load_profile
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.deform import bone_transforms, channel_weights
 from fapengine.mesh.face_mesh import Channel, DeformationBasis, FaceMesh
 from fapengine.mpeg4 import fap
+from fapengine.mpeg4.track import FapTrack, limits
 from fapengine.render.camera import PRESETS
 from fapengine.render.drawing import Drawing
 from fapengine.render.packing import frame_uniforms
 from fapengine.render.renderer import FaceRenderer
 from fapengine.server.web.page_files import PAGE_CAMERAS
+from fapengine.trajectory.high_level import expand
 from tests.browser.conftest import Page
 
 # sRGB steps of 255, mean over the picture: two compilers' rounding, and edges that fall on either side of a pixel.
@@ -370,3 +375,26 @@ def test_damaged_files_and_frames_are_told(modules: Page) -> None:
     ]
     code = "return [new ArrayBuffer(100), new ArrayBuffer(288)].map((buffer) => m.parseFrame(buffer));"
     assert calculated(modules, "wire.js", code) == [None, None]
+
+
+def test_visemes_and_expressions_of_a_file_are_shown_as_python_shows_them(modules: Page) -> None:
+    rng = np.random.default_rng(8)
+    count = 60
+    values = np.rint(plausible(count)).astype(np.int32)
+    mask = rng.random((count, 68)) < 0.2
+    mask[:, :2] = rng.random((count, 2)) < 0.6
+    visemes = np.column_stack([rng.integers(0, 15, (count, 2)), rng.integers(0, 64, count), rng.integers(0, 2, count)])
+    selects, weights = rng.integers(0, 7, (2, count)), rng.integers(0, 64, (2, count))
+    expressions = np.column_stack([selects[0], weights[0], selects[1], weights[1], *rng.integers(0, 2, (2, count))])
+    sent = replace(
+        FapTrack.of(values * (np.arange(68) > 1), rate_hz=25.0), mask=mask, visemes=visemes * mask[:, :1],
+        expressions=expressions * mask[:, 1:2], values=values * mask * (np.arange(68) > 1),
+    )  # fmt: skip
+    found = calculated(
+        modules, "player.js", "return m.parseFap(given.text).frames.map((faps) => [...faps]);", text=format_fap(sent)
+    )
+    expected = expand(sent, load_profile("grid_s1_en"))
+    rounded = np.where(expected.mask, expected.values, 0)
+    low, high = np.array([(0, 0), (0, 0), *map(limits, range(3, 69))]).T
+    # Faces are rounded for pages, and pages do not clip. A definition multiplies the rounding by 63 over its intensity.
+    assert np.abs(np.clip(found, low, high) - rounded).max() <= 2

@@ -31,8 +31,8 @@ from pipecat.workers.runner import WorkerRunner
 from fapengine.agents.face import AgentOptions
 from fapengine.agents.pipecat import FapengineVideoService
 from fapengine.recognition.choice import new_recognizer
-from fapengine.recognition.process import DirectRecognizer
 from fapengine.voices.espeak import EspeakVoice
+from tests.direct_recognizer import DirectRecognizer
 from tests.frameworks.clock import in_time
 from tests.leaping import LeapingLoop
 
