@@ -1,7 +1,7 @@
 """Sinks: their URLs, and one row for each kind. URLs, help, shell completion, errors and documentation follow the rows.
 
-To add a kind, write its encoder (:mod:`.encoders`) or sink, and add a row here and a case in :mod:`.opening`, which
-imports the libraries; the help does not wait for them.
+To add a kind, write what opens it in a module of this package, and name that in a row here. :mod:`.opening` imports the
+module when a sink is opened, so that the help does not wait for its libraries.
 """
 
 from dataclasses import dataclass, field
@@ -93,6 +93,8 @@ class SinkKind:
     """One kind of sink."""
 
     name: str
+    opens: str
+    """``module:function`` of this package that opens it, of the type that :mod:`.opening` gives for the medium."""
     receivers: str
     """Programs that read it, as the help names them."""
     port: int | None = None
@@ -119,33 +121,51 @@ class SinkKind:
 
 
 SINK_KINDS = (
-    SinkKind("osc", "programs that know FAPs, /fap/1/frame of all sessions or of one", takes_all_sessions=True),
-    SinkKind("named", "patches, /fap/<n>, one message per FAP"),
+    SinkKind(
+        "osc", "opening:osc", "programs that know FAPs, /fap/1/frame of all sessions or of one", takes_all_sessions=True
+    ),
+    SinkKind("named", "opening:named", "patches, /fap/<n>, one message per FAP"),
     SinkKind(
         "vmc",
+        "opening:vmc",
         "VSeeFace, Warudo and others; names is arkit, pascal, vrm0 or vrm1; port 39540 gets shapes alone",
         port=39539,
         options=("names",),
     ),
-    SinkKind("vrchat", "VRChat's parameters", port=9000, options=("prefix",)),
-    SinkKind("livelink", "Unreal and other Live Link Face receivers", port=11111, options=("name", "device")),
+    SinkKind("vrchat", "opening:vrchat", "VRChat's parameters", port=9000, options=("prefix",)),
+    SinkKind(
+        "livelink",
+        "opening:livelink",
+        "Unreal and other Live Link Face receivers",
+        port=11111,
+        options=("name", "device"),
+    ),
     SinkKind(
         "fba",
+        "opening:fba",
         "an MPEG-4 face stream, one plane per datagram; intra is the interval of I planes in s",
         options=("intra",),
     ),
-    SinkKind("fba+tcp", "the same stream over TCP, for all who connect here", options=("intra",), medium="connections"),
-    SinkKind("rtp", "the same stream over RTP, in the MPEG-4 visual payload", options=("intra",)),
+    SinkKind(
+        "fba+tcp",
+        "face_streams:FaceStreams.open",
+        "the same stream over TCP, for all who connect here",
+        options=("intra",),
+        medium="connections",
+    ),
+    SinkKind("rtp", "opening:rtp", "the same stream over RTP, in the MPEG-4 visual payload", options=("intra",)),
     SinkKind(
         "ws-json",
+        "websockets:WeightStreams.open",
         "game engines and scripts, JSON of 52 shapes, 15 visemes and the head over a WebSocket, for all who connect"
         " here",
         medium="connections",
         default_host=LOOPBACK,
     ),
-    SinkKind("vts", "VTube Studio", port=8001, options=("token_file",), medium="connections"),
+    SinkKind("vts", "websockets:VtsSink", "VTube Studio", port=8001, options=("token_file",), medium="connections"),
     SinkKind(
         "camera",
+        "video:CameraSink",
         "a virtual camera of this machine",
         options=("size", "fps", "device"),
         medium="video",
@@ -153,6 +173,7 @@ SINK_KINDS = (
     ),
     SinkKind(
         "rtmp",
+        "video:StreamSink.open",
         "a media server, H.264 and AAC",
         port=1935,
         options=("size", "fps", "kbit_s"),
@@ -161,6 +182,7 @@ SINK_KINDS = (
     ),
     SinkKind(
         "srt",
+        "video:StreamSink.open",
         "a media server, the same as MPEG-TS",
         options=("size", "fps", "kbit_s", "streamid", "passphrase", "latency", "mode"),
         medium="video",

@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import copy
+import inspect
 import io
 import os
 import re
@@ -34,10 +35,11 @@ from fapengine.server.sinks.kinds import (
     SINK_KINDS,
     SINK_NAMES,
     SinkAddress,
+    SinkKind,
     kind_of,
     parse_sink,
 )
-from fapengine.server.sinks.opening import PERFORMER_PORT, datagram_sink, encoder_of, open_sink
+from fapengine.server.sinks.opening import PERFORMER_PORT, datagram_sink, encoder_of, open_sink, opener
 from fapengine.speech.phone_track import Phone
 from fapengine.trajectory.style import Style
 from fapengine.wire import livelink, vmc, vrchat, vts
@@ -621,6 +623,16 @@ def test_every_kind_is_opened_by_its_row_alone() -> None:
         address = parse_sink(re.sub(r"\[:(\d+)\]", r":\1", url))
         assert kind_of(address) is kind
         assert address.port == (kind.port or (1 if kind.has_host else 0))
+
+
+@pytest.mark.parametrize("kind", SINK_KINDS, ids=lambda kind: kind.name)
+def test_a_kind_names_what_opens_it(kind: SinkKind) -> None:
+    takes = {
+        "datagrams": ["address", "rate_hz", "epochs"],
+        "connections": ["hub", "address"],
+        "video": ["studio", "address", "head"],
+    }
+    assert list(inspect.signature(opener(kind)).parameters) == takes[kind.medium]
 
 
 def test_every_kind_of_datagrams_writes_its_own() -> None:
