@@ -41,8 +41,7 @@ def spot(x: Array, y: Array, centre: tuple[float, float], size: tuple[float, flo
     >>> spot(np.array([3.0, 5.0]), np.array([1.0, 1.0]), (3.0, 1.0), (2.0, 4.0)).round(4).tolist()
     [1.0, 0.3679]
     """
-    height: Array = np.exp(-(np.abs((x - centre[0]) / size[0]) ** power) - np.abs((y - centre[1]) / size[1]) ** power)
-    return height
+    return np.exp(-(np.abs((x - centre[0]) / size[0]) ** power) - np.abs((y - centre[1]) / size[1]) ** power)
 
 
 def soft_positive(x: ArrayLike, width: float) -> Array:

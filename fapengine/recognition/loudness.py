@@ -94,8 +94,7 @@ def pitch_hz(samples: NDArray[np.int16]) -> NDArray[np.float64]:
     before, at, after = (searched[rows, lag + step] for step in (-1, 0, 1))
     bend = before - 2 * at + after
     shift = np.where(np.abs(bend) > 1e-12, 0.5 * (before - after) / np.where(bend == 0, 1.0, bend), 0.0)
-    pitch: NDArray[np.float64] = np.where(found, RATE_HZ / (lag + shortest + np.clip(shift, -0.5, 0.5)), 0.0)
-    return pitch
+    return np.where(found, RATE_HZ / (lag + shortest + np.clip(shift, -0.5, 0.5)), 0.0)
 
 
 def _similarity(frames: NDArray[np.float64]) -> NDArray[np.float64]:

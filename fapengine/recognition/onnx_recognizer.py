@@ -250,8 +250,7 @@ def _resampled(sound: NDArray[np.float32], rate_hz: int) -> NDArray[np.float32]:
         return sound
     from scipy.signal import resample_poly
 
-    other: NDArray[np.float32] = resample_poly(sound, rate_hz, RATE_HZ).astype(np.float32)
-    return other
+    return resample_poly(sound, rate_hz, RATE_HZ).astype(np.float32)
 
 
 def _card(path: Path, metadata: dict[str, str]) -> ModelCard:

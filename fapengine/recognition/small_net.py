@@ -61,8 +61,7 @@ def _filters() -> NDArray[np.float32]:
     bins_hz = np.arange(_FFT // 2 + 1) * RATE_HZ / _FFT
     rise = (bins_hz[:, None] - edges_hz[:-2]) / (edges_hz[1:-1] - edges_hz[:-2])
     fall = (edges_hz[2:] - bins_hz[:, None]) / (edges_hz[2:] - edges_hz[1:-1])
-    found: NDArray[np.float32] = np.maximum(np.minimum(rise, fall), 0.0).astype(np.float32)
-    return found
+    return np.maximum(np.minimum(rise, fall), 0.0).astype(np.float32)
 
 
 _FILTERS = _filters()
@@ -113,8 +112,7 @@ class RunningMean:
         first = (self.first_mean + self._peak) * np.float32(FIRST_COUNT)
         mean = (first + self._sum) / (np.float32(FIRST_COUNT) + self._count)
         seen = np.concatenate([(frame - mean), level - self._peak + np.float32(LOUD)], axis=-1) * np.float32(SCALE)
-        found: NDArray[np.float32] = np.clip(seen, -np.float32(LIMIT), np.float32(LIMIT))
-        return found
+        return np.clip(seen, -np.float32(LIMIT), np.float32(LIMIT))
 
 
 PAIR = 2 * WIDTH
@@ -263,5 +261,4 @@ class SmallNet:
             x = x + (np.maximum(near @ mix[0] + mix[1], np.float32(0.0)) @ out[0] + out[1])
             if first < 0:
                 x[:-first] = 0.0
-        scores: Floats = (_normed(x) @ w.head[0] + w.head[1]).reshape(2 * STEPS, -1)
-        return scores
+        return (_normed(x) @ w.head[0] + w.head[1]).reshape(2 * STEPS, -1)

@@ -78,14 +78,12 @@ def spoken_frames(
         sounds[start:end] = True
         vowels[start:end] = name in VOWELS
     music = musical_frames(pitch_hz)
-    spoken: NDArray[np.bool_] = sounds & ~music & (_around(vowels & ~music) >= VOWEL_FRAMES)
-    return spoken
+    return sounds & ~music & (_around(vowels & ~music) >= VOWEL_FRAMES)
 
 
 def voiced_frames(pitch_hz: NDArray[np.float64]) -> NDArray[np.bool_]:
     """(T,): frames near which there is a voice, music too: :data:`VOICED_FRAMES` and more have a pitch."""
-    voiced: NDArray[np.bool_] = _around(pitch_hz > 0) >= VOICED_FRAMES
-    return voiced
+    return _around(pitch_hz > 0) >= VOICED_FRAMES
 
 
 def musical_frames(pitch_hz: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -98,8 +96,7 @@ def musical_frames(pitch_hz: NDArray[np.float64]) -> NDArray[np.bool_]:
     """
     voiced = _around(pitch_hz > 0)
     still = _around(steady(pitch_hz))
-    music: NDArray[np.bool_] = (still >= STEADY_FRAMES) & (still >= STEADY_SHARE * voiced)
-    return music
+    return (still >= STEADY_FRAMES) & (still >= STEADY_SHARE * voiced)
 
 
 def _around(marked: NDArray[np.bool_]) -> NDArray[np.int64]:

@@ -98,8 +98,7 @@ class BlendMap:
     def to_faps(self, weights: ArrayLike) -> Array:
         """(..., B) weights -> (..., 68) FAPU."""
         checked = frozen(weights, "weights", ("...", len(self.names)), np.float64)
-        faps: Array = checked @ self.faps
-        return faps
+        return checked @ self.faps
 
     def approximate_weights(self, faps: ArrayLike, *, cost: ArrayLike = 1.0) -> Array:
         """Find the weights that best reproduce a motion.
@@ -153,8 +152,7 @@ class BlendMap:
             side = np.where(checked <= 0, BELOW, np.where(checked >= self.limit, ABOVE, FREE)).astype(np.int8)
         else:
             side = np.where(goal > 0, FREE, BELOW).astype(np.int8)
-        weights: Array = _pivot(self._gram, goal, most, side) / self._lengths
-        return weights
+        return _pivot(self._gram, goal, most, side) / self._lengths
 
     def is_full(self, cost: Array) -> bool:
         """Whether a fraction of reluctance, (..., B), is 1 wherever there is any; then it changes nothing."""

@@ -112,15 +112,13 @@ def approximate_upper(faps: Array, names: tuple[str, ...] = VRM_MOODS) -> Array:
 
 def cost_share(weights: Array) -> Array:
     """Weights, (..., B) -> fraction of its reluctance that each bears: see :data:`PLAIN`."""
-    share: Array = np.clip((PLAIN[1] - weights) / (PLAIN[1] - PLAIN[0]), 0.0, 1.0)
-    return share
+    return np.clip((PLAIN[1] - weights) / (PLAIN[1] - PLAIN[0]), 0.0, 1.0)
 
 
 def read_moods(upper: Array, names: tuple[str, ...] = VRM_MOODS) -> Array:
     """Extract the moods, (..., M), from weights of :func:`mood_map`, (..., M + 9), without :data:`FAINT` ones."""
     moods = upper[..., : len(names)]
-    shown: Array = moods * np.clip((moods - FAINT[0]) / (FAINT[1] - FAINT[0]), 0.0, 1.0)
-    return shown
+    return moods * np.clip((moods - FAINT[0]) / (FAINT[1] - FAINT[0]), 0.0, 1.0)
 
 
 def without_moods(faps: Array, moods: Array, names: tuple[str, ...] = VRM_MOODS) -> Array:
@@ -131,8 +129,7 @@ def without_moods(faps: Array, moods: Array, names: tuple[str, ...] = VRM_MOODS)
     rows, one_way = _rows(names)
     done = moods @ rows
     done[..., one_way] = np.maximum(done[..., one_way], 0.0)
-    left: Array = faps - done
-    return left
+    return faps - done
 
 
 @cache

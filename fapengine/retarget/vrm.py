@@ -98,8 +98,7 @@ def _opening(faps: Array) -> Array:
 def presets_to_faps(weights: ArrayLike) -> Array:
     """(..., 18) weights, in the order of :data:`VRM1_NAMES` -> (..., 68) FAPU; ``relaxed`` is a weak joy."""
     values = frozen(weights, "weights", ("...", len(VRM1_NAMES)), np.float64)
-    faps: Array = values @ _rows()
-    return faps
+    return values @ _rows()
 
 
 @cache

@@ -130,8 +130,7 @@ def held(times_s: Array, holds: Sequence[Hold]) -> Array:
         first, last = np.searchsorted(times_s, (hold.start_s - RAMP_S, hold.stop_s + RAMP_S)).tolist()
         heights = bump(times_s[first:last], hold.start_s, hold.stop_s, RAMP_S, RAMP_S)
         free[CONTACTS.index(hold.contact), first:last] *= 1.0 - heights
-    height: Array = 1.0 - free
-    return height
+    return 1.0 - free
 
 
 def close_lips(faps: Array, times_s: Array, holds: Sequence[Hold], *, openness: float = 1.0) -> Array:

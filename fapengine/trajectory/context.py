@@ -325,8 +325,7 @@ class ContextTables:
         behind = self._sums(around, lengths, own + 1, range(-REACH, REACH))[:, :1]
         both = (1.0 - shares) * before + shares * behind
         either = np.where(led & leads, both, np.where(leads, behind, before))
-        found: Array = np.where(led | leads, either, alone)
-        return found
+        return np.where(led | leads, either, alone)
 
     def _near(self, kinds: NDArray[np.intp], own: NDArray[np.intp]) -> Array:
         """(N, D): what tokens at ``own`` get from who stands right beside them."""
@@ -393,8 +392,7 @@ class ContextTables:
 
     def _sum(self, named: Mapping[str, float]) -> Array:
         rows = [self._rows.get(name, -1) for name in named]
-        total: Array = np.array(list(named.values())) @ self._coefficients[rows]
-        return total
+        return np.array(list(named.values())) @ self._coefficients[rows]
 
 
 @lru_cache(maxsize=16)

@@ -142,8 +142,7 @@ def jets_at(paths: Sequence[Path], times_s: Array) -> Array:
     start_s, end_s = row.times_s[row.first + row.left], row.times_s[row.first + row.left + 1]
     ends = [path.jets[left : left + 2] for path, left in zip(paths, row.left.tolist(), strict=True)]
     both = np.concatenate(ends).reshape(len(paths), 6, -1)
-    jets: Array = moments(np.clip(times_s, start_s, end_s) - start_s, end_s - start_s) @ both
-    return jets
+    return moments(np.clip(times_s, start_s, end_s) - start_s, end_s - start_s) @ both
 
 
 def quintic(length_s: Number, first: Three[Number], last: Three[Number]) -> tuple[Number, ...]:

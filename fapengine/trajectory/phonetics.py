@@ -159,8 +159,7 @@ def layer_faps(profile: Profile) -> Array:
 def layer_gain(lips: Array | float) -> Array:
     """(N,) or a number: size of the layer for the size of a style's lips; 0 at 0, 1 at 1, never above 1.4."""
     size = np.asarray(lips, dtype=np.float64)
-    gain: Array = (1.0 + HALF_GAIN) * size / (size + HALF_GAIN)
-    return gain
+    return (1.0 + HALF_GAIN) * size / (size + HALF_GAIN)
 
 
 def give_way(expression: Array, held: Array) -> Array:

@@ -124,8 +124,7 @@ class Style:
     def gains(self, profile: Profile) -> NDArray[np.float64]:
         """Matrix that turns a path of weights, (T, K), into this style's: ``path @ gains``, (K, K)."""
         jaws, lips = jaw_share(profile), self.lips_gain
-        gains: NDArray[np.float64] = lips * np.eye(len(jaws)) + (self.jaw_gain - lips) * jaws
-        return gains
+        return lips * np.eye(len(jaws)) + (self.jaw_gain - lips) * jaws
 
 
 def parse_method(name: str) -> Method:
@@ -138,8 +137,7 @@ def parse_method(name: str) -> Method:
 @lru_cache(maxsize=16)
 def jaw_share(profile: Profile) -> NDArray[np.float64]:
     """Matrix (K, K) that keeps of a pose, a row of weights, what is the jaw's."""
-    jaws: NDArray[np.float64] = np.outer(_chin_drop(profile.space), jaw_pose(profile.space, profile.phones))
-    return jaws
+    return np.outer(_chin_drop(profile.space), jaw_pose(profile.space, profile.phones))
 
 
 def jaw_pose(space: VisemeSpace, phones: Mapping[str, PhoneTarget]) -> NDArray[np.float64]:
@@ -153,5 +151,4 @@ def jaw_pose(space: VisemeSpace, phones: Mapping[str, PhoneTarget]) -> NDArray[n
 
 def _chin_drop(space: VisemeSpace) -> NDArray[np.float64]:
     """(K,) mm that each mode brings the chin down."""
-    drop: NDArray[np.float64] = -space.modes_mm[:, space.points.index("2.1"), 1]
-    return drop
+    return -space.modes_mm[:, space.points.index("2.1"), 1]

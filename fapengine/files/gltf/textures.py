@@ -65,8 +65,7 @@ class Look:
         for axis, clamped in enumerate(self.clamped):
             if clamped:
                 moved[:, axis] = np.clip(moved[:, axis], 0.0, 1.0)
-        placed: Array = moved
-        return placed
+        return moved
 
 
 class Atlas:
