@@ -8,8 +8,9 @@ the address that the caller used, or the one in the configuration, and no other.
 
 A call that is not connected :data:`CONNECT_S` later ends, and so does one whose caller no longer answers (consent, RFC
 7675) or disconnects. One address may have :data:`MAX_WAITING` calls that are not connected; one more ends its oldest.
-Where all places are taken, a new call ends the oldest that is not connected. Images are rendered only for calls that
-are connected, and for one address at most one rendering process starts each :data:`START_EVERY_S`.
+Where all places are taken, a new call ends the oldest that is not connected. An answer and its handshake take 6 ms of
+the loop's time, so offers are answered one at a time, at most one each :data:`ANSWER_EVERY_S`. Images are rendered only
+for calls that are connected, and for one address at most one rendering process starts each :data:`START_EVERY_S`.
 
 Offers come by WHEP and WHIP (RFC 9725) at the page's port: with ``POST /whep?session=NAME`` the caller watches, with
 ``POST /whip?session=NAME`` its audio drives the session, DELETE ends the call. Access is limited as for the page: token
@@ -50,6 +51,8 @@ CLOSE_S = 5.0
 MAX_WAITING = 2
 """Calls of one address that are not connected."""
 START_EVERY_S = 2.0
+ANSWER_EVERY_S = 0.05
+"""Time between two answers, whoever has called: three frames."""
 OFFERS_HZ, OFFERS = 2.0, 10
 """Offers of one address per second, and at once."""
 MAX_CALLERS = 1000
@@ -95,7 +98,6 @@ class Call:
     """Address from which the offer came."""
     peer: Any
     """The library's RTCPeerConnection."""
-    is_answered: bool = False
     begin: Callable[[], Coroutine[None, None, None]] | None = None
     """What begins when it is connected."""
     leave: contextlib.ExitStack = field(default_factory=contextlib.ExitStack)
@@ -144,6 +146,7 @@ class Calls:
         self._started_s: dict[str, float] = {}
         """When the last rendering process started for an address."""
         self._ending: set[asyncio.Future[Any]] = set()
+        self._turn = asyncio.Lock()
 
     def __len__(self) -> int:
         return len(self._calls)
@@ -220,10 +223,19 @@ class Calls:
             self._offers.popitem(last=False)
         if not allowance.take(asyncio.get_running_loop().time()):
             raise UsageError(f"calls: got more offers from one address than {OFFERS_HZ:g} per second")
-        offer = read_offer(data)
-        self._make_room(caller)
+        async with self._turn:
+            try:
+                return await self._answer(session, data, address, caller, join)
+            finally:
+                await asyncio.sleep(ANSWER_EVERY_S)
+
+    async def _answer(
+        self, session: str, data: bytes, address: str, caller: str, join: Callable[[Call, Offer], None]
+    ) -> tuple[str, str]:
         from aiortc import RTCConfiguration, RTCPeerConnection
 
+        offer = read_offer(data)
+        self._make_room(caller)
         peer = RTCPeerConnection(RTCConfiguration(iceServers=[]))
         call = Call(secrets.token_urlsafe(16), session, caller, peer)
         self._calls[call.name] = call
@@ -235,7 +247,6 @@ class Calls:
             call.leave.close()
             await peer.close()
             raise
-        call.is_answered = True
         self.counts.begun += 1
         call.leave.callback(asyncio.create_task(self._expect(call)).cancel)
         return call.name, answer
@@ -246,10 +257,10 @@ class Calls:
         own = [call for call in waiting if call.caller == caller]
         if len(own) < MAX_WAITING and len(self._calls) < self._most:
             return
-        ended = next((call for call in (own if len(own) >= MAX_WAITING else waiting) if call.is_answered), None)
-        if ended is None:
-            raise UsageError(f"calls: got one more than {self._most}, or {MAX_WAITING} of one address at a time")
-        self._lose(ended, "it was not connected when another call needed its place")
+        if not waiting:
+            raise UsageError(f"calls: got one more than {self._most}")
+        oldest = own[0] if len(own) >= MAX_WAITING else waiting[0]
+        self._lose(oldest, "another call needed its place before it was connected")
 
     def _show(self, call: Call, offer: Offer) -> None:
         from fapengine.server.calls.tracks import FilmTracks
