@@ -37,7 +37,7 @@ def decode(
     from dataclasses import asdict, replace
 
     from fapengine.cli._printing import print_result, working
-    from fapengine.codec.interpolate import fill_track
+    from fapengine.codec.fit import fill_track
     from fapengine.files.fba import load_fba, load_fit
     from fapengine.files.motion import save_fap, shown
     from fapengine.files.paths import is_standard, standard_output

@@ -6,7 +6,7 @@ Bits stay in a buffer until a plane is *settled*: it decodes the same whatever f
 the same frames as feeding everything at once. For any bytes the decoder returns frames or raises :class:`DataError`;
 its time and memory are linear in the length of the data.
 
-A body next to the face (:mod:`fapengine.codec.bodies`) is decoded and ignored: planes with BAPs leave the fast loop and
+A body next to the face (:mod:`fapengine.codec.planes`) is decoded and ignored: planes with BAPs leave the fast loop and
 are decoded one by one. A plane with BAPs only is a frame in which the face does not move; it counts as skipped.
 
 With ``errors="resync"`` an error becomes a :class:`Loss`, and decoding continues at the next I plane that can be
@@ -25,7 +25,6 @@ from numpy.typing import NDArray
 from fapengine.codec import bits
 from fapengine.codec import kernels as k
 from fapengine.codec.bits import BitReader, Bits, place, unpack
-from fapengine.codec.bodies import BodyState
 from fapengine.codec.fields import FIELD_COUNT, Ints, track_of
 from fapengine.codec.header import (
     BODY,
@@ -37,7 +36,7 @@ from fapengine.codec.header import (
     read_plane_start,
     read_skip,
 )  # fmt: skip
-from fapengine.codec.planes import FieldState, Frame, Loss, Planes, PlaneState
+from fapengine.codec.planes import BodyState, FieldState, Frame, Loss, Planes, PlaneState
 from fapengine.codec.resync import find_intact_intra
 from fapengine.errors import ConformanceError, DataError, TruncatedError
 from fapengine.mpeg4.track import FapTrack

@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from fapengine.codec.fapfile import Words, text_lines
 from fapengine.codec.fields import FIELD_FAPS, LOW_LEVEL_COUNT, Bools, Ints, SentRanges, rows_of
 from fapengine.codec.header import FACE, FrameRate, IntraHeader, TimeCode
-from fapengine.codec.words import Words, text_lines
 from fapengine.codec.writer import StreamWriter, check_selects
 from fapengine.errors import DataError, TruncatedError, UnsupportedError, UsageError
 from fapengine.mpeg4 import fap

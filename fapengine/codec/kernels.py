@@ -6,7 +6,7 @@ A symbol ``y`` of an alphabet of ``n`` has an interval of the sums ``c[j] = f[j]
 top. Counted from the other end, with rank ``r = n - 1 - y``, the interval is ``[prefix(r), prefix(r) + f[r])``. A
 Fenwick tree keeps the prefix sums of changing counts: coding, finding and counting a symbol take log2(n) steps, not n.
 A plane has up to 73 fields (:mod:`fapengine.codec.fields`) in up to three segments, each with its own flush. A table of
-another length belongs to a body (:mod:`fapengine.codec.bodies`), which has one segment and no flags.
+another length belongs to a body (:mod:`fapengine.codec.planes`), which has one segment and no flags.
 
 Invariants: ``low <= V <= high``; the tree of every model contains the prefix sums of its counts; models change only
 after a whole plane was decoded, so that an incomplete plane can be decoded again.

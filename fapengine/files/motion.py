@@ -73,7 +73,7 @@ def load_motion(path: Path) -> FapTrack:
     """
     data = read_bytes(path)
     if data[:3] == b"\x00\x00\x01" or is_mp4(data):
-        from fapengine.codec.interpolate import fill_track
+        from fapengine.codec.fit import fill_track
         from fapengine.files.fba import load_fba
 
         decoded = load_fba(path)

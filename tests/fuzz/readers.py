@@ -29,8 +29,7 @@ from fapengine.codec.decoder import decode
 from fapengine.codec.encoder import Encoder, EncoderOptions
 from fapengine.codec.epf import parse_epf
 from fapengine.codec.fapfile import parse_fap
-from fapengine.codec.fit import format_fit, parse_fit
-from fapengine.codec.interpolate import PARTNERS
+from fapengine.codec.fit import PARTNERS, format_fit, parse_fit
 from fapengine.errors import DataError
 from fapengine.files.gltf.document import parse_gltf
 from fapengine.files.gltf.scene import read_scene

@@ -11,9 +11,9 @@ import pytest
 
 from bench.plain_codec import Model, PlainEncoder
 from fapengine.codec.bits import unpack
-from fapengine.codec.bodies import BODY_GROUPS, CODED_BAPS, SCALES
 from fapengine.codec.decoder import Decoder, decode
 from fapengine.codec.encoder import EncoderOptions, encode
+from fapengine.codec.planes import BODY_GROUPS, CODED_BAPS, SCALES
 from fapengine.errors import ConformanceError, DataError, TruncatedError, UnsupportedError
 from fapengine.mpeg4.track import FapTrack
 

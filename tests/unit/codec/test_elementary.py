@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 
-from fapengine.codec.choices import EYE_LEVER_MM, HEAD_LEVER_MM, TONGUE_LEVER, point_errors_mm
 from fapengine.codec.decoder import decode
 from fapengine.codec.elementary import LEVELS, access_units, level_of
-from fapengine.codec.encoder import EncoderOptions, encode
+from fapengine.codec.encoder import EYE_LEVER_MM, HEAD_LEVER_MM, TONGUE_LEVER, EncoderOptions, encode, point_errors_mm
 from fapengine.codec.epf import parse_epf
-from fapengine.codec.interpolate import LIP_PARTNERS, SIDE_PARTNERS, fill
+from fapengine.codec.fit import LIP_PARTNERS, SIDE_PARTNERS, fill
 from fapengine.errors import DataError
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import Fapu

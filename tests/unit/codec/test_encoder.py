@@ -3,18 +3,21 @@
 import numpy as np
 import pytest
 
-from fapengine.codec.choices import (
+from fapengine.codec.decoder import Decoder, decode
+from fapengine.codec.encoder import (
+    FIRST_QUANT,
+    Encoder,
+    EncoderOptions,
     coarsest_quant,
+    encode,
     fit_ranges,
     guaranteed_quant,
     point_errors_mm,
     quantise,
     table_ranges,
 )
-from fapengine.codec.decoder import Decoder, decode
-from fapengine.codec.encoder import FIRST_QUANT, Encoder, EncoderOptions, encode
 from fapengine.codec.fields import SentRanges
-from fapengine.codec.interpolate import fill
+from fapengine.codec.fit import fill
 from fapengine.codec.kernels import SKIP_LIMIT
 from fapengine.errors import UsageError
 from fapengine.mpeg4 import fap

@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fapengine.codec.fit import Fit, Link, Polynomial, Term, format_fit, parse_fit
-from fapengine.codec.interpolate import PARTNERS
+from fapengine.codec.fit import PARTNERS, Fit, Link, Polynomial, Term, format_fit, parse_fit
 from fapengine.errors import DataError, TruncatedError, UsageError
 from fapengine.mpeg4 import fap
 

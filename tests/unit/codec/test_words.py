@@ -2,7 +2,7 @@
 
 import pytest
 
-from fapengine.codec.words import LINES_KEPT, Words, text_lines
+from fapengine.codec.fapfile import LINES_KEPT, Words, text_lines
 from fapengine.errors import DataError, TruncatedError
 
 
