@@ -20,6 +20,7 @@ from typer.testing import CliRunner
 import fapengine
 from fapengine._strict_toml import Between
 from fapengine.app.inspection.kinds import FILE_KINDS
+from fapengine.app.manner import manner_of, voice_of
 from fapengine.batch.rows import Options
 from fapengine.cli._ending import EXIT_CODES
 from fapengine.cli.main import app
@@ -233,6 +234,19 @@ def test_python_has_every_option_of_speaking(name: str) -> None:
         assert getattr(place(), key) == default
     else:
         assert Style().without(["all"]) == Style.still()
+
+
+@pytest.mark.parametrize("name", SPEAKING)
+def test_an_option_of_speaking_changes_how_a_text_is_spoken(name: str) -> None:
+    field = SPEAKING[name]
+    low, high = _range(field.type)
+    choices = _described(field.type).choices
+    numbers = [low + 1 if high is None else high] if low is not None else []
+    texts = [tuple(choices[:1]) if isinstance(field.default, tuple) else each for each in choices or ("another",)]
+    others = [not field.default] if isinstance(field.default, bool) else numbers or texts
+    (other, *_) = [each for each in others if each != field.default]
+    changed = SpeakingOptions(**{name: other})
+    assert (manner_of(changed), voice_of(changed)) != (manner_of(SpeakingOptions()), voice_of(SpeakingOptions()))
 
 
 def _described(kind: Any) -> Any:
