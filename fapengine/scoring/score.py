@@ -206,10 +206,20 @@ class Score:
     frames: int
     closed_mm: float
     """Opening under which lips counted as closed."""
+    opens_mm: float | None
+    """How far the mouth opens where phones are spoken, or in the whole recording if they are unknown: the 95th less the
+    5th percentile of the opening. None if nothing is spoken."""
     behaviour: Behaviour
+    is_heard: bool = False
+    """Whether the phones were recognized, so that some are wrong."""
     phones: AgainstPhones | None = None
     truth: AgainstTruth | None = None
     intensity: Intensity | None = None
+
+    @property
+    def judged(self) -> AgainstPhones | AgainstTruth | None:
+        """What closures and timing are judged by: the phones if they are known, else the reference."""
+        return self.phones or self.truth
 
     def as_dict(self) -> dict[str, Any]:
         """Return everything as plain values, rounded, for JSON."""
@@ -223,6 +233,7 @@ def score_mouth(
     phones: PhoneTrack | None = None,
     power: Array | None = None,
     closed_mm: float = CLOSED_MM,
+    is_heard: bool = False,
 ) -> Score:
     """Score a mouth, of a track or of a video.
 
@@ -238,6 +249,8 @@ def score_mouth(
         Mean square of the audio in each 10 ms.
     closed_mm : float
         Opening below which lips count as closed.
+    is_heard : bool
+        Whether the phones were recognized.
     """
     if not closed_mm > 0:
         raise UsageError(f"closed_mm: must be above 0, got {closed_mm}")
@@ -247,7 +260,9 @@ def score_mouth(
         duration_s=mouth.end_s - float(mouth.times_s[0]),
         frames=len(mouth.times_s),
         closed_mm=closed_mm,
+        opens_mm=opens_mm(mouth, phones),
         behaviour=behaviour_of(mouth),
+        is_heard=is_heard,
         phones=None if phones is None else AgainstPhones(
             closures=closures_of_phones(mouth, phones, closed_mm=closed_mm), teeth=teeth_of_phones(mouth, phones),
             timing=timing_of_phones(mouth, phones),
@@ -258,6 +273,18 @@ def score_mouth(
         ),
         intensity=None if power is None else intensity_of(mouth, power),
     )  # fmt: skip
+
+
+def opens_mm(mouth: Mouth, phones: PhoneTrack | None) -> float | None:
+    """How far a mouth opens in speech, mm; None if nothing is spoken while it is recorded. See :class:`Score`."""
+    spoken = np.full(len(mouth.times_s), phones is None)
+    for phone in phones.phones if phones is not None else ():
+        if not phone.is_silence:
+            spoken |= (mouth.times_s >= phone.start_s) & (mouth.times_s <= phone.end_s)
+    if not spoken.any():
+        return None
+    low, high = np.percentile(mouth.opening_mm[spoken], (5, 95))
+    return float(high - low)
 
 
 def _rounded(value: Any) -> Any:
