@@ -230,20 +230,15 @@ def _stop_on_signals(stop: "Callable[[], None]") -> None:
 
 
 async def _run(config: "ServeConfig", profile: "Profile", head: "FaceMesh | None", guard: "Watchdog") -> None:
-    import asyncio
-
-    from fapengine.server.load import collect_now_and_then
+    from fapengine.server.load import collecting_in_pieces
     from fapengine.server.server import Server
     from fapengine.server.server import serve as serve_until_stopped
 
     server = Server(config, profile, head)
     server.hub.listeners.on_frames(lambda frames: guard.tell(frames.sessions))
     _stop_on_signals(server.stop)
-    collecting = asyncio.create_task(collect_now_and_then())
-    try:
+    with collecting_in_pieces():
         await serve_until_stopped(server, lambda: _announce(server))
-    finally:
-        collecting.cancel()
 
 
 async def _run_workers(config: "ServeConfig") -> None:

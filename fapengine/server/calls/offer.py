@@ -137,6 +137,8 @@ async def answer_offer(peer: "RTCPeerConnection", offer: Offer, address: str, pr
 
     await _asked(peer.setRemoteDescription(RTCSessionDescription(offer.sdp, "offer")), "understood")
     prepare()
+    for transceiver in peer.getTransceivers():  # nobody sends images; it has 1000 objects
+        cast("Any", transceiver.receiver)._RTCRtpReceiver__remote_bitrate_estimator = None
     for transport in {transceiver.receiver.transport for transceiver in peer.getTransceivers()}:
         guard(transport, address, asyncio.get_running_loop().time)
     answer = await _asked(peer.createAnswer(), "answered")

@@ -20,7 +20,7 @@ from fapengine.server.cluster import channel
 from fapengine.server.cluster.channel import Channel
 from fapengine.server.config import ServeConfig
 from fapengine.server.intake.listeners import Caller
-from fapengine.server.load import collect_now_and_then
+from fapengine.server.load import collecting_in_pieces
 from fapengine.server.logs import begin_log
 from fapengine.server.ownership.rule import OwnSessions
 from fapengine.server.server import Server, serve
@@ -60,12 +60,11 @@ class Worker:
         """Serve until stopped."""
         loop = asyncio.get_running_loop()
         loop.add_signal_handler(signal.SIGTERM, self._stop)
-        collecting = asyncio.create_task(collect_now_and_then())
         living = asyncio.create_task(self._live())
         try:
-            await serve(self.server, self._begin)
+            with collecting_in_pieces():
+                await serve(self.server, self._begin)
         finally:
-            collecting.cancel()
             living.cancel()
             loop.remove_reader(self._link.fileno())
 

@@ -73,10 +73,11 @@ def run(work: Callable[[Calls, Any, Any], Coroutine[Any, Any, None]], most: int 
 PEERS: list[RTCPeerConnection] = []
 
 
-async def offer() -> tuple[RTCPeerConnection, bytes]:
+async def offer(*kinds: str) -> tuple[RTCPeerConnection, bytes]:
     peer = RTCPeerConnection(RTCConfiguration(iceServers=[]))
     PEERS.append(peer)
-    peer.addTransceiver("audio", direction="recvonly")
+    for kind in kinds or ("audio",):
+        peer.addTransceiver(kind, direction="recvonly")
     await peer.setLocalDescription(await peer.createOffer())
     return peer, str(peer.localDescription.sdp).encode()
 
@@ -160,6 +161,18 @@ def test_rendering_begins_when_a_call_is_connected_and_every_two_seconds_for_one
         gap_s = sorted(studio.begun_s)[-1] - sorted(studio.begun_s)[0]
         assert START_EVERY_S <= gap_s < START_EVERY_S + 0.5
         assert len(calls._started_s) <= 2
+
+    run(work)
+
+
+def test_a_call_does_not_keep_what_only_receivers_of_images_need() -> None:
+    async def work(calls: Calls, hub: Any, studio: Any) -> None:
+        name, _ = await calls.watch("anna", (await offer("audio", "video"))[1], "127.0.0.1", "10.0.0.1")
+        peers = [entry.peer for entry in calls._calls.values()]
+        receivers = [transceiver.receiver for peer in peers for transceiver in peer.getTransceivers()]
+        assert len(receivers) == 2
+        assert all(one._RTCRtpReceiver__remote_bitrate_estimator is None for one in receivers)
+        await calls.end(name)
 
     run(work)
 
