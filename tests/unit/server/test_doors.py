@@ -255,6 +255,19 @@ def test_who_reads_nothing_for_a_time_is_hung_up_on(less_every_s: float | None, 
     on_virtual_time(main)
 
 
+def test_who_has_read_may_be_silent() -> None:
+    async def main(_: LeapingLoop) -> None:
+        door, link, guard = Door(4, 4), Link(), Guarded()
+        assert guard.enter(door, link)  # type: ignore[arg-type]
+        guard.pause_writing()
+        guard.resume_writing()
+        await asyncio.sleep(10 * UNREAD_S)
+        assert link.is_open
+        guard.connection_lost(None)
+
+    on_virtual_time(main)
+
+
 def test_beginnings_that_stay_incomplete_are_hardly_looked_at() -> None:
     looks = 0
 
