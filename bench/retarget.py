@@ -24,10 +24,14 @@ from fapengine.mesh.rig.axes import JAW, LEFT, RIGHT
 from fapengine.mesh.rig.feature_points import locate
 from fapengine.mpeg4 import fap
 from fapengine.retarget.arkit import approximate_arkit, arkit_map, arkit_to_faps
-from fapengine.retarget.blend import weights_mm
-from fapengine.retarget.oculus import approximate_visemes, visemes_to_faps
-from fapengine.retarget.shape_rows import ARKIT_NAMES
-from fapengine.retarget.vrm import VRM0_NAMES, approximate_presets, presets_to_faps
+from fapengine.retarget.blend import ARKIT_NAMES, weights_mm
+from fapengine.retarget.visemes import (
+    VRM0_NAMES,
+    approximate_presets,
+    approximate_visemes,
+    presets_to_faps,
+    visemes_to_faps,
+)
 from fapengine.speech.phone_track import Phone
 from fapengine.wire.shapes import ArkitFollower
 

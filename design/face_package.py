@@ -16,8 +16,7 @@ import fapengine
 from fapengine.files.heads.load import load_head
 from fapengine.mpeg4 import fap
 from fapengine.retarget import arkit, moods
-from fapengine.retarget.blend import BlendMap, weights_mm
-from fapengine.retarget.shape_rows import ALL_MOODS, ARKIT_NAMES
+from fapengine.retarget.blend import ALL_MOODS, ARKIT_NAMES, BlendMap, weights_mm
 from fapengine.server.web.page_files import head_binary, setup
 
 ROOT = Path(__file__).resolve().parent.parent

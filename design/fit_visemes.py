@@ -31,9 +31,8 @@ from fapengine.mpeg4 import fap
 from fapengine.mpeg4.visemes import VISEMES
 from fapengine.profiles import Profile, parse_profile
 from fapengine.retarget.arkit import arkit_map
-from fapengine.retarget.blend import BlendMap, weights_mm
-from fapengine.retarget.oculus import PLAIN, RELUCTANCE_MM
-from fapengine.retarget.shape_rows import ARKIT_NAMES
+from fapengine.retarget.blend import ARKIT_NAMES, BlendMap, weights_mm
+from fapengine.retarget.visemes import PLAIN, RELUCTANCE_MM
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory.faps import displacements_to_faps
 from fapengine.trajectory.planner import plan

@@ -15,7 +15,7 @@ from fapengine.render.camera import turned
 from fapengine.render.drawing import DEFAULT_DRAWING, Drawing, Picture
 
 if TYPE_CHECKING:
-    from fapengine.render.crowd import CrowdRenderer
+    from fapengine.render.renderer import CrowdRenderer
 
 
 def resized(drawing: Drawing | None, size: tuple[int, int] | None) -> Drawing:
@@ -84,7 +84,7 @@ def open_crowd(meshes: Sequence[FaceMesh], drawing: Drawing) -> "CrowdRenderer":
     ResourceError
         If OpenGL is not available.
     """
-    from fapengine.render.crowd import CrowdRenderer
+    from fapengine.render.renderer import CrowdRenderer
 
     return CrowdRenderer(meshes, drawing, columns=crowd_columns(len(meshes)))
 

@@ -21,8 +21,8 @@ from fapengine.laboratory.marker_driver import HeadReference
 from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.deform import BONE_COUNT, Pose
 from fapengine.mesh.face_mesh import Channel, DeformationBasis, FaceMesh, Material
-from fapengine.render.crowd import CrowdRenderer
 from fapengine.render.drawing import Drawing
+from fapengine.render.renderer import CrowdRenderer
 
 Array = NDArray[np.float64]
 

@@ -136,7 +136,7 @@ def _command(session: Path, output: Path, seed: int) -> str:
 
 def _adapt(fitted: Fitted, job: FitJob) -> tuple[FaceMesh, Nearness]:
     """Fit the built-in head to the dense face."""
-    from fapengine.files.heads.adapt_file import adapt_dense_face  # much of scipy
+    from fapengine.files.heads.import_file import adapt_dense_face  # much of scipy
 
     if fitted.dense is None:
         raise DataError(
@@ -162,7 +162,7 @@ def _write(
             for name, data in format_dense(fitted.dense.face).items():
                 (folder / name).write_bytes(data)
         if fitted.dense is not None and adapted is not None:
-            from fapengine.files.heads.adapt_file import adapted_info
+            from fapengine.files.heads.import_file import adapted_info
 
             save_head(folder / ADAPTED, adapted[0], adapted_info(fitted.dense.face))
         if faps:

@@ -19,7 +19,7 @@ from fapengine.files.motion import BLEND_ENDINGS, RECORDED_ENDINGS, load_motion,
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mpeg4.track import FapTrack
 from fapengine.render.drawing import Drawing, Picture
-from fapengine.retarget.shape_rows import ARKIT_NAMES
+from fapengine.retarget.blend import ARKIT_NAMES
 
 if TYPE_CHECKING:
     from fapengine.app.scene_files import Into

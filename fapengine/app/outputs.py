@@ -213,7 +213,7 @@ def _write_mouth_shapes(track: FapTrack, path: Path, options: SaveOptions) -> No
         sound = options.sound
         cues = cues_of_phones(options.phones, duration_s=len(sound[0]) / sound[1] if sound else None)
     else:
-        from fapengine.retarget.rhubarb import approximate_shapes
+        from fapengine.retarget.visemes import approximate_shapes
 
         cues = cues_of_frames(approximate_shapes(track.even_values(), track.rate_hz), track.rate_hz)
     recording = str(options.recording.resolve()) if options.recording else ""

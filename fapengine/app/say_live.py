@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fapengine.app.face import REST_S, SESSION, Face, Ticks
 from fapengine.app.manner import Manner, moods_of
-from fapengine.audio.microphone import Microphone
+from fapengine.audio.device import Microphone
 from fapengine.errors import UsageError
 from fapengine.files.heads.load import DEFAULT_HEAD, load_levels
 from fapengine.host.hearing import DELAY_S, Hearing

@@ -8,9 +8,8 @@ import numpy as np
 
 from fapengine.errors import DataError, UsageError
 from fapengine.files import usd
-from fapengine.files.gltf.clip import FaceMotion, Reached, add_clip
+from fapengine.files.gltf.clip import PRESETS, FaceMotion, Reached, add_clip, format_vrma
 from fapengine.files.gltf.head_file import ShapeClip, format_head
-from fapengine.files.gltf.vrma import PRESETS, format_vrma
 from fapengine.files.heads.built import load_built
 from fapengine.files.heads.load import load_head, load_head_and_modes, load_head_info, load_head_of_modes
 from fapengine.files.paths import read_bytes, write_bytes

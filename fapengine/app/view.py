@@ -15,8 +15,7 @@ from fapengine.app.face import Face, Ticks
 from fapengine.audio.device import open_output
 from fapengine.audio.output import Output
 from fapengine.clients.osc_viewer import OscViewer
-from fapengine.clients.viewer_sound import ViewerSound
-from fapengine.clients.websocket_viewer import WebSocketViewer
+from fapengine.clients.websocket_viewer import ViewerSound, WebSocketViewer
 from fapengine.engine.commands import Blink
 from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.files.motion import load_motion

@@ -1,14 +1,15 @@
-"""Edge: sound devices through PortAudio, and playback whose clock the face follows.
+"""Edge: sound devices through PortAudio: playback whose clock the face follows, and microphones.
 
 :func:`open_output` returns a :class:`Player`, or silence of the same length if there is no device: :mod:`.output`.
 """
 
 import time
+from collections import deque
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from math import gcd
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -112,7 +113,7 @@ class Player(Output):
             raise UsageError(f"sample_rate_hz: got {sample_rate_hz}, expected a positive number")
         sounddevice = portaudio()
         if device is None and sounddevice.default.device[1] < 0:
-            raise ResourceError("sound: there is no output device; `fapengine doctor` tells more")
+            raise ResourceError("sound: there is no output device; see `fapengine doctor`")
         try:
             about = sounddevice.query_devices(device, "output")
             rate_hz = supported_rate_hz("output", device, (sample_rate_hz,), about)
@@ -195,3 +196,70 @@ def _resample(samples: NDArray[np.int16], from_hz: int, to_hz: int) -> NDArray[n
     shared = gcd(from_hz, to_hz)
     resampled = resample_poly(samples.astype(np.float64), to_hz // shared, from_hz // shared)
     return np.clip(np.rint(resampled), -32768, 32767).astype(np.int16)
+
+
+RATES_HZ = (16_000, 48_000, 44_100)
+"""Rates that are tried before the device's own."""
+PIECE_S = 0.02
+MAX_PIECES = 100
+"""Pieces that wait, 2 s; then the oldest is dropped."""
+DEFAULT = "default"
+"""Name of the system's microphone."""
+
+
+class Microphone:
+    """Sound of an input device. Use it as a context manager, or close it. Stateful.
+
+    Parameters
+    ----------
+    device : str, optional
+        Its number, or a part of its name; None or :data:`DEFAULT`: the system's.
+
+    Raises
+    ------
+    ResourceError
+        If PortAudio is missing, or the device cannot be opened.
+    """
+
+    def __init__(self, device: str | None = None) -> None:
+        sounddevice = portaudio()
+        chosen: int | str | None = None if device in (None, DEFAULT) else device
+        if isinstance(chosen, str) and chosen.isdecimal():
+            chosen = int(chosen)
+        if chosen is None and sounddevice.default.device[0] < 0:
+            raise ResourceError("microphone: there is no input device; see `fapengine doctor`")
+        self._pieces: deque[NDArray[np.int16]] = deque(maxlen=MAX_PIECES)
+        self.dropped = 0
+        try:
+            about = sounddevice.query_devices(chosen, "input")
+            self.rate_hz = supported_rate_hz("input", chosen, RATES_HZ, about)
+            self._stream = sounddevice.InputStream(
+                samplerate=self.rate_hz, channels=1, dtype="int16", device=chosen, latency="low",
+                blocksize=round(PIECE_S * self.rate_hz), callback=self._take,
+            )  # fmt: skip
+            self._stream.start()
+        except (sounddevice.PortAudioError, ValueError) as error:
+            raise ResourceError(f"microphone: {plain(error)}; `fapengine doctor` lists the devices") from error
+        self.description = f"{about['name']}, {self.rate_hz} Hz"
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def take(self) -> NDArray[np.int16]:
+        """Return the samples since the last call, (N,) int16, mono, at ``rate_hz``."""
+        pieces = [np.zeros(0, np.int16)]
+        while self._pieces:
+            pieces.append(self._pieces.popleft())
+        return np.concatenate(pieces)
+
+    def close(self) -> None:
+        """Close the device."""
+        self._stream.close()
+
+    def _take(self, data: NDArray[np.int16], frames: int, times: Any, status: Any) -> None:
+        """PortAudio's own thread calls this."""
+        self.dropped += len(self._pieces) == MAX_PIECES
+        self._pieces.append(data[:, 0].copy())

@@ -66,10 +66,9 @@ def import_head(
 
     from fapengine.cli._printing import print_result, spell_nearness
     from fapengine.errors import UsageError
-    from fapengine.files.heads.adapt_file import adapt_head_file
     from fapengine.files.heads.dense import is_profile, load_dense_head
     from fapengine.files.heads.folder import OWNED, save_head
-    from fapengine.files.heads.import_file import import_head_file
+    from fapengine.files.heads.import_file import adapt_head_file, import_head_file
     from fapengine.files.outputs import files_in
 
     writing.check(files_in(output, OWNED), [mesh, points, mapping])

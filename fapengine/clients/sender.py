@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Self
 from numpy.typing import ArrayLike
 
 from fapengine._arrays import as_sound
-from fapengine.clients.connection import Connection
-from fapengine.clients.pipes import TcpFraming
+from fapengine.clients.connection import Connection, TcpFraming
 from fapengine.engine.command_table import Command, shifted
 from fapengine.engine.commands import Anchor, Pause, Resume
 from fapengine.engine.gesture_methods import GestureMethods

@@ -21,6 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine._late import needed
+from fapengine.audio.device import open_output
+from fapengine.audio.output import OpenOutput, Playing, SoundPlayer
 from fapengine.clients.osc_viewer import Faps, ViewerCounts
 from fapengine.errors import DataError, UsageError
 from fapengine.mpeg4 import fap
@@ -86,7 +88,7 @@ class WebSocketViewer:
     session : str, optional
         By default the server's own choice, or that of the address.
     plays : bool
-        Whether the caller plays the sounds and reports their positions (:mod:`.viewer_sound`): the face waits for that.
+        Whether the caller plays the sounds and reports their positions (:class:`ViewerSound`): the face waits for that.
     clock : callable
         The monotonic clock.
 
@@ -346,3 +348,50 @@ def parse_wav(data: bytes) -> tuple[NDArray[np.int16], int]:
         raise DataError(f"sound: got {8 * width} bits at {rate_hz} Hz, expected 16 bits")
     whole = frames[: len(frames) - len(frames) % (2 * channels)]
     return np.frombuffer(whole, "<i2").reshape(-1, channels)[:, 0].astype(np.int16), rate_hz
+
+
+class ViewerSound(SoundPlayer):
+    """The sound of a :class:`WebSocketViewer` that plays. Close it.
+
+    It reports its position to the server, so that the face follows our sound. Frames reach us some time after they were
+    made; the position that is reported is ahead by this time, so that the image matches the sound. Stateful.
+
+    Parameters
+    ----------
+    link : WebSocketViewer
+        Made with ``plays``.
+    opens : callable
+        Sample rate in Hz to an output; called once for each rate.
+    """
+
+    def __init__(self, link: WebSocketViewer, *, opens: OpenOutput = open_output) -> None:
+        super().__init__(opens)
+        self._link = link
+
+    def play(self, now_s: float) -> None:
+        """Play the sounds that have arrived, and report their positions; call it before each frame.
+
+        Parameters
+        ----------
+        now_s : float
+            Monotonic clock.
+        """
+        ended = self._link.ended()
+        for announced in self._link.sounds():
+            self.add(announced.utterance, announced.samples, announced.sample_rate_hz, now_s)
+        if self._link.state != "open":
+            self.stop()
+        for utterance in ended:
+            self.drop(utterance)
+        for entry in self.follow(now_s):
+            self._report(entry, now_s)
+
+    def _report(self, entry: Playing, now_s: float) -> None:
+        place_s, server_s = entry.position_s(now_s), self._link.server_s(now_s)
+        if place_s is None or server_s is None or not entry.is_due(place_s, now_s):
+            return
+        if self.is_paused and not entry.is_still:  # while the face is paused, positions are not reported
+            return
+        ahead_s = 0.0 if entry.is_still else max(self._link.age_s or 0.0, 0.0)
+        rate = 0.0 if entry.is_still else 1.0
+        self._link.send("audio", utterance=entry.utterance, at_s=server_s, position_s=place_s + ahead_s, rate=rate)

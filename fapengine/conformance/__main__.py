@@ -59,20 +59,20 @@ def _verdicts(suite: str, options: argparse.Namespace) -> list[Verdict]:
     """Run a suite. Its module is imported here, so that each suite needs its own dependencies only."""
     subject, seconds = options.subject, options.seconds
     if suite == "osc-server":
-        from fapengine.conformance.osc_server import CASES, OscServer
+        from fapengine.conformance import osc
 
         host, _, port = subject.rpartition(":")
         if not host:
             raise UsageError(f"subject: got {subject!r}, expected HOST:PORT")
-        with OscServer(host.strip("[]"), _port(port), options.token) as server:
-            return run(CASES, server)
+        with osc.OscServer(host.strip("[]"), _port(port), options.token) as server:
+            return run(osc.SERVER_CASES, server)
     if suite == "osc-sender":
-        from fapengine.conformance import osc_sender
+        from fapengine.conformance import osc
         from fapengine.server.intake.listeners import bound
 
         with bound("127.0.0.1", _port(subject), socket.SOCK_DGRAM) as own:
             _say(f"listens at 127.0.0.1:{own.getsockname()[1]}; let your sender speak, for {seconds:g} s")
-            return run(osc_sender.CASES, osc_sender.listen(own, seconds, _say))
+            return run(osc.SENDER_CASES, osc.listen(own, seconds, _say))
     if suite.startswith("page"):
         from fapengine.conformance import page
 

@@ -80,8 +80,7 @@ def load_motion(path: Path) -> FapTrack:
         return fill_track(decoded, shown(decoded.track))[0]
     if path.suffix.lower() == ".fap":
         return shown(load_fap(path))
-    from fapengine.retarget.blend_tracks import parse_blend_track
-    from fapengine.retarget.vmc_recording import is_vmc_recording, parse_vmc_recording
+    from fapengine.retarget.blend_tracks import is_vmc_recording, parse_blend_track, parse_vmc_recording
 
     recorded = is_vmc_recording(data)
     if path.suffix.lower() not in BLEND_ENDINGS and not recorded:

@@ -161,8 +161,7 @@ def files_named_in(path: Path) -> Iterator[Path]:
 
 
 def _of_gltf(path: Path) -> list[str]:
-    from fapengine.files.gltf.document import text_of_gltf
-    from fapengine.files.gltf.json_cursor import parse_json
+    from fapengine.files.gltf.document import parse_json, text_of_gltf
 
     root = parse_json(text_of_gltf(read_bytes(path)), "glTF")
     rows = [row for kind in ("buffers", "images") for row in root.items(kind) if "uri" in row]

@@ -11,8 +11,7 @@ its audio.
 """
 
 from fapengine.audio.device import open_output
-from fapengine.audio.output import Output
-from fapengine.audio.player import OpenOutput, Playing, SoundPlayer
+from fapengine.audio.output import OpenOutput, Output, Playing, SoundPlayer
 from fapengine.engine.commands import Audio, Cancel, Command, Pause, Resume, Seek
 from fapengine.engine.session import Event
 from fapengine.host.hub import Hub

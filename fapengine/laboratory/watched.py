@@ -44,7 +44,7 @@ from fapengine.errors import DataError, UsageError
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD, EYE_LIDS, Fapu, faps_of_displacements, measure_distances
 from fapengine.mpeg4.track import FapTrack, to_codable
-from fapengine.retarget.shape_rows import shape_rows
+from fapengine.retarget.blend import shape_rows
 
 QUIET_SHARE, QUIET_S = 0.15, 0.2
 """Fraction of the frames that count as quiet, and the time over which their motion is summed."""

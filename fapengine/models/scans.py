@@ -32,7 +32,7 @@ from fapengine.errors import DataError, UsageError
 from fapengine.geometry.rigid import RigidMotion, fit_rigid
 from fapengine.geometry.smooth import smoothstep
 from fapengine.geometry.surface import Surface
-from fapengine.mesh.default_head import atlas
+from fapengine.mesh.default_head.mesh_builder import HAIR_U, SKIN_U, TEXTURE_SIZE
 from fapengine.mesh.face_mesh import FaceMesh, Material
 from fapengine.mesh.rig.placed_mesh import PlacedMesh
 from fapengine.models.adapted_head import on_large_parts
@@ -89,7 +89,7 @@ def fit_scan(
     count = len(model.mean_mm)
     if len(marks) < MIN_LANDMARKS or len(set(marks.tolist())) < len(marks) or marks.min() < 0 or marks.max() >= count:
         raise UsageError(
-            f"landmarks: must be at least {MIN_LANDMARKS} different points 0..{count - 1}, got {marks.tolist()}"
+            f"landmarks: must be at least {MIN_LANDMARKS} different points 0 to {count - 1}, got {marks.tolist()}"
         )
     if not (noise_mm > 0 and landmark_noise_mm > 0):
         raise UsageError(f"noise_mm, landmark_noise_mm: got {noise_mm}, {landmark_noise_mm}, expected positive lengths")
@@ -198,10 +198,10 @@ def paint_from_scan(mesh: FaceMesh, scan: PlacedMesh) -> FaceMesh:
     if mesh.texture is None or not has_colours(scan):
         return mesh
     skin = np.isin(mesh.material, (Material.SKIN, Material.LIP))
-    painted = skin & (mesh.uv[:, 0] > atlas.SKIN_U[0] + 1e-4) & (mesh.uv[:, 0] < atlas.SKIN_U[1] - 1e-4)
-    height, width = atlas.SIZE[0] // STRIDE, round(atlas.SKIN_U[1] * atlas.SIZE[1]) // STRIDE
+    painted = skin & (mesh.uv[:, 0] > SKIN_U[0] + 1e-4) & (mesh.uv[:, 0] < SKIN_U[1] - 1e-4)
+    height, width = TEXTURE_SIZE[0] // STRIDE, round(SKIN_U[1] * TEXTURE_SIZE[1]) // STRIDE
     rows, columns = np.indices((height, width))
-    texels = (np.stack([columns.ravel(), rows.ravel()], axis=1) + 0.5) * STRIDE / atlas.SIZE[::-1]
+    texels = (np.stack([columns.ravel(), rows.ravel()], axis=1) + 0.5) * STRIDE / TEXTURE_SIZE[::-1]
     known = LinearNDInterpolator(mesh.uv[painted], np.hstack([mesh.vertices_mm, mesh.albedo])[painted])(texels)
     on_head = np.isfinite(known[:, 0])
     theirs, near = _colours(scan, known[on_head, :3])
@@ -222,7 +222,7 @@ def paint_from_scan(mesh: FaceMesh, scan: PlacedMesh) -> FaceMesh:
     end = fine.shape[1]
     texture[:, end : end + MARGIN] = texture[:, end - 1 : end]  # what is read between texels at the edge
     albedo = mesh.albedo.copy()
-    on_painting = skin & (mesh.uv[:, 0] < (atlas.SKIN_U[1] + atlas.HAIR_U[0]) / 2)
+    on_painting = skin & (mesh.uv[:, 0] < (SKIN_U[1] + HAIR_U[0]) / 2)
     albedo[on_painting] = 1.0
     plain = skin & ~on_painting
     albedo[plain] = np.clip(albedo[plain] * tone, 0, 1)

@@ -31,11 +31,10 @@ from numpy.typing import ArrayLike, NDArray
 from fapengine._signals import signals_kept
 from fapengine.errors import ResourceError, UsageError
 from fapengine.mesh.face_mesh import FaceMesh
-from fapengine.render.budget import Quality
 from fapengine.render.camera import Camera, preset
 from fapengine.render.context import REQUIRED, moderngl
 from fapengine.render.drawing import MAX_SIDE_PX, MIN_SIDE_PX, Drawing
-from fapengine.render.live import LevelOfDetail, LiveRenderer
+from fapengine.render.live import LevelOfDetail, LiveRenderer, Quality
 from fapengine.render.programs import stage_source
 from fapengine.render.renderer import FaceRenderer
 

@@ -29,9 +29,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from fapengine._arrays import Array, frozen
 from fapengine.mpeg4 import fap
-from fapengine.retarget.blend import BlendMap, weights_mm
+from fapengine.retarget.blend import ALL_MOODS, ARKIT_NAMES, BlendMap, shape_rows, weights_mm
 from fapengine.retarget.moods import cost_share, find_moods, without_moods
-from fapengine.retarget.shape_rows import ALL_MOODS, ARKIT_NAMES, shape_rows
 
 JAW, CLOSE = ARKIT_NAMES.index("jawOpen"), ARKIT_NAMES.index("mouthClose")
 SIDEWAYS = ("jawLeft", "jawRight", "mouthLeft", "mouthRight")

@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 
-from fapengine.retarget.shape_rows import ARKIT_NAMES
+from fapengine.retarget.blend import ARKIT_NAMES
 
 PREFIXES = (
     "blendshape1.", "blendshape.", "blendshapes.", "ctrl_expressions_", "face_", "head_", "shape_", "arkit_", "bs_",

@@ -17,8 +17,7 @@ import numpy as np
 from fapengine._arrays import Array
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD
-from fapengine.retarget.blend import BlendMap
-from fapengine.retarget.shape_rows import shape_rows
+from fapengine.retarget.blend import BlendMap, shape_rows
 
 MOODS = {"happy": "joy", "angry": "anger", "sad": "sadness", "surprised": "surprise"}
 """VRM's moods that MPEG-4 also has, and its names for them."""

@@ -24,7 +24,7 @@ from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import PUPIL_SHARE, Bone, FaceMesh, Material, iris_share
 from fapengine.retarget.arkit import arkit_map
 from fapengine.retarget.blendshape_names import OCULUS, OCULUS_SPELLINGS
-from fapengine.retarget.oculus import oculus_map
+from fapengine.retarget.visemes import oculus_map
 
 METRES_PER_MM = 1e-3
 NECK, HEAD, JAW, LEFT_EYE, RIGHT_EYE = range(5)

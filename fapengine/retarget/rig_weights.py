@@ -12,11 +12,16 @@ from numpy.typing import ArrayLike
 from fapengine._arrays import Array, frozen
 from fapengine.mpeg4 import fap
 from fapengine.retarget.arkit import approximate_arkit
-from fapengine.retarget.blend import BlendMap
+from fapengine.retarget.blend import ARKIT_NAMES, BlendMap
 from fapengine.retarget.blendshape_names import OCULUS, OCULUS_SPELLINGS, UNUSED, Role, by_role, is_arkit, plain
-from fapengine.retarget.oculus import OCULUS_NAMES, approximate_visemes
-from fapengine.retarget.shape_rows import ARKIT_NAMES
-from fapengine.retarget.vrm import SHOWN, VRM0_NAMES, VRM1_NAMES, approximate_presets
+from fapengine.retarget.visemes import (
+    OCULUS_NAMES,
+    SHOWN,
+    VRM0_NAMES,
+    VRM1_NAMES,
+    approximate_presets,
+    approximate_visemes,
+)
 
 Weights = dict[str, Array]
 """(T,) float64, 0..1, by the name of a shape."""

@@ -22,8 +22,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from fapengine.audio.device import open_output
-from fapengine.audio.microphone import Microphone
+from fapengine.audio.device import Microphone, open_output
 from fapengine.engine.commands import Cancel
 from fapengine.engine.engine import Engine
 from fapengine.engine.session import Event

@@ -9,11 +9,9 @@ from fapengine._arrays import frozen
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD
 from fapengine.retarget.arkit import ask, join_shapes, speech_map, spoken_cost
-from fapengine.retarget.blend import BlendMap
+from fapengine.retarget.blend import ALL_MOODS, BlendMap
 from fapengine.retarget.moods import MOODS, MoodHold, cost_share, mood_map, read_moods, without_moods
-from fapengine.retarget.oculus import oculus_map, shares
-from fapengine.retarget.shape_rows import ALL_MOODS
-from fapengine.retarget.vrm import SHOWN, join_presets, vowel_map
+from fapengine.retarget.visemes import SHOWN, join_presets, oculus_map, shares, vowel_map
 
 Array = NDArray[np.float64]
 
@@ -90,7 +88,7 @@ class PresetFollower(_MoodFollower):
         super().__init__(vowel_map())
 
     def follow(self, faps: ArrayLike) -> Array:
-        """Add the next frame, (68,) FAPU; return (13,), the first of :data:`fapengine.retarget.vrm.VRM1_NAMES`."""
+        """Add the next frame, (68,) FAPU; return (13,), the first of :data:`fapengine.retarget.visemes.VRM1_NAMES`."""
         values = frozen(faps, "faps", (fap.FAP_COUNT,), np.float64)
         upper, moods, vowels = self._follow(values)
         lids = upper[len(MOODS) : len(MOODS) + 2]

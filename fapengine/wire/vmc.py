@@ -22,8 +22,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from fapengine._arrays import frozen
 from fapengine.errors import UsageError
-from fapengine.retarget.shape_rows import ARKIT_NAMES
-from fapengine.retarget.vrm import SHOWN, VRM0_NAMES, VRM1_NAMES
+from fapengine.retarget.blend import ARKIT_NAMES
+from fapengine.retarget.visemes import SHOWN, VRM0_NAMES, VRM1_NAMES
 from fapengine.wire import osc
 from fapengine.wire.shapes import turns_rad
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fapengine._arrays import frozen
-from fapengine.retarget.shape_rows import ARKIT_NAMES
+from fapengine.retarget.blend import ARKIT_NAMES
 from fapengine.wire import osc
 from fapengine.wire.shapes import turns_rad
 

@@ -18,8 +18,8 @@ from numpy.typing import ArrayLike
 
 from fapengine._arrays import frozen
 from fapengine.errors import DataError
-from fapengine.retarget.oculus import OCULUS_NAMES
-from fapengine.retarget.shape_rows import ARKIT_NAMES
+from fapengine.retarget.blend import ARKIT_NAMES
+from fapengine.retarget.visemes import OCULUS_NAMES
 from fapengine.wire.shapes import turns_rad
 
 PORT = 8001

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from fapengine.audio import clock as sound_clock
-from fapengine.audio import device, mixer, player
+from fapengine.audio import device, mixer, output
 from fapengine.engine import session
 from fapengine.host import host
 from fapengine.laboratory import context_fit
@@ -73,7 +73,7 @@ PROMISES = (
         "at most {} % faster or slower to correct itself, and jumps if it is more than {} ms off",
         100 * sound_clock.MAX_SLEW, 1e3 * sound_clock.LEAP_S,
     ),
-    ("The engine receives each sound's position {} times a second", 1 / player.TELL_EVERY_S),
+    ("The engine receives each sound's position {} times a second", 1 / output.TELL_EVERY_S),
     ("plays {} s of silence before its reports are used", device.SETTLE_S),
     ("If it has fetched nothing for {} s", device.DEAD_S),
     ("fades out its sound within {} ms", 1e3 * mixer.FADE_S),

@@ -17,7 +17,7 @@ from fapengine.codec.fapfile import format_fap
 from fapengine.files.sound import save_wav
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack
-from fapengine.retarget.shape_rows import ARKIT_NAMES
+from fapengine.retarget.blend import ARKIT_NAMES
 from fapengine.server.web.messages import pack_frame
 from fapengine.wire.shapes import ArkitFollower
 from tests.browser.conftest import Page, Server

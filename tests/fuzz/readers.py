@@ -34,7 +34,7 @@ from fapengine.errors import DataError
 from fapengine.files.gltf.document import parse_gltf
 from fapengine.files.gltf.scene import read_scene
 from fapengine.files.heads.folder import HeadInfo, load_folder, save_head
-from fapengine.files.heads.tables import load_feature_points, load_mapping
+from fapengine.files.heads.tables import load_feature_points, load_mapping, parse_fdp
 from fapengine.files.motion import shown
 from fapengine.files.moving import write_moving
 from fapengine.files.pictures import load_picture
@@ -43,13 +43,11 @@ from fapengine.files.sessions import load_session
 from fapengine.files.sound import load_sound
 from fapengine.files.video import stream_pictures
 from fapengine.mesh.default_head.style import parse_look
-from fapengine.mesh.rig.fdp_files import parse_fdp
 from fapengine.mpeg4.track import FapTrack
 from fapengine.profiles import parse_profile
 from fapengine.render.drawing import parse_background, parse_size
-from fapengine.retarget.blend_tracks import format_blend_csv, parse_blend_track
-from fapengine.retarget.shape_rows import ARKIT_NAMES
-from fapengine.retarget.vmc_recording import parse_vmc_recording
+from fapengine.retarget.blend import ARKIT_NAMES
+from fapengine.retarget.blend_tracks import format_blend_csv, parse_blend_track, parse_vmc_recording
 from fapengine.server.config import parse_config
 from fapengine.server.web.messages import SOUND_HEAD, SOUND_KIND, parse_request, parse_sound
 from fapengine.speech.formats.registry import ParseOptions, parse_timings

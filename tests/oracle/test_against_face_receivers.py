@@ -8,7 +8,7 @@ from vmcp.events import BlendShapeEvent, BoneTransformEvent
 
 from fapengine.host.listeners import HubFrames
 from fapengine.mpeg4 import fap
-from fapengine.retarget.shape_rows import ARKIT_NAMES
+from fapengine.retarget.blend import ARKIT_NAMES
 from fapengine.server.sinks.encoders import SingleFaceEncoder, livelink_face, vmc_face
 from tests.unit.retarget.living_speech import RATE_HZ, held, living
 

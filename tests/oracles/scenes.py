@@ -17,7 +17,7 @@ import numpy as np
 from fapengine.app.performance import Performance, speak
 from fapengine.app.scene_files import Into, exported_head, save_scene
 from fapengine.retarget.arkit import approximate_arkit
-from fapengine.retarget.shape_rows import ARKIT_NAMES
+from fapengine.retarget.blend import ARKIT_NAMES
 from tests.browser.chromium import Browser
 
 SENTENCE = "My baby brother bumped the big blue bowl."

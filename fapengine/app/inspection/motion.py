@@ -19,8 +19,7 @@ from fapengine.files.pictures import Picture, bar_chart
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack
 from fapengine.mpeg4.visemes import FAP_2_EXPRESSIONS, FULL_WEIGHT, VISEMES
-from fapengine.retarget.blend_tracks import is_blend_table
-from fapengine.retarget.vmc_recording import is_vmc_recording
+from fapengine.retarget.blend_tracks import is_blend_table, is_vmc_recording
 
 PLANES_SHOWN, FAPS_SHOWN = 40, 12
 BAR = 28

@@ -2,13 +2,17 @@
 
 No maintained Python library returns morph targets as arrays: trimesh leaves them out, pygltflib stops at the JSON. So
 containers, buffers and accessors are read here. What is not supported is refused by name.
+
+Values of the JSON are checked when they are read, so that an error names the place in the file.
 """
 
 import base64
 import binascii
+import json
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
@@ -16,7 +20,129 @@ from numpy.typing import NDArray
 
 from fapengine.errors import DataError, TruncatedError, UnsupportedError
 from fapengine.files.gltf.compression import DRACO, decode_draco, decode_meshopt
-from fapengine.files.gltf.json_cursor import MAX_NUMBER, Item, parse_json
+
+MAX_NUMBER = 1e30
+"""Larger numbers are mistakes; no position or factor is so large."""
+
+
+def parse_json(data: bytes, where: str) -> "Item":
+    """Read a whole document.
+
+    Raises
+    ------
+    DataError
+        If it is not a JSON object, or contains numbers that are not finite.
+    """
+    try:
+        value = json.loads(data.decode("utf-8"), parse_constant=_refuse)
+        if b"\\u" in data:
+            json.dumps(value, ensure_ascii=False).encode()  # rejects half a surrogate pair, which no path may contain
+    except (ValueError, RecursionError) as error:  # Unicode's errors are ValueErrors
+        raise DataError(f"is not JSON: {str(error)[:120]}", where=where) from error
+    if not isinstance(value, dict):
+        raise DataError(f"got {type(value).__name__}, expected a JSON object", where=where)
+    return Item(value, "")
+
+
+def _refuse(name: str) -> float:
+    raise ValueError(f"got {name}, expected a number")
+
+
+class Item:
+    """A JSON object and its place, e.g. ``accessors[3].sparse``. The methods raise DataError for wrong types."""
+
+    def __init__(self, values: dict[str, Any], where: str) -> None:
+        self._values = values
+        self.where = where
+
+    def __contains__(self, key: str) -> bool:
+        return self._values.get(key) is not None
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._values)
+
+    def fail(self, key: str, expected: str) -> DataError:
+        """Return the error for a key."""
+        return DataError(f"{key}: got {self._values.get(key)!r:.60}, expected {expected}", where=self._place(key))
+
+    def item(self, key: str) -> "Item":
+        """Object under a key; empty if it is missing."""
+        value = self._values.get(key)
+        if value is None:
+            value = {}
+        if not isinstance(value, dict):
+            raise self.fail(key, "an object")
+        return Item(value, self._place(key))
+
+    def extras(self) -> "Item":
+        """Application-specific data; empty if they are not an object, as glTF allows any JSON there."""
+        value = self._values.get("extras")
+        return Item(value if isinstance(value, dict) else {}, self._place("extras"))
+
+    def items(self, key: str) -> "list[Item]":
+        """Array of objects under a key; empty if it is missing."""
+        place, values = self._place(key), self._list(key, dict, "objects")
+        return [Item(value, f"{place}[{number}]") for number, value in enumerate(values)]
+
+    def strings(self, key: str) -> list[str]:
+        """Array of strings under a key; empty if it is missing."""
+        return self._list(key, str, "strings")
+
+    def indices(self, key: str, below: int) -> list[int]:
+        """Array of indices under a key, each 0 to ``below`` - 1; empty if it is missing."""
+        values = self._list(key, int, "indices")
+        if not all(0 <= value < below and value is not True for value in values):
+            raise self.fail(key, f"indices 0 to {below - 1}")
+        return values
+
+    def numbers(self, key: str, default: list[float]) -> list[float]:
+        """Array of finite numbers under a key, of the same length as the default."""
+        values = self._values.get(key, default)
+        if not isinstance(values, list) or len(values) != len(default):
+            raise self.fail(key, f"{len(default)} numbers")
+        if not all(isinstance(value, int | float) and abs(value) < MAX_NUMBER for value in values):
+            raise self.fail(key, f"{len(default)} finite numbers")
+        return [float(value) for value in values]
+
+    def number(self, key: str, default: float) -> float:
+        """Finite number under a key."""
+        value = self._values.get(key, default)
+        if not isinstance(value, int | float) or isinstance(value, bool) or not abs(value) < MAX_NUMBER:
+            raise self.fail(key, "a finite number")
+        return float(value)
+
+    def index(self, key: str, below: int, default: int | None = None) -> int:
+        """Whole number under a key, 0 to ``below`` - 1."""
+        value = self._values.get(key, default)
+        if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value < below:
+            raise self.fail(key, f"a whole number, 0 to {below - 1}")
+        return value
+
+    def string(self, key: str, default: str | None = None) -> str:
+        """Text under a key."""
+        value = self._values.get(key, default)
+        if not isinstance(value, str):
+            raise self.fail(key, "a string")
+        return value
+
+    def flag(self, key: str) -> bool:
+        """Return the boolean under a key; false if it is missing."""
+        value = self._values.get(key, False)
+        if not isinstance(value, bool):
+            raise self.fail(key, "true or false")
+        return value
+
+    def _list(self, key: str, kind: type, what: str) -> list[Any]:
+        values = self._values.get(key)
+        if values is None:
+            return []
+        if not isinstance(values, list) or not all(isinstance(value, kind) for value in values):
+            raise self.fail(key, f"an array of {what}")
+        return values
+
+    def _place(self, key: str) -> str:
+        return f"{self.where}.{key}" if self.where else key
+
 
 MAGIC, VERSION = b"glTF", 2
 JSON_CHUNK, BINARY_CHUNK = 0x4E4F534A, 0x004E4942
@@ -127,7 +253,7 @@ class Gltf:
         read = self._primitives[index] if index in self._primitives else self._read(item, count, 1, kind)
         values = np.array(read[:, 0], np.int64)
         if len(values) and values.max() >= below:
-            raise DataError(f"indices: got {values.max()}, expected 0..{below - 1}", where=item.where)
+            raise DataError(f"indices: got {values.max()}, expected 0 to {below - 1}", where=item.where)
         return values
 
     def view(self, item: Item) -> bytes:
@@ -191,7 +317,7 @@ class Gltf:
         first, length = item.index("byteOffset", len(buffer) + 1, 0), item.index("byteLength", len(buffer) + 1)
         if first + length > len(buffer):
             raise TruncatedError(
-                f"buffer view: got bytes {first}..{first + length}, expected at most {len(buffer)}", where=item.where
+                f"buffer view: got bytes {first} to {first + length}, expected at most {len(buffer)}", where=item.where
             )
         return buffer[first : first + length]
 

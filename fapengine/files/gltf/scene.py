@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.errors import DataError
-from fapengine.files.gltf.document import Gltf
-from fapengine.files.gltf.json_cursor import MAX_NUMBER, Item
+from fapengine.files.gltf.document import MAX_NUMBER, Gltf, Item
 from fapengine.files.gltf.textures import Atlas, Look
 from fapengine.mesh.rig.blendshape_mesh import Blendshape, BlendshapeMesh, RigBone
 
@@ -256,7 +255,7 @@ def carrier(gltf: Gltf, number: int, attributes: Item, count: int, world: dict[i
     matrices = np.stack([world[bone] for bone in bones]) @ bind
     joints, weights = _influences(gltf, attributes, count)
     if joints.max(initial=0) >= len(bones):
-        raise DataError(f"JOINTS: got {joints.max()}, expected 0..{len(bones) - 1}", where=attributes.where)
+        raise DataError(f"JOINTS: got {joints.max()}, expected 0 to {len(bones) - 1}", where=attributes.where)
     total = weights.sum(axis=1, keepdims=True)
     if (weights < 0).any() or (total <= 0).any():
         raise DataError("WEIGHTS: got a vertex with negative weights or none", where=attributes.where)

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.errors import DataError
-from fapengine.files.gltf.document import Budget, Gltf, fetch_uri
-from fapengine.files.gltf.json_cursor import Item
+from fapengine.files.gltf.document import Budget, Gltf, Item, fetch_uri
 from fapengine.files.pictures import Picture, opened, shrink
 
 Array = NDArray[np.float64]

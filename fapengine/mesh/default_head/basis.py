@@ -19,14 +19,13 @@ import numpy as np
 
 from fapengine._arrays import Array, Indices
 from fapengine.geometry.smooth import smoothstep
-from fapengine.mesh.basis_collector import BasisCollector
 from fapengine.mesh.default_head.eyes import Eye, lid_displacement, turned
 from fapengine.mesh.default_head.folds import fold_shares
 from fapengine.mesh.default_head.mouth import HALF_WAY
 from fapengine.mesh.default_head.parts import CROWNS
 from fapengine.mesh.default_head.points import HeadParts
 from fapengine.mesh.default_head.skin import skin_fields
-from fapengine.mesh.face_mesh import Channel, DeformationBasis
+from fapengine.mesh.face_mesh import BasisCollector, Channel, DeformationBasis
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD, Fapu
 

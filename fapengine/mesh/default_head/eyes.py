@@ -17,8 +17,7 @@ from fapengine.geometry.smooth import smoothstep
 from fapengine.geometry.surface import unit_vectors
 from fapengine.mesh import colours
 from fapengine.mesh.colours import Palette
-from fapengine.mesh.default_head.atlas import skin_uv
-from fapengine.mesh.default_head.mesh_builder import Block, MeshBuilder, Rings, resampled
+from fapengine.mesh.default_head.mesh_builder import Block, MeshBuilder, Rings, resampled, skin_uv
 from fapengine.mesh.default_head.style import Detail, HeadStyle, palette_of
 from fapengine.mesh.default_head.surface import angle_of, normal, position
 from fapengine.mesh.face_mesh import Bone, Material

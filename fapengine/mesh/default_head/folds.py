@@ -18,7 +18,7 @@ from scipy.ndimage import gaussian_filter
 
 from fapengine._arrays import Array, Indices
 from fapengine.geometry.smooth import smoothstep
-from fapengine.mesh.default_head import atlas
+from fapengine.mesh.default_head.mesh_builder import TEXTURE_SIZE, skin_places
 from fapengine.mesh.default_head.painting import grain, painted_radius
 from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mpeg4 import fap
@@ -140,7 +140,7 @@ def fold_map() -> NDArray[np.uint8]:
     (768, 1024) uint8
         127.5 changes nothing, 255 is the brightest. Read-only.
     """
-    angle, y = atlas.skin_places()
+    angle, y = skin_places()
     away = painted_radius(angle, y, HeadStyle(), 8)
     x = away * np.sin(angle)
     front = np.cos(angle) > 0.2
@@ -167,7 +167,7 @@ def fold_map() -> NDArray[np.uint8]:
     pores = np.clip(pores / pores.std(), -2.0, 1.2) * 0.5 * PORES * (1 - region)
     changed = smoothstep(np.abs(change) / 0.02)  # faint folds stay within the range of the pores
     light = change / RANGE + np.sign(change) * PORES * changed + pores * (1 - changed)
-    image = np.full(atlas.SIZE, 127.5)
+    image = np.full(TEXTURE_SIZE, 127.5)
     image[:, : y.shape[1]] += 127.5 * np.clip(light, -1, 1)
     drawn = np.round(image).astype(np.uint8)
     drawn.flags.writeable = False

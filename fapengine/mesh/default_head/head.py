@@ -17,12 +17,11 @@ from fapengine.geometry.smooth import smoothstep
 from fapengine.geometry.surface import ambient_light, average_over_mesh, unit_vectors, vertex_normals
 from fapengine.mesh.colours import EYE_COLOURS
 from fapengine.mesh.default_head import faces, parts
-from fapengine.mesh.default_head.atlas import skin_uv
 from fapengine.mesh.default_head.basis import JAW_PIVOT, build_basis, teeth_by_light
 from fapengine.mesh.default_head.eyes import build_lids
 from fapengine.mesh.default_head.folds import KEY_FROM, fold_map, resting_folds
 from fapengine.mesh.default_head.hair import build_hair
-from fapengine.mesh.default_head.mesh_builder import Block, MeshBuilder
+from fapengine.mesh.default_head.mesh_builder import Block, MeshBuilder, skin_uv
 from fapengine.mesh.default_head.mouth import MIDDLE, build_mouth
 from fapengine.mesh.default_head.painting import paint
 from fapengine.mesh.default_head.parts import build_brow, build_ear, build_glasses

@@ -9,8 +9,7 @@ import numpy as np
 from fapengine._arrays import Array, Indices, Mask
 from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh import colours
-from fapengine.mesh.default_head.atlas import skin_uv
-from fapengine.mesh.default_head.mesh_builder import Block, MeshBuilder, Rings, resampled
+from fapengine.mesh.default_head.mesh_builder import Block, MeshBuilder, Rings, resampled, skin_uv
 from fapengine.mesh.default_head.style import HeadStyle, palette_of
 from fapengine.mesh.default_head.surface import angle_of, normal, position
 from fapengine.mesh.face_mesh import Material

@@ -13,8 +13,9 @@ from scipy.ndimage import gaussian_filter
 from fapengine._arrays import Array, Mask
 from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh.colours import BLOOD, HAIR_COLOURS, brow_colour
-from fapengine.mesh.default_head import atlas, eyes, mouth, parts
+from fapengine.mesh.default_head import eyes, mouth, parts
 from fapengine.mesh.default_head.faces import hairline
+from fapengine.mesh.default_head.mesh_builder import BOTTOM_MM, HAIR_U, SPAN_RAD, TEXTURE_SIZE, skin_places
 from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.default_head.surface import nostril, radius
 
@@ -48,11 +49,11 @@ def paint(style: HeadStyle) -> NDArray[np.uint8]:
     (768, 1024, 3) uint8
         sRGB; see :attr:`fapengine.mesh.face_mesh.FaceMesh.texture`. Read-only.
     """
-    height, width = atlas.SIZE
+    height, width = TEXTURE_SIZE
     linear = np.ones((height, width, 3))
     skin = _skin(style)
     linear[:, : skin.shape[1]] = skin
-    first, last = (round(u * width) for u in atlas.HAIR_U)
+    first, last = (round(u * width) for u in HAIR_U)
     strands = _strands((height, last - first + 8))
     linear[:, first - 4 : last + 4] = strands[..., None]
     # The shader squares it (developed() in lights.glsl).
@@ -75,14 +76,14 @@ def painted_radius(angle: Array, y: Array, style: HeadStyle, step: int) -> Array
 
 
 def _skin(style: HeadStyle) -> Array:
-    angle, y = atlas.skin_places()
+    angle, y = skin_places()
     x = painted_radius(angle, y, style, COARSE) * np.sin(angle)
     front = np.cos(angle) > 0.2
     shape = (y.shape[0], y.shape[1])
     light = np.ones((*shape, 3))
     mottle = 0.014 * _cloud(shape, 1, 2.2) + 0.014 * _cloud(shape, 2, 8.0) + 0.018 * _cloud(shape, 3, 28.0)
     # At the borders the texture continues as one colour.
-    within = smoothstep((y - atlas.BOTTOM_MM) / 12.0) * smoothstep((atlas.SPAN_RAD - np.abs(angle)) / 0.15)
+    within = smoothstep((y - BOTTOM_MM) / 12.0) * smoothstep((SPAN_RAD - np.abs(angle)) / 0.15)
     light -= (0.05 + within * mottle)[..., None] * BLOOD
     light -= (0.022 * within * np.clip(_cloud(shape, 4, 0.7), -2, 2))[..., None]
     light -= _freckles(x, y, style)[..., None] * PIGMENT

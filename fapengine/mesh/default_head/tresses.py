@@ -18,9 +18,8 @@ from fapengine._arrays import Array, Indices
 from fapengine.geometry.smooth import smoothstep
 from fapengine.geometry.surface import unit_vectors
 from fapengine.mesh.colours import Palette
-from fapengine.mesh.default_head.atlas import strand_uv
 from fapengine.mesh.default_head.faces import Scalp, hairline, normal, position
-from fapengine.mesh.default_head.mesh_builder import MeshBuilder, golden
+from fapengine.mesh.default_head.mesh_builder import MeshBuilder, golden, strand_uv
 from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.default_head.surface import AXIS_Z_MM
 from fapengine.mesh.face_mesh import Material

@@ -25,8 +25,7 @@ from itertools import pairwise
 import numpy as np
 
 from fapengine._arrays import Array, Indices
-from fapengine.mesh.basis_collector import gather
-from fapengine.mesh.face_mesh import Channel, DeformationBasis
+from fapengine.mesh.face_mesh import Channel, DeformationBasis, gather
 from fapengine.mesh.rig.parts import Eyes, PointFields, find_tongue
 from fapengine.mesh.rig.placed_mesh import PlacedMesh
 from fapengine.mpeg4 import fap

@@ -14,7 +14,7 @@ from fapengine.codec.encoder import Encoder, EncoderOptions
 from fapengine.errors import UsageError
 from fapengine.host.listeners import HubFrames
 from fapengine.mpeg4 import fap
-from fapengine.retarget.shape_rows import ARKIT_NAMES
+from fapengine.retarget.blend import ARKIT_NAMES
 from fapengine.wire import fap_osc, livelink, rtp, vmc, vrchat, vts, weights_json
 from fapengine.wire.fap_osc import FapFrame, SessionFrames
 from fapengine.wire.shapes import ArkitFollower, PresetFollower, VisemeFollower

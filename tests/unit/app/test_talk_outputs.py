@@ -22,7 +22,7 @@ from fapengine.cli.main import app
 from fapengine.cli.options import DrawingOptions
 from fapengine.codec.encoder import EncoderOptions
 from fapengine.errors import UsageError
-from fapengine.files.gltf.vrma import SETS
+from fapengine.files.gltf.clip import SETS
 from fapengine.files.moving import FOLDER_PATTERN, FORMATS
 from fapengine.files.outputs import check_outputs, refuse_foreign
 from fapengine.files.sound import load_sound, save_wav

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from fapengine.audio.mixer import Mixer
-from fapengine.audio.output import Output, SilentOutput
-from fapengine.audio.player import SETTLE_S, STILL_S
+from fapengine.audio.output import SETTLE_S, STILL_S, Output, SilentOutput
 from fapengine.engine.commands import VOICE_UTTERANCES, Cancel, Pause, Resume, Seek
 from fapengine.engine.engine import Engine
 from fapengine.engine.session import Event

@@ -17,8 +17,8 @@ from fapengine.files.pictures import load_picture
 from fapengine.files.sound import save_wav
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack
-from fapengine.render.budget import Quality
 from fapengine.render.drawing import Drawing
+from fapengine.render.live import Quality
 
 
 def run(environment: Mapping[str, str], display: str, *arguments: object) -> dict[str, float]:

@@ -23,8 +23,7 @@ from fapengine.app.view import PAUSE, STOP, ServerSource
 from fapengine.audio.output import SilentOutput
 from fapengine.clients import websocket_viewer
 from fapengine.clients.osc_viewer import OscViewer
-from fapengine.clients.viewer_sound import ViewerSound
-from fapengine.clients.websocket_viewer import AnnouncedSound, WebSocketViewer, parse_wav, web_socket_of
+from fapengine.clients.websocket_viewer import AnnouncedSound, ViewerSound, WebSocketViewer, parse_wav, web_socket_of
 from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.mpeg4 import fap
 from fapengine.server.web.messages import pack_frame, text_of

@@ -19,7 +19,8 @@ from fapengine.clients.sender import Client
 from fapengine.clients.websocket_viewer import WebSocketViewer
 from fapengine.codec.encoder import encode
 from fapengine.codec.fapfile import format_fap
-from fapengine.conformance import osc_sender, osc_server, page
+from fapengine.conformance import osc as suites
+from fapengine.conformance import page
 from fapengine.conformance.__main__ import SUITES, main
 from fapengine.conformance.cases import run
 from fapengine.conformance.fba import DECODER_CASES, ENCODER_CASES, Program
@@ -58,7 +59,7 @@ def verdicts_of_server(cases: tuple, subject: Callable[[tuple[str, int], str], o
         async with running(config, head) as server:
             site = "http://{}:{}/".format(*server.sites[0]) if server.sites else ""
             asked = subject(server.osc_address, site)
-            with asked if isinstance(asked, osc_server.OscServer) else nullcontext():
+            with asked if isinstance(asked, suites.OscServer) else nullcontext():
                 found.extend(await asyncio.to_thread(run, cases, asked))
 
     on_a_loop(body)
@@ -67,7 +68,7 @@ def verdicts_of_server(cases: tuple, subject: Callable[[tuple[str, int], str], o
 
 def test_our_own_server_passes_osc_with_a_token() -> None:
     found = verdicts_of_server(
-        osc_server.CASES[:-1], lambda osc, site: osc_server.OscServer(*osc, token="word"), web_port=None, token="word"
+        suites.SERVER_CASES[:-1], lambda osc, site: suites.OscServer(*osc, token="word"), web_port=None, token="word"
     )
     assert failed(found) == []
 
@@ -80,9 +81,9 @@ def test_a_server_that_miscounts_fails(monkeypatch: pytest.MonkeyPatch) -> None:
 
     answer = receiver.OscReceiver._ping
     monkeypatch.setattr(receiver.OscReceiver, "_ping", ping)
-    cases = tuple(case for case in osc_server.CASES if case.number in ("1.1", "1.4"))
-    monkeypatch.setattr(osc_server, "ANSWER_S", 0.3)
-    found = verdicts_of_server(cases, lambda osc, site: osc_server.OscServer(*osc), web_port=None)
+    cases = tuple(case for case in suites.SERVER_CASES if case.number in ("1.1", "1.4"))
+    monkeypatch.setattr(suites, "ANSWER_S", 0.3)
+    found = verdicts_of_server(cases, lambda osc, site: suites.OscServer(*osc), web_port=None)
     assert [verdict.outcome for verdict in found] == ["pass", "fail"]
     assert "no /fap/1/pong came, but /fap/1/pong" in found[1].found
 
@@ -96,7 +97,7 @@ def test_our_own_page_passes() -> None:
 def listening(monkeypatch: pytest.MonkeyPatch, say: Callable[[int], None], seconds: float = 3.0):
     """What the suite of senders hears of somebody."""
     own, heard = bound("127.0.0.1", 0, socket.SOCK_DGRAM), []
-    thread = threading.Thread(target=lambda: heard.append(osc_sender.listen(own, seconds)))
+    thread = threading.Thread(target=lambda: heard.append(suites.listen(own, seconds)))
     thread.start()
     say(own.getsockname()[1])
     thread.join()
@@ -113,7 +114,7 @@ def says(port: int) -> None:
 
 def test_our_own_sender_passes_and_one_that_never_repeats_fails(monkeypatch: pytest.MonkeyPatch) -> None:
     with listening(monkeypatch, says) as heard:
-        assert failed(run(osc_sender.CASES, heard)) == []
+        assert failed(run(suites.SENDER_CASES, heard)) == []
 
     def once(port: int) -> None:
         import socket
@@ -128,7 +129,7 @@ def test_our_own_sender_passes_and_one_that_never_repeats_fails(monkeypatch: pyt
             own.sendto(osc.message("/fap/1/nonsense", "s", "anna"), ("127.0.0.1", port))
 
     with listening(monkeypatch, once, 0.3) as heard:
-        found = {line[:3] for line in failed(run(osc_sender.CASES, heard))}
+        found = {line[:3] for line in failed(run(suites.SENDER_CASES, heard))}
     assert found == {"1.1", "1.3", "1.4", "1.5", "2.1", "2.2", "2.4", "2.5"}
 
 
@@ -218,8 +219,8 @@ def test_wrong_use_is_one_line(words: list[str], code: int, told: str, capsys: p
 
 def test_cases_have_numbers_and_sections_that_are_there() -> None:
     for cases in (
-        osc_server.CASES,
-        osc_sender.CASES,
+        suites.SERVER_CASES,
+        suites.SENDER_CASES,
         page.SERVER_CASES,
         page.CLIENT_CASES,
         DECODER_CASES,

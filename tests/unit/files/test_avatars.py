@@ -17,8 +17,8 @@ from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mesh.rig.blendshape_mesh import BlendshapeMesh
 from fapengine.mpeg4 import fap
+from fapengine.retarget.blend import ARKIT_NAMES
 from fapengine.retarget.blendshape_names import choose_blendshapes
-from fapengine.retarget.shape_rows import ARKIT_NAMES
 
 from .glb import Builder, square
 

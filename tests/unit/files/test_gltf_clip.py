@@ -17,9 +17,8 @@ from fapengine.files.gltf.document import BINARY_CHUNK, JSON_CHUNK, split_glb
 from fapengine.files.gltf.writing import TURN_TOLERANCE, WEIGHT_TOLERANCE
 from fapengine.mpeg4 import fap
 from fapengine.retarget.arkit import approximate_arkit
-from fapengine.retarget.oculus import OCULUS_NAMES, approximate_visemes
-from fapengine.retarget.shape_rows import ARKIT_NAMES
-from fapengine.retarget.vrm import VRM1_NAMES, approximate_presets
+from fapengine.retarget.blend import ARKIT_NAMES
+from fapengine.retarget.visemes import OCULUS_NAMES, VRM1_NAMES, approximate_presets, approximate_visemes
 from tests.unit.files.glb import Builder
 
 RATE_HZ = 30.0

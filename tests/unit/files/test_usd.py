@@ -15,8 +15,8 @@ from fapengine.errors import UsageError
 from fapengine.files.heads.load import load_head
 from fapengine.mpeg4.track import FapTrack
 from fapengine.retarget.arkit import approximate_arkit
+from fapengine.retarget.blend import ARKIT_NAMES
 from fapengine.retarget.puppet import make_puppet
-from fapengine.retarget.shape_rows import ARKIT_NAMES
 
 HEAD = "default:level=coarse"
 ATOL = 1e-5

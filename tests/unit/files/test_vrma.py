@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from fapengine.files.gltf.clip import BONES, EXTENSION, format_vrma
 from fapengine.files.gltf.document import parse_gltf
-from fapengine.files.gltf.vrma import BONES, EXTENSION, format_vrma
 from fapengine.mpeg4 import fap
 from fapengine.retarget.arkit import approximate_arkit
-from fapengine.retarget.shape_rows import ARKIT_NAMES
-from fapengine.retarget.vrm import VRM1_NAMES, approximate_presets
+from fapengine.retarget.blend import ARKIT_NAMES
+from fapengine.retarget.visemes import VRM1_NAMES, approximate_presets
 from tests.unit.files.test_gltf_clip import curves, motion, nod, speech
 
 

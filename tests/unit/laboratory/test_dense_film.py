@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from fapengine.cli.main import app
 from fapengine.errors import DataError, ProfileError, UsageError
 from fapengine.files.gltf.document import JSON_CHUNK, parse_gltf, split_glb
-from fapengine.files.heads import adapt_file
+from fapengine.files.heads import import_file
 from fapengine.files.heads.dense import load_dense
 from fapengine.files.heads.load import load_head, load_head_info, load_head_of_modes
 from fapengine.files.motion import save_fap
@@ -95,7 +95,7 @@ def test_fit_puts_our_own_head_on_to_the_dense_face(tmp_path, monkeypatch):
     assert load_head_info(str(profile)).source == "fapengine's head on the dense face of S05"
     face, _ = load_dense(profile)
     made = replace(make_dense_head(face, build_head())[0], mesh=adapted)
-    monkeypatch.setattr(adapt_file, "adapt_dense_face", lambda face, points: (made, Nearness((1.0, 0.5), None, 0)))
+    monkeypatch.setattr(import_file, "adapt_dense_face", lambda face, points: (made, Nearness((1.0, 0.5), None, 0)))
     assert "0.50 mm after; too few" in run("head", "import", profile, "--adapt", "-o", tmp_path / "ours")
     np.testing.assert_array_equal(load_head(str(tmp_path / "ours")).vertices_mm, adapted.vertices_mm)
     with pytest.raises(UsageError, match="no other names"):

@@ -11,7 +11,7 @@ from fapengine.mesh.face_mesh import Bone, FaceMesh, Material
 from fapengine.mesh.rig.blendshape_mesh import Blendshape, BlendshapeMesh
 from fapengine.mesh.rig.import_head import ImportedHead, import_head
 from fapengine.retarget.arkit import arkit_map
-from fapengine.retarget.shape_rows import ARKIT_NAMES
+from fapengine.retarget.blend import ARKIT_NAMES
 
 PARTS = {
     Material.EYE: "Eyeball", Material.TEETH: "Teeth", Material.TONGUE: "Tongue", Material.HAIR: "Hair",

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from fapengine.errors import DataError, UnsupportedError
-from fapengine.files.heads.tables import load_feature_points
-from fapengine.mesh.rig.fdp_files import is_fdp, parse_fdp
+from fapengine.files.heads.tables import is_fdp, load_feature_points, parse_fdp
 
 XFACE = b"""<?xml version="1.0" encoding="UTF-8" standalone="no" ?>
 <xfdp>

@@ -19,8 +19,8 @@ from fapengine.mesh.rig.feature_points import locate
 from fapengine.mesh.rig.import_head import import_head
 from fapengine.mpeg4 import fap
 from fapengine.retarget.arkit import arkit_map
+from fapengine.retarget.blend import ARKIT_NAMES
 from fapengine.retarget.blendshape_names import choose_blendshapes, plain, viseme
-from fapengine.retarget.shape_rows import ARKIT_NAMES
 
 from .rigs import import_plain, own_rig, skin_of
 

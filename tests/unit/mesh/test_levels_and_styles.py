@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from fapengine.errors import UsageError
 from fapengine.mesh.colours import HAIR_COLOURS
-from fapengine.mesh.default_head import atlas, painting
+from fapengine.mesh.default_head import mesh_builder, painting
 from fapengine.mesh.default_head.faces import Scalp, hairline
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.default_head.style import LEVELS, HeadStyle, palette_of, parse_look
@@ -160,11 +160,11 @@ def test_an_unknown_hair_colour_is_refused() -> None:
 
 def test_the_painting_darkens_what_it_should() -> None:
     picture = painting.paint(HeadStyle()).astype(float)
-    assert picture.shape == (*atlas.SIZE, 3)
+    assert picture.shape == (*mesh_builder.TEXTURE_SIZE, 3)
 
     def at(angle_deg: float, y: float) -> Array:
-        u, v = atlas.skin_uv(np.deg2rad(angle_deg), y)
-        row, column = int(v * atlas.SIZE[0]), int(u * atlas.SIZE[1])
+        u, v = mesh_builder.skin_uv(np.deg2rad(angle_deg), y)
+        row, column = int(v * mesh_builder.TEXTURE_SIZE[0]), int(u * mesh_builder.TEXTURE_SIZE[1])
         return picture[row - 2 : row + 3, column - 2 : column + 3].mean(axis=(0, 1))
 
     forehead = at(0, 75)
@@ -174,8 +174,8 @@ def test_the_painting_darkens_what_it_should() -> None:
     again = painting.paint(HeadStyle())
     assert again is painting.paint(HeadStyle())
     assert not again.flags.writeable
-    u, v = atlas.PLAIN_UV
-    assert (picture[int(v * atlas.SIZE[0]), int(u * atlas.SIZE[1])] == 255).all()
+    u, v = mesh_builder.PLAIN_UV
+    assert (picture[int(v * mesh_builder.TEXTURE_SIZE[0]), int(u * mesh_builder.TEXTURE_SIZE[1])] == 255).all()
 
 
 def test_freckles_and_baldness_are_painted() -> None:

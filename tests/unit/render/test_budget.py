@@ -12,10 +12,9 @@ from hypothesis import strategies as st
 from fapengine.errors import UsageError
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.face_mesh import FaceMesh
-from fapengine.render.budget import MIN_WAIT_S, FrameBudget, Quality, ladder
 from fapengine.render.camera import preset
 from fapengine.render.drawing import Drawing
-from fapengine.render.live import LiveRenderer
+from fapengine.render.live import MIN_WAIT_S, FrameBudget, LiveRenderer, Quality, ladder
 
 RATE_HZ = 60.0
 LADDER = ladder([15_000, 6_000], lit_at_pixels=True)

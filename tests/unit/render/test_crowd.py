@@ -10,9 +10,8 @@ from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mpeg4 import fap
 from fapengine.render.camera import preset
-from fapengine.render.crowd import CrowdRenderer
 from fapengine.render.drawing import Drawing
-from fapengine.render.renderer import FaceRenderer
+from fapengine.render.renderer import CrowdRenderer, FaceRenderer
 
 TILE = (96, 128)
 

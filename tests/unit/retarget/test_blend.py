@@ -12,8 +12,7 @@ from fapengine.errors import UsageError
 from fapengine.mpeg4 import fap
 from fapengine.profiles import parse_profile
 from fapengine.retarget.arkit import arkit_map
-from fapengine.retarget.blend import RIDGE, BlendMap, weights_mm
-from fapengine.retarget.shape_rows import ARKIT_NAMES
+from fapengine.retarget.blend import ARKIT_NAMES, RIDGE, BlendMap, weights_mm
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory.planner import plan
 

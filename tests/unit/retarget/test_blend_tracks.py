@@ -16,8 +16,8 @@ from fapengine.files.motion import load_fap, save_fap
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack
 from fapengine.retarget.arkit import arkit_map
+from fapengine.retarget.blend import ARKIT_NAMES, shape_rows
 from fapengine.retarget.blend_tracks import format_blend_csv, parse_blend_track
-from fapengine.retarget.shape_rows import ARKIT_NAMES, shape_rows
 
 
 def run(*arguments: object) -> str:

@@ -10,12 +10,17 @@ from pythonosc.osc_packet import OscPacket
 from fapengine.host.listeners import HubFrames
 from fapengine.mpeg4 import fap
 from fapengine.retarget.arkit import OPENERS, OPPOSITES, approximate_arkit, arkit_map
-from fapengine.retarget.blend import weights_mm
+from fapengine.retarget.blend import ALL_MOODS, ARKIT_NAMES, weights_mm
 from fapengine.retarget.moods import LIDS_PER_RAD, MOODS, find_moods
-from fapengine.retarget.oculus import approximate_visemes
-from fapengine.retarget.rhubarb import approximate_shapes
-from fapengine.retarget.shape_rows import ALL_MOODS, ARKIT_NAMES
-from fapengine.retarget.vrm import SHOWN, VOWELS, VRM0_NAMES, VRM1_NAMES, approximate_presets
+from fapengine.retarget.visemes import (
+    SHOWN,
+    VOWELS,
+    VRM0_NAMES,
+    VRM1_NAMES,
+    approximate_presets,
+    approximate_shapes,
+    approximate_visemes,
+)
 from fapengine.server.sinks.encoders import SingleFaceEncoder, livelink_face, vmc_face, vrchat_face
 from fapengine.trajectory.gestures import LIDS_FOLLOW
 from tests.unit.retarget.living_speech import RATE_HZ, held, living

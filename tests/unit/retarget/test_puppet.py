@@ -15,9 +15,9 @@ from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import FaceMesh, Material
 from fapengine.mpeg4 import fap
 from fapengine.retarget.arkit import arkit_map
+from fapengine.retarget.blend import ARKIT_NAMES
 from fapengine.retarget.blendshape_names import OCULUS
 from fapengine.retarget.puppet import EYE_TEXELS, HEAD, JAW, JOINTS, Puppet, eye_texture, make_puppet
-from fapengine.retarget.shape_rows import ARKIT_NAMES
 
 
 @pytest.fixture(scope="module")

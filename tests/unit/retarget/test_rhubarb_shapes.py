@@ -5,7 +5,7 @@ import pytest
 
 import fapengine
 from fapengine.mpeg4 import fap
-from fapengine.retarget.rhubarb import approximate_shapes
+from fapengine.retarget.visemes import approximate_shapes
 from fapengine.speech.formats.rhubarb import cues_of_phones
 
 OPENING_FAPU = {"B": 200, "C": 380, "D": 560}

@@ -10,12 +10,18 @@ from fapengine.expressions import STANDARD_EXPRESSIONS, Expression
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack
 from fapengine.mpeg4.visemes import VISEMES
-from fapengine.retarget import oculus, vrm
-from fapengine.retarget.blend import BlendMap, weights_mm
+from fapengine.retarget import visemes
+from fapengine.retarget.blend import ALL_MOODS, VISEME_NAMES, BlendMap, weights_mm
 from fapengine.retarget.blend_tracks import SHAPE_SETS, format_blend_csv, parse_blend_track, shape_set
-from fapengine.retarget.oculus import OCULUS_NAMES, approximate_visemes, visemes_to_faps
-from fapengine.retarget.shape_rows import ALL_MOODS, VISEME_NAMES
-from fapengine.retarget.vrm import VRM0_NAMES, VRM1_NAMES, approximate_presets, presets_to_faps
+from fapengine.retarget.visemes import (
+    OCULUS_NAMES,
+    VRM0_NAMES,
+    VRM1_NAMES,
+    approximate_presets,
+    approximate_visemes,
+    presets_to_faps,
+    visemes_to_faps,
+)
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory.expression import Mood
 from fapengine.trajectory.planner import plan
@@ -66,13 +72,13 @@ def test_shares_add_up_to_one_and_rest_is_silence() -> None:
 def test_every_viseme_finds_itself() -> None:
     """Lookalikes may share: t, k and n; but each is mostly what it is, or its twin; depth does not count."""
     seen_mm = weights_mm().copy()
-    seen_mm[[fap.column(number) for number in oculus.DEPTH]] = 0.0
+    seen_mm[[fap.column(number) for number in visemes.DEPTH]] = 0.0
     for row, name in enumerate(OCULUS_NAMES[1:], 1):
         back = approximate_visemes(visemes_to_faps(np.eye(15)[row])[None])[0]
         faps = visemes_to_faps(np.eye(15)[row]), visemes_to_faps(back)
         off = np.linalg.norm((faps[0] - faps[1]) * seen_mm)
         assert off < 3.0, name  # mm over all FAPs; kk, which CH, ih and others show, is off by 2.8 of 20
-        if name in oculus.PLAIN:
+        if name in visemes.PLAIN:
             assert back[row] > 0.8, name  # least, without the depth of the lips: oh 0.82
 
 
@@ -135,14 +141,14 @@ def test_both_versions_have_the_same_presets_in_the_same_order() -> None:
 
 @pytest.mark.parametrize(
     ("mood", "name"),
-    [(Expression[fap_name.upper()], name) for name, fap_name in vrm.MOODS.items()],
+    [(Expression[fap_name.upper()], name) for name, fap_name in visemes.MOODS.items()],
 )
 def test_moods_are_told_from_speech(mood: Expression, name: str) -> None:
     found = approximate_presets(spoken(mood, 0.6))[40:130].mean(axis=0)
     assert found[VRM1_NAMES.index(name)] == pytest.approx(0.6, abs=0.06)
-    others = [VRM1_NAMES.index(other) for other in vrm.MOODS if other != name]
+    others = [VRM1_NAMES.index(other) for other in visemes.MOODS if other != name]
     assert found[others].max() < 0.1
-    assert approximate_presets(spoken())[:, : len(vrm.MOODS) + 1].max() < 0.08  # speech alone shows none
+    assert approximate_presets(spoken())[:, : len(visemes.MOODS) + 1].max() < 0.08  # speech alone shows none
 
 
 def test_a_mood_leaves_the_vowels_be() -> None:
@@ -153,11 +159,11 @@ def test_a_mood_leaves_the_vowels_be() -> None:
 
 def test_lips_that_are_shut_are_no_vowel() -> None:
     found = approximate_presets(spoken())
-    vowels = found[:, [VRM1_NAMES.index(name) for name in vrm.VOWELS]]
+    vowels = found[:, [VRM1_NAMES.index(name) for name in visemes.VOWELS]]
     for label in "bmp":
         assert vowels[at(label)].sum() < 0.15, label
     assert vowels[at("ɑ")].sum() > 0.4
-    assert int(vowels[at("uː")].argmax()) == list(vrm.VOWELS).index("ou")
+    assert int(vowels[at("uː")].argmax()) == list(visemes.VOWELS).index("ou")
     off = np.abs(opening_mm(presets_to_faps(found)) - opening_mm(spoken()))
     assert off.mean() < 0.8  # measured 0.5 mm
 

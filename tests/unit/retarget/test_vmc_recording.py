@@ -13,8 +13,8 @@ from fapengine.errors import DataError, TruncatedError
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack
 from fapengine.retarget.arkit import arkit_map
-from fapengine.retarget.shape_rows import ARKIT_NAMES
-from fapengine.retarget.vmc_recording import is_vmc_recording, parse_vmc_recording
+from fapengine.retarget.blend import ARKIT_NAMES
+from fapengine.retarget.blend_tracks import is_vmc_recording, parse_vmc_recording
 from fapengine.wire.vmc import head_and_eyes
 
 NTP_S = 0xEEADA2A5

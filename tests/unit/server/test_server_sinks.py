@@ -25,7 +25,7 @@ from fapengine.expressions import Expression
 from fapengine.host.hub import Hub
 from fapengine.host.listeners import HubFrames
 from fapengine.mpeg4 import fap
-from fapengine.retarget.shape_rows import ARKIT_NAMES
+from fapengine.retarget.blend import ARKIT_NAMES
 from fapengine.server import watchdog as guards
 from fapengine.server.sinks import datagrams as datagram_sinks
 from fapengine.server.sinks import face_streams

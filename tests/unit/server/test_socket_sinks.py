@@ -18,8 +18,8 @@ from hypothesis import strategies as st
 from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.mpeg4 import fap
 from fapengine.retarget.arkit import approximate_arkit
-from fapengine.retarget.oculus import OCULUS_NAMES, approximate_visemes
-from fapengine.retarget.shape_rows import ARKIT_NAMES
+from fapengine.retarget.blend import ARKIT_NAMES
+from fapengine.retarget.visemes import OCULUS_NAMES, approximate_visemes
 from fapengine.server.cluster.workers import check_workers
 from fapengine.server.config import Listen, ServeConfig
 from fapengine.server.intake import doors

@@ -6,7 +6,7 @@ from fapengine._resources import profile_files
 from fapengine.mpeg4 import fap
 from fapengine.profiles import parse_profile
 from fapengine.retarget.arkit import approximate_arkit, arkit_map
-from fapengine.retarget.shape_rows import ARKIT_NAMES
+from fapengine.retarget.blend import ARKIT_NAMES
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory.planner import plan
 from fapengine.wire.shapes import ArkitFollower
@@ -30,7 +30,7 @@ def test_a_face_that_is_followed_shows_what_a_whole_track_would() -> None:
 
 
 def test_presets_of_a_face_are_followed_exactly() -> None:
-    from fapengine.retarget.vrm import SHOWN, VRM1_NAMES, approximate_presets
+    from fapengine.retarget.visemes import SHOWN, VRM1_NAMES, approximate_presets
     from fapengine.wire.shapes import PresetFollower
 
     faps = np.zeros((30, 68))

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from fapengine.errors import UsageError
 from fapengine.mpeg4 import fap
 from fapengine.retarget.arkit import approximate_arkit
-from fapengine.retarget.shape_rows import ARKIT_NAMES
+from fapengine.retarget.blend import ARKIT_NAMES
 from fapengine.wire import osc, vmc
 
 h = bytes.fromhex

@@ -5,7 +5,7 @@ import pytest
 from pythonosc.osc_packet import OscPacket
 
 from fapengine.mpeg4 import fap
-from fapengine.retarget.shape_rows import ARKIT_NAMES
+from fapengine.retarget.blend import ARKIT_NAMES
 from fapengine.wire import vrchat
 
 h = bytes.fromhex
