@@ -3,7 +3,7 @@
     python -m bench.ear_join FOLDER WEIGHTS.npz [--without flite-kal16 ...] [--sentences 7]
 
 FOLDER is that of ``bench.ear_speech``. A few sentences of each speaker go through PocketSphinx's loop as in
-:class:`fapengine.recognition.joint_recognizer.JointRecognizer`, with the same look-ahead. The counts of (heard, true)
+:class:`fapengine.recognition.small_recognizer.JointRecognizer`, with the same look-ahead. The counts of (heard, true)
 frames become logarithms of P(heard | true) / P(heard), smoothed by 20 frames.
 """
 
@@ -14,9 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from bench.ear_speech import EITHER, LABELS
-from fapengine.recognition.joint_recognizer import SphinxFrames
 from fapengine.recognition.loudness import HOP
-from fapengine.recognition.small_recognizer import LATE
+from fapengine.recognition.small_recognizer import LATE, SphinxFrames
 from fapengine.recognition.sphinx_recognizer import BLOCK
 
 SPEAKERS = ("flite-rms", "flite-awb", "flite-slt", "flite-kal16", "festival-ked", "people-en")

@@ -28,12 +28,11 @@ import numpy as np
 
 from bench.rivals import rivals
 from fapengine.files.sound import load_sound
-from fapengine.recognition.joint_recognizer import JointRecognizer
 from fapengine.recognition.loudness import loudness_db
 from fapengine.recognition.protocol import RATE_HZ, Recognizer
 from fapengine.recognition.recording import follow, listen
 from fapengine.recognition.small_net import read_weights
-from fapengine.recognition.small_recognizer import SmallRecognizer
+from fapengine.recognition.small_recognizer import JointRecognizer, SmallRecognizer
 from fapengine.recognition.sphinx import words_of
 from fapengine.recognition.sphinx_aligner import SphinxAligner
 from fapengine.recognition.sphinx_recognizer import SphinxRecognizer

@@ -19,8 +19,7 @@ import fapengine
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD
 from fapengine.speech.phone_track import Phone, PhoneTrack
-from fapengine.trajectory.gestures import ONSET_PAUSE_S
-from fapengine.trajectory.phrases import PAUSE_S
+from fapengine.trajectory.gestures import ONSET_PAUSE_S, PAUSE_S
 from fapengine.trajectory.planner import plan
 from fapengine.trajectory.style import Style
 

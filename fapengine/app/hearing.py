@@ -16,8 +16,8 @@ from fapengine.speech.formats.writing import WRITERS, check_writable, format_pho
 from fapengine.speech.phone_track import Phone, PhoneTrack
 
 if TYPE_CHECKING:
-    from fapengine.recognition.neighbours import Neighbours
     from fapengine.recognition.recording import Mismatch
+    from fapengine.recognition.sphinx import Neighbours
     from fapengine.recognition.sphinx_aligner import SphinxAligner
     from fapengine.speech.prosody import Sounding
     from fapengine.voices.protocol import Voice
@@ -201,8 +201,7 @@ class _Pronouncer:
         try:
             self._voice = VoiceChoice(self.language).load()
         except ResourceError:
-            from fapengine.recognition.neighbours import Neighbours
-            from fapengine.recognition.sphinx import dictionary
+            from fapengine.recognition.sphinx import Neighbours, dictionary
 
             if not _is_english(self.language):
                 raise

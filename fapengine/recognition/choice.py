@@ -56,7 +56,7 @@ def new_recognizer(recognizer: Path | None) -> Recognizer:
 
         return SphinxRecognizer()
     if name == BOTH:
-        from fapengine.recognition.joint_recognizer import JointRecognizer
+        from fapengine.recognition.small_recognizer import JointRecognizer
 
         return JointRecognizer()
     from fapengine.recognition.onnx_recognizer import OnnxRecognizer

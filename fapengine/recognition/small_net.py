@@ -151,7 +151,7 @@ class Weights:
     pairs: Floats
     """Counts of a label after another, (C, C)."""
     other: Floats
-    """Log likelihood ratio of a label where PocketSphinx finds another, (found, C) (:mod:`.joint_recognizer`)."""
+    """Log likelihood ratio of a label where PocketSphinx finds another, (found, C) (:class:`.JointRecognizer`)."""
     about: dict[str, Any]
     """Origin of the weights."""
 

@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.errors import UsageError
-from fapengine.recognition.loudness import FRAME_HZ, HOP, loudness_db, pitch_hz
+from fapengine.recognition.loudness import FRAME_HZ, HOP, loudness_db, pitch_hz, spoken_frames
 from fapengine.recognition.protocol import RATE_HZ, UNSURE, BlockRecognizer, due
-from fapengine.recognition.speechlike import spoken_frames
 from fapengine.recognition.sphinx import Frames, frames_of, ipa_of, new_phone_loop
 from fapengine.speech.phone_track import SILENCE, Phone
 
@@ -37,7 +36,7 @@ class SphinxRecognizer(BlockRecognizer):
     look_ahead_s : float
         Delay of phones after their audio, 0.05 to 1 s; they come at most one block (80 ms) later.
     only_speech : bool
-        Report music and noise as silence (:mod:`.speechlike`); whispers are only found without it.
+        Report music and noise as silence (:func:`.loudness.spoken_frames`); whispers are only found without it.
 
     Examples
     --------

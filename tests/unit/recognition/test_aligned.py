@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from fapengine.errors import UsageError
-from fapengine.recognition.follow import words_said
 from fapengine.recognition.loudness import loudness_db, pitch_hz, soundings
 from fapengine.recognition.protocol import RATE_HZ
-from fapengine.recognition.recording import MAX_PIECE_S, MIN_PIECE_S, Recording, follow, in_pieces
+from fapengine.recognition.recording import MAX_PIECE_S, MIN_PIECE_S, Recording, follow, in_pieces, words_said
 from fapengine.recognition.sphinx import MODEL_NAMES, MODEL_PHONES, SOUNDS_LIKE, heard_as, words_of
 from fapengine.recognition.sphinx_aligner import Aligned, SphinxAligner, against_loudness, without_quiet
 from fapengine.speech import ipa

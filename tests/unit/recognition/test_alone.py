@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 
 from fapengine._child import Parent, packed, unpacked
 from fapengine.errors import UsageError
-from fapengine.recognition.follow import agreeing
 from fapengine.recognition.process import serve
 from fapengine.recognition.protocol import RATE_HZ, due
-from fapengine.recognition.recording import listen
+from fapengine.recognition.recording import agreeing, listen
 from fapengine.recognition.sphinx_recognizer import SphinxRecognizer
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from tests.unit.recognition.speech import BABY, POPPIES, closures, heard, met, no_speech, opening_mm, spoken

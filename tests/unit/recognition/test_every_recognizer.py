@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fapengine.recognition.joint_recognizer import JointRecognizer
 from fapengine.recognition.protocol import RATE_HZ, Recognizer
-from fapengine.recognition.small_recognizer import SmallRecognizer
+from fapengine.recognition.small_recognizer import JointRecognizer, SmallRecognizer
 from fapengine.recognition.sphinx_recognizer import SphinxRecognizer
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from tests.unit.recognition.speech import BABY, POPPIES, closures, heard, met, no_speech, spoken

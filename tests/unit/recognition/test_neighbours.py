@@ -2,8 +2,7 @@
 
 import pytest
 
-from fapengine.recognition.neighbours import Neighbours, beside
-from fapengine.recognition.sphinx import MODEL_PHONES, dictionary
+from fapengine.recognition.sphinx import MODEL_PHONES, Neighbours, beside, dictionary
 
 LIPS = ("P", "B", "M")
 

@@ -12,10 +12,9 @@ from hypothesis import strategies as st
 from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.recognition import choice
 from fapengine.recognition.choice import BOTH, SMALL, check_recognizer, chosen, new_recognizer
-from fapengine.recognition.joint_recognizer import JointRecognizer
 from fapengine.recognition.protocol import RATE_HZ
 from fapengine.recognition.small_net import WEIGHTS, read_weights
-from fapengine.recognition.small_recognizer import SmallRecognizer
+from fapengine.recognition.small_recognizer import JointRecognizer, SmallRecognizer
 from fapengine.speech.phone_track import PhoneTrack
 from tests.unit.recognition.speech import BABY, POPPIES, closures, heard, met, no_speech, opening_mm, spoken
 

@@ -20,12 +20,13 @@ from fapengine.trajectory.gestures import (
     NOD_FALL_S,
     NOD_RISE_S,
     ONSET_AHEAD_S,
+    REACH_S,
     STANCE_RAD,
     Channel,
     GestureGenerator,
+    Phrases,
     gestures_of,
 )
-from fapengine.trajectory.phrases import REACH_S, Phrases
 from fapengine.trajectory.ramps import Ramp, Ramps, sample_ramps
 from fapengine.trajectory.style import Style
 
