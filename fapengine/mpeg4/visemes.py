@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from fapengine.mpeg4.fap import read_rows
+
 
 @dataclass(frozen=True, slots=True)
 class Viseme:
@@ -15,26 +17,10 @@ class Viseme:
     example: str
 
 
-# fmt: off
-VISEMES: tuple[Viseme, ...] = (
-    Viseme(number=0,  label="sil", phonemes=(),                example=""),
-    Viseme(number=1,  label="PP",  phonemes=("p", "b", "m"),   example="put, bed, mill"),
-    Viseme(number=2,  label="FF",  phonemes=("f", "v"),        example="far, voice"),
-    Viseme(number=3,  label="TH",  phonemes=("θ", "ð"),        example="think, that"),
-    Viseme(number=4,  label="DD",  phonemes=("t", "d"),        example="tip, doll"),
-    Viseme(number=5,  label="kk",  phonemes=("k", "ɡ"),        example="call, gas"),
-    Viseme(number=6,  label="CH",  phonemes=("tʃ", "dʒ", "ʃ"), example="chair, join, she"),
-    Viseme(number=7,  label="SS",  phonemes=("s", "z"),        example="sir, zeal"),
-    Viseme(number=8,  label="nn",  phonemes=("n", "l"),        example="lot, not"),
-    Viseme(number=9,  label="RR",  phonemes=("r",),            example="red"),
-    Viseme(number=10, label="aa",  phonemes=("ɑː",),           example="car"),
-    Viseme(number=11, label="E",   phonemes=("e",),            example="bed"),
-    Viseme(number=12, label="ih",  phonemes=("ɪ",),            example="tip"),
-    Viseme(number=13, label="oh",  phonemes=("ɒ",),            example="top"),
-    Viseme(number=14, label="ou",  phonemes=("ʊ",),            example="book"),
+VISEMES = tuple(
+    Viseme(int(row["number"]), row["label"], tuple(row["phonemes"].split()), row["example"])
+    for row in read_rows("visemes.csv")
 )
-# fmt: on
-
 FULL_WEIGHT = 63
 """Blend of a viseme, or intensity of an expression, that is shown alone."""
 FAP_2_EXPRESSIONS = ("neutral", "joy", "sadness", "anger", "fear", "disgust", "surprise")
