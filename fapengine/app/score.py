@@ -1,26 +1,33 @@
-"""Scores of lip syncs, from files of motion, timings and sound."""
+"""Score of a lip sync, from files of motion, timings and sound."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine._strict_toml import checked
+from fapengine.app.hearing import hear, read_text
 from fapengine.app.manner import Manner
 from fapengine.app.performance import perform, read_timings
 from fapengine.errors import DataError, UsageError
 from fapengine.files.landmarks import landmarks_of
+from fapengine.files.mesh_sequences import is_mesh_sequence, load_indices, load_vertices
 from fapengine.files.motion import load_motion
-from fapengine.files.paths import write_bytes
+from fapengine.files.paths import naming, write_bytes
 from fapengine.files.sound import inspect_sound, load_sound
 from fapengine.files.video import FILMS
 from fapengine.mpeg4.track import FapTrack
 from fapengine.retarget.blend import ADULT
 from fapengine.scoring.mouth import CLOSED_MM, Mouth, mouth_of, mouth_of_landmarks
 from fapengine.scoring.score import Score, score_mouth
+from fapengine.scoring.thresholds import LIP_THRESHOLDS, MESH_THRESHOLDS, Threshold
 from fapengine.scoring.timing import GRID_HZ
-from fapengine.speaking import DEFAULT_PROFILE
+from fapengine.scoring.verdict import MEASURES, VERTEX_MEASURES, Verdict, judge
+from fapengine.scoring.vertices import VertexErrors, vertex_errors
+from fapengine.speaking import DEFAULT_PROFILE, DEFAULT_VOICE
 from fapengine.speech.phone_track import PhoneTrack
 from fapengine.trajectory.style import Style
 
@@ -28,22 +35,32 @@ MIN_SEEN = 16
 """Least number of images of a video."""
 STILL = Style(blinks=False, gaze=False, idle=False, emphasis=False, head_motion=False)
 """Nothing but the mouth moves."""
+RECOGNIZER = "small"
+"""Recognizer of sound without a transcript: it knows the voices of speech synthesizers, too."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScoreJob:
     """Input, reference and options of a score."""
 
-    made: Path
-    """Lip sync: anything that :func:`fapengine.load` reads, or a video of a talking head."""
-    against: Path | None = None
+    made: Path | FapTrack
+    """Lip sync: anything that :func:`fapengine.load` reads, a video of a talking head, or a sequence of meshes."""
+    against: Path | FapTrack | None = None
     """Reference recording of the same speech."""
-    phones: Path | None = None
+    phones: Path | PhoneTrack | None = None
     """Timings of phones or words."""
     plan: bool = False
     """True to use the plan of the phones as the reference."""
     audio: Path | None = None
-    """Sound of the speech."""
+    """Sound of the speech; without phones and reference, its phones are recognized."""
+    text: Path | None = None
+    """Transcript of the sound, a file: its phones are aligned."""
+    transcript: str | None = None
+    """The same as a string."""
+    language: str | None = None
+    """Language of the transcript."""
+    recognizer: Path | None = None
+    """Recognizer of sound without a transcript."""
     offset_s: float = 0.0
     """Start of the lip sync within the other files."""
     closed_mm: float = CLOSED_MM
@@ -52,11 +69,127 @@ class ScoreJob:
     """Voice that pronounces timings which have words only; by default that of the file's language."""
     how: Mapping[str, str | None] = field(default_factory=dict)
     """Options of :func:`fapengine.files.timings.load_timings`."""
+    lips: Path | None = None
+    """Vertices of the lips, for meshes."""
+    upper: Path | None = None
+    """Vertices of the upper face, for meshes."""
+    neutral: Path | None = None
+    """The mesh at rest."""
+    thresholds: Mapping[str, float] = field(default_factory=dict)
+    """Thresholds by name, which replace those of the measures."""
     output: Path | None = None
     """File for the report, HTML; None for none."""
+    id: str = ""
+    """Name of the utterance in a set."""
+    system: str = ""
+    """Name of the system that made it."""
+
+    @property
+    def name(self) -> str:
+        """Name of the lip sync, for people."""
+        return self.made.name if isinstance(self.made, Path) else "track"
 
 
-def run_score(job: ScoreJob, *, on_frame: Callable[[], None] = lambda: None) -> Score:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scored:
+    """A recording, its figures and the verdict."""
+
+    job: ScoreJob
+    score: Score | VertexErrors | None
+    """None if it could not be scored."""
+    verdict: Verdict
+    frames: tuple[float, float] = (0.0, 0.0)
+    """Time of the first frame, s, and frame rate, Hz, of a table with a line per frame; 0 Hz for others."""
+
+    def as_dict(self) -> dict[str, object]:
+        """Return everything as plain values, for JSON."""
+        verdict = {
+            "passes": self.verdict.passes,
+            "faults": [asdict(fault) for fault in self.verdict.faults],
+            "checked": list(self.verdict.checked),
+            "unchecked": list(self.verdict.unchecked),
+        }
+        if isinstance(self.score, VertexErrors):
+            return {"verdict": verdict, **asdict(self.score)}
+        return {"verdict": verdict, **(self.score.as_dict() if self.score is not None else {})}
+
+
+@checked
+def score(
+    made: str | Path | FapTrack,
+    *,
+    against: str | Path | FapTrack | None = None,
+    phones: str | Path | PhoneTrack | None = None,
+    audio: str | Path | None = None,
+    transcript: str | None = None,
+    language: str | None = None,
+    offset_s: float = 0.0,
+    closed_mm: float = CLOSED_MM,
+    thresholds: Mapping[str, float] | None = None,
+) -> Scored:
+    """Score a lip sync, as ``fapengine score`` does.
+
+    Parameters
+    ----------
+    made : str, Path or FapTrack
+        Motion to score: (T, 68) FAPs, anything that :func:`fapengine.load` reads, or a video of a talking head.
+    against : str, Path or FapTrack, optional
+        Reference recording of the same speech; gives ``score.truth``: distances in mm, correlations, lags in ms.
+    phones : str, Path or PhoneTrack, optional
+        Timed phones, or a file of them; give ``score.phones``: contacts and timing.
+    audio : str or Path, optional
+        Sound of the speech. Without ``phones`` and ``against``, its phones are recognized.
+    transcript : str, optional
+        What is said in the sound: its phones are aligned.
+    language : str, optional
+        Language of the transcript, American English by default.
+    offset_s : float
+        Start of the motion within the other recordings.
+    closed_mm : float
+        Opening below which lips count as closed.
+    thresholds : mapping of str to float, optional
+        Thresholds of the verdict by name, such as ``{"closures": 95, "lag": 80}``: the names and units of
+        ``fapengine score --fail-under``.
+
+    Returns
+    -------
+    Scored
+        ``score``: all figures; ``verdict``: ``passes``, ``faults`` with their times in s, and one line of text.
+
+    Raises
+    ------
+    UsageError
+        If a file cannot be read, or options contradict each other.
+    DataError
+        If a file's content is wrong.
+    ResourceError
+        If the recognizer or the face detector is needed and not installed.
+
+    Examples
+    --------
+    >>> import fapengine
+    >>> hello = fapengine.speak("My baby fell off a boat.", rate_hz=50.0)
+    >>> fapengine.score(hello.track, phones=hello.phones).verdict.passes
+    True
+    >>> fapengine.score(hello.track * 0.05, phones=hello.phones).verdict.faults[0].check
+    'opens'
+    """
+
+    def path(value: object) -> Any:
+        return Path(value) if isinstance(value, str) else value
+
+    known = {row.name for row in LIP_THRESHOLDS}
+    if unknown := set(thresholds or {}) - known:
+        raise UsageError(f"thresholds: got {sorted(unknown)[0]!r}, expected names of {', '.join(sorted(known))}")
+    return run_score(
+        ScoreJob(
+            made=path(made), against=path(against), phones=path(phones), audio=path(audio), transcript=transcript,
+            language=language, offset_s=offset_s, closed_mm=closed_mm, thresholds=thresholds or {},
+        )
+    )  # fmt: skip
+
+
+def run_score(job: ScoreJob, *, on_frame: Callable[[], None] = lambda: None) -> Scored:
     """Score a lip sync, and write the report if ``output`` is set.
 
     Parameters
@@ -64,49 +197,105 @@ def run_score(job: ScoreJob, *, on_frame: Callable[[], None] = lambda: None) -> 
     on_frame : callable
         Called after each frame of a video that the face detector has processed.
     """
+    if isinstance(job.made, Path) and is_mesh_sequence(job.made):
+        return _score_meshes(job)
+    if job.lips is not None or job.upper is not None or job.neutral is not None:
+        raise UsageError(f"lips, upper, neutral: require meshes (.npy, .npz, a folder of meshes), got {job.name}")
     if job.plan and (job.phones is None or job.against is not None):
         raise UsageError("plan: requires phones, and cannot be combined with another reference")
     if job.output is not None and job.output.suffix not in (".html", ".htm"):
         raise UsageError(f"output: got {job.output}, expected a name that ends with .html")
+    sound = job.audio
+    if sound is None and is_film(job.made) and not job.offset_s and _has_sound(job.made):
+        sound = job.made
+    _check_sources(job, sound)
     made = _mouth(job.made, job.offset_s, on_frame)
-    phones = read_timings(job.phones, job.voice, **job.how) if job.phones is not None else None
+    phones, is_heard = _phones(job, sound)
     truth = _mouth(job.against, 0.0, on_frame) if job.against is not None else None
+    rate_hz = (len(made.times_s) - 1) / (made.end_s - float(made.times_s[0]))
     if job.plan and phones is not None:
-        truth = mouth_of(plan_of(phones, (len(made.times_s) - 1) / (made.end_s - float(made.times_s[0]))))
-    sound = job.audio or (job.made if is_film(job.made) and not job.offset_s and _has_sound(job.made) else None)
+        truth = mouth_of(plan_of(phones, rate_hz))
     power = power_of(*load_sound(sound)) if sound is not None else None
-    score = score_mouth(made, truth=truth, phones=phones, power=power, closed_mm=job.closed_mm)
+    found = score_mouth(made, truth=truth, phones=phones, power=power, closed_mm=job.closed_mm, is_heard=is_heard)
+    verdict = judge(found, MEASURES, job.thresholds)
     if job.output is not None:
         from fapengine.files.report.score_page import write_score_report
 
         report = write_score_report(
-            score,
-            made,
-            title=job.made.name,
-            notes=notes_of(job, score),
-            truth=truth,
-            phones=phones,
+            found, made, verdict, title=job.name, notes=notes_of(job, found), truth=truth, phones=phones
         )
         write_bytes(job.output, report)
-    return score
+    is_table = isinstance(job.made, Path) and job.made.suffix.lower() == ".csv"
+    return Scored(job=job, score=found, verdict=verdict, frames=(job.offset_s, rate_hz) if is_table else (0.0, 0.0))
 
 
-def is_film(path: Path) -> bool:
-    """Whether a name is that of a video."""
-    return path.suffix.lower() in FILMS
+def _score_meshes(job: ScoreJob) -> Scored:
+    made, against = job.made, job.against
+    if not isinstance(made, Path) or not isinstance(against, Path):
+        raise UsageError("against: missing; meshes are compared with meshes")
+    if any(each is not None for each in (job.phones, job.audio, job.text, job.transcript, job.output)):
+        raise UsageError("phones, audio, text, output: cannot be used with meshes, whose lips are not known")
+    _check_thresholds(job, MESH_THRESHOLDS, [name for name in ("lips", "upper") if getattr(job, name) is not None])
+    indices = {name: load_indices(path) for name in ("lips", "upper") if (path := getattr(job, name)) is not None}
+    found = vertex_errors(
+        load_vertices(made), load_vertices(against), **indices,
+        neutral=None if job.neutral is None else load_vertices(job.neutral),
+    )  # fmt: skip
+    return Scored(job=job, score=found, verdict=judge(found, VERTEX_MEASURES, job.thresholds))
 
 
-def _mouth(path: Path, offset_s: float, on_frame: Callable[[], None]) -> Mouth:
-    if not is_film(path):
-        return mouth_of(load_motion(path), offset_s=offset_s)
-    times_s, landmarks = landmarks_of(path, on_frame=on_frame)
+def _check_sources(job: ScoreJob, sound: Path | None) -> None:
+    """Reject options and thresholds that nothing can answer."""
+    if sound is None:
+        for name in ("text", "transcript", "recognizer"):
+            if getattr(job, name) is not None:
+                raise UsageError(f"{name}: requires audio, or a film with sound")
+    if job.text is not None and job.transcript is not None:
+        raise UsageError("text, transcript: use only one")
+    if job.phones is not None and any((job.text, job.transcript, job.recognizer)):
+        raise UsageError("phones: cannot be combined with text, transcript or recognizer")
+    given = {name for name in ("phones", "against") if getattr(job, name) is not None}
+    given |= {"audio"} if sound is not None else set()
+    given |= {"against"} if job.plan else set()
+    _check_thresholds(job, LIP_THRESHOLDS, given)
+
+
+def _check_thresholds(job: ScoreJob, rows: Iterable[Threshold], given: Collection[str]) -> None:
+    for row in rows:
+        if row.name in job.thresholds and row.needs and not any(each in given for each in row.needs):
+            raise UsageError(f"fail_under: {row.name} requires {' or '.join(row.needs)}")
+
+
+def _phones(job: ScoreJob, sound: Path | None) -> tuple[PhoneTrack | None, bool]:
+    """Phones that were given, aligned or recognized, and whether they were recognized."""
+    if isinstance(job.phones, Path):
+        return read_timings(job.phones, job.voice, **job.how), False
+    if job.phones is not None:
+        return job.phones, False
+    transcript = read_text(job.text) if job.text is not None else job.transcript
+    if sound is None or (transcript is None and job.against is not None and job.recognizer is None):
+        return None, False
+    recognizer = None if transcript is not None else job.recognizer or Path(RECOGNIZER)
+    found = hear(sound, transcript=transcript, language=job.language or DEFAULT_VOICE, recognizer=recognizer)
+    return found.phones, transcript is None
+
+
+def is_film(made: Path | FapTrack) -> TypeGuard[Path]:
+    """Whether it is a video, by its name."""
+    return isinstance(made, Path) and made.suffix.lower() in FILMS
+
+
+def _mouth(made: Path | FapTrack, offset_s: float, on_frame: Callable[[], None]) -> Mouth:
+    if isinstance(made, FapTrack):
+        return mouth_of(made, offset_s=offset_s)
+    if not is_film(made):
+        return mouth_of(load_motion(made), offset_s=offset_s)
+    times_s, landmarks = landmarks_of(made, on_frame=on_frame)
     times_s, kept = times_s + offset_s, times_s + offset_s >= -1e-9
     if kept.sum() < MIN_SEEN:
-        raise DataError(f"{path}: got {int(kept.sum())} images from 0 s on, expected {MIN_SEEN} or more")
-    try:
+        raise DataError(f"{made}: got {int(kept.sum())} images from 0 s on, expected {MIN_SEEN} or more")
+    with naming(made):
         return mouth_of_landmarks(times_s[kept], landmarks[kept])
-    except DataError as error:
-        raise DataError(f"{path}: {error.message}") from error
 
 
 def _has_sound(path: Path) -> bool:
@@ -135,7 +324,7 @@ def power_of(samples: NDArray[np.int16], rate_hz: int) -> NDArray[np.float64]:
 def notes_of(job: ScoreJob, score: Score) -> list[str]:
     """Return sentences about what was compared, and how."""
     notes = [f"{score.frames} frames in {score.duration_s:.2f} s; lips count as closed below {job.closed_mm:g} mm."]
-    if job.against is not None:
+    if isinstance(job.against, Path):
         notes.append(f"Compared with {job.against.name}.")
     if is_film(job.made):
         notes.append(
@@ -144,8 +333,12 @@ def notes_of(job: ScoreJob, score: Score) -> list[str]:
         )
     if job.plan:
         notes.append("Compared with fapengine's own plan of the phones, not with a person.")
-    if job.phones is not None:
+    if isinstance(job.phones, Path):
         notes.append(f"Phones of {job.phones.name}.")
+    elif score.phones is not None and score.is_heard:
+        notes.append("Phones recognized in the sound, some of them wrongly: a transcript or timings are more exact.")
+    elif score.phones is not None:
+        notes.append("Phones aligned with the transcript.")
     if score.phones is None and score.truth is None:
-        notes.append("No reference: give another recording or phones to judge the lips.")
+        notes.append("No reference: give phones, sound or another recording to judge the lips.")
     return notes

@@ -1,21 +1,33 @@
-"""``fapengine score``: score a lip sync."""
+"""``fapengine score``: score a lip sync, check it, compare systems, and ask people."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from fapengine.cli import _hearing
 from fapengine.cli.options import AsJson, TimingOptions, WordsVoice, WriteOptions
+from fapengine.scoring.thresholds import LIP_THRESHOLDS, MESH_THRESHOLDS, parse_thresholds
+
+if TYPE_CHECKING:
+    from fapengine.app.score import Scored, ScoreJob
+
+CHECKS, MESHES, PEOPLE = "Checks, for continuous integration", "Meshes", "Listening tests"
+"""Titles of groups of options."""
 
 
 def score(
     made: Annotated[
-        Path,
+        list[Path] | None,
         typer.Argument(
-            help="The lip sync: FAPs (.fap, .fba), a table of ARKit, Oculus or VRM weights (.csv, .json), VMC (.osc),"
-            " or a video of a talking head (.mp4, .webm, ...), which needs the face detector."
+            metavar="[MADE]...",
+            help="The lip sync: FAPs (.fap, .fba), a table of ARKit, Oculus or VRM weights (.csv, .json), an animated"
+            " avatar (.glb, .vrm), a VRM animation (.vrma), VMC (.osc), a video (.mp4, .webm, ...), which needs the"
+            " face detector, or meshes (.npy, .npz, a folder). A set: several of them, a folder for each system, or a"
+            " table of recordings (.csv with a column 'made').",
+            show_default=False,
         ),
-    ],
+    ] = None,
     against: Annotated[
         Path | None, typer.Option("--against", help="Reference: a captured recording of the same speech.")
     ] = None,
@@ -24,8 +36,15 @@ def score(
         bool, typer.Option("--plan", help="With --phones: use fapengine's own plan as the reference.")
     ] = False,
     audio: Annotated[
-        Path | None, typer.Option("--audio", "-a", help="Sound, to compare lip opening with loudness.")
+        Path | None,
+        typer.Option(
+            "--audio", "-a", help="Sound. Without --phones and --against, its phones are recognized or aligned."
+        ),
     ] = None,
+    text: _hearing.Text = None,
+    transcript: _hearing.Transcript = None,
+    language: _hearing.Language = None,
+    recognizer: _hearing.RecognizerName = None,
     offset: Annotated[
         float,
         typer.Option(
@@ -42,7 +61,41 @@ def score(
         ),
     ] = 1.0,
     voice: WordsVoice = None,
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="Report with plots (.html).")] = None,
+    check: Annotated[
+        bool,
+        typer.Option("--check", help="Exit with code 1 if the verdict is 'fails'.", rich_help_panel=CHECKS),
+    ] = False,
+    fail_under: Annotated[
+        str | None,
+        typer.Option(
+            "--fail-under",
+            metavar="NAME=VALUE,...",
+            help=f"Check with these thresholds: closures=95,lag=80ms. Names, units, and thresholds by default:"
+            f" {'; '.join(map(str, LIP_THRESHOLDS))}. For meshes: {', '.join(row.name for row in MESH_THRESHOLDS)}.",
+            rich_help_panel=CHECKS,
+        ),
+    ] = None,
+    junit: Annotated[
+        Path | None, typer.Option("--junit", help="Write the checks as JUnit XML.", rich_help_panel=CHECKS)
+    ] = None,
+    sarif: Annotated[
+        Path | None,
+        typer.Option("--sarif", help="Write the faults and their times as SARIF 2.1.0.", rich_help_panel=CHECKS),
+    ] = None,
+    lips: Annotated[
+        Path | None,
+        typer.Option("--lips", help="Vertices of the lips: a list of indices (.txt, .npy).", rich_help_panel=MESHES),
+    ] = None,
+    upper: Annotated[
+        Path | None, typer.Option("--upper", help="Vertices of the upper face.", rich_help_panel=MESHES)
+    ] = None,
+    neutral: Annotated[
+        Path | None,
+        typer.Option("--neutral", help="The face at rest; --upper needs it.", rich_help_panel=MESHES),
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Report with plots (.html); of a set, a table (.csv).")
+    ] = None,
     as_json: AsJson = False,
     timings: TimingOptions = TimingOptions(),
     writing: WriteOptions = WriteOptions(),
@@ -50,36 +103,117 @@ def score(
     """Score any lip sync: closures, timing, similarity, loudness, head motion and blinks.
 
         fapengine score theirs.csv --phones talk.TextGrid -o out/score.html
-        fapengine score theirs.csv --against mocap.fap --json
-        fapengine score talk.mp4 --phones talk.TextGrid    # any video
+        fapengine score avatar.glb --audio talk.wav --text talk.txt --check
+        fapengine score theirs.csv --against mocap.fap --fail-under closures=95,lag=80ms --junit out/lips.xml
+        fapengine score ours/ theirs/ --phones timings/ -o out/set.csv    # two systems
+        fapengine score made.npy --against true.npy --lips lips.txt    # LVE and MVE of papers
 
-    With --phones, it reports whether p b m close and f v meet the teeth, and how late. With --against, also the
-    similarity to the reference. A video needs the face detector (docs/how-to/score.md). For a tool that writes visemes
-    only, use `fapengine animate` first.
+    The verdict comes first. With --phones, --audio or --against, p b m must close, f v meet the teeth, and neither be
+    late. With --against, also the similarity to the reference. A video needs the face detector
+    (docs/how-to/score.md). For a tool that writes visemes only, use `fapengine animate` first.
     """
-    from fapengine.app.score import ScoreJob, is_film, notes_of, run_score
-    from fapengine.cli._printing import print_result, progress
+    from fapengine.app.score import ScoreJob
+    from fapengine.app.score_set import is_set
     from fapengine.errors import UsageError
-    from fapengine.files.report.score_page import score_rows
-    from fapengine.files.video import count_pictures
+    from fapengine.files.mesh_sequences import is_mesh_sequence
 
-    for flag, value in timings.given.items():
+    made = made or []
+    if not made:
+        raise UsageError("made: missing, expected a recording to score")
+    for name, value in timings.how.items():
         if value is not None and phones is None:
-            raise UsageError(f"{flag}: requires --phones")
+            raise UsageError(f"--{name}: requires --phones")
+    thresholds = {}
+    if fail_under is not None:
+        thresholds = parse_thresholds(fail_under, MESH_THRESHOLDS if is_mesh_sequence(made[0]) else LIP_THRESHOLDS)
     job = ScoreJob(
-        made=made, against=against, phones=phones, plan=plan, audio=audio, offset_s=offset, closed_mm=closed_mm,
-        voice=voice, how=timings.how, output=output,
+        made=made[0], against=against, phones=phones, plan=plan, audio=audio, text=text, transcript=transcript,
+        language=language, recognizer=recognizer, offset_s=offset, closed_mm=closed_mm, voice=voice, how=timings.how,
+        lips=lips, upper=upper, neutral=neutral, thresholds=thresholds, output=output,
     )  # fmt: skip
-    if output is not None:
-        writing.check([output], [made, against, phones, audio])
-    films = [each for each in (made, against) if each is not None and is_film(each)]
+    outputs = [path for path in (output, junit, sarif) if path is not None]
+    if outputs:
+        writing.check(outputs, [*made, against, phones, audio, text, lips, upper, neutral])
+    results = _score_set(made, job, as_json=as_json) if is_set(made) else [_score_one(job, as_json=as_json)]
+    _write_checks(results, junit, sarif)
+    if (check or fail_under is not None) and not all(result.verdict.passes for result in results):
+        raise typer.Exit(1)
+
+
+def _score_one(job: "ScoreJob", *, as_json: bool) -> "Scored":
+    from fapengine.app.score import is_film, notes_of, run_score
+    from fapengine.cli._printing import print_result, progress
+    from fapengine.files.report.score_page import score_rows, vertex_rows
+    from fapengine.files.video import count_pictures
+    from fapengine.scoring.score import Score
+    from fapengine.scoring.vertices import VertexErrors
+
+    films = [each for each in (job.made, job.against) if each is not None and is_film(each)]
     if films:
         with progress("detecting, frames", sum(map(count_pictures, films))) as advance:
             found = run_score(job, on_frame=advance)
     else:
         found = run_score(job)
-    lines = []
-    for name, rows in score_rows(found).items():
+    sections, notes = {}, []
+    if isinstance(found.score, Score):
+        sections, notes = score_rows(found.score), notes_of(job, found.score)
+    elif isinstance(found.score, VertexErrors):
+        sections = vertex_rows(found.score)
+    lines = [str(found.verdict)]
+    for name, rows in sections.items():
         lines += [name, *(f"  {measure:30} {figure:22} {meaning}".rstrip() for measure, figure, meaning in rows)]
-    lines += notes_of(job, found) + ([] if output is None else [f"report: {output}"])
+    lines += notes + ([] if job.output is None else [f"report: {job.output}"])
     print_result(found.as_dict(), *lines, as_json=as_json)
+    return found
+
+
+def _score_set(made: list[Path], job: "ScoreJob", *, as_json: bool) -> "list[Scored]":
+    from dataclasses import asdict, replace
+
+    from fapengine.app.score_set import format_set, jobs_of, run_set, summarize
+    from fapengine.cli._printing import print_result, progress
+    from fapengine.errors import UsageError
+    from fapengine.files.paths import write_bytes
+    from fapengine.files.report.score_page import summary_lines
+
+    if job.output is not None and job.output.suffix != ".csv":
+        raise UsageError(f"output: got {job.output}, expected a name that ends with .csv, for a set")
+    jobs = jobs_of(made, replace(job, output=None))
+    with progress("scoring, recordings", len(jobs)) as advance:
+        results = run_set(jobs, on_recording=advance)
+    summary = summarize(results)
+    if job.output is not None:
+        write_bytes(job.output, format_set(results))
+    failed = [result for result in results if not result.verdict.passes]
+    verdict = f"fails: {len(failed)} of {len(results)} recordings" if failed else f"passes: {len(results)} recordings"
+    lines = [
+        verdict,
+        *(f"  {_name(result)}: {result.verdict}" for result in failed),
+    ]
+    lines += summary_lines(summary.systems, summary.units, summary.tests)
+    facts = {
+        "verdict": {"passes": not failed, "failed": len(failed), "recordings": len(results)},
+        "recordings": [
+            {"id": each.job.id, "system": each.job.system, "made": str(each.job.made), **each.as_dict()}
+            for each in results
+        ],
+        "summary": asdict(summary),
+    }
+    print_result(facts, *lines, *([] if job.output is None else [f"table: {job.output}"]), as_json=as_json)
+    return results
+
+
+def _name(result: "Scored") -> str:
+    return f"{result.job.id} ({result.job.system})" if result.job.system else result.job.id
+
+
+def _write_checks(results: "list[Scored]", junit: Path | None, sarif: Path | None) -> None:
+    from fapengine import __version__
+    from fapengine.files.paths import write_bytes
+    from fapengine.files.report.lint import Judged, format_junit, format_sarif
+
+    judged = [Judged(Path(str(result.job.made)), result.verdict, result.frames) for result in results]
+    if junit is not None:
+        write_bytes(junit, format_junit(judged))
+    if sarif is not None:
+        write_bytes(sarif, format_sarif(judged, version=__version__))

@@ -1,51 +1,33 @@
-"""The verdict on a lip sync: every figure as a row of a table, its threshold, and what fails.
+"""The verdict on a lip sync: the value of every figure, and which of them fail."""
 
-A threshold is either the least or the largest value that passes. Rows come in the order in which faults are reported:
-a mouth that does not open first, then lips that are late, as every other figure of such a recording means little.
-"""
-
-import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-from fapengine.errors import UsageError
 from fapengine.scoring.score import AgainstPhones, AgainstTruth, Score
+from fapengine.scoring.thresholds import LIP_THRESHOLDS, MESH_THRESHOLDS, Threshold
 from fapengine.scoring.vertices import VertexErrors
 
 S = TypeVar("S", Score, VertexErrors)
 R = TypeVar("R")
-LEAST, MOST = "at least", "at most"
-"""Sides of a threshold."""
+
 CLOSURES_HEARD, MIN_CLOSURES_HEARD = 60.0, 3
 """Threshold of closures, in %, and least number of them, where phones were recognized: of the p b m that the recognizer
 reports 4 % were not spoken (docs/measurements.md), which a right lip sync does not close."""
+FILE = "file"
+"""Check that fails for a recording which cannot be scored."""
 
 
 @dataclass(frozen=True, slots=True)
 class Measure(Generic[S]):
-    """One figure of a score."""
+    """How one figure is found in a score."""
 
-    name: str
-    unit: str
-    side: str
-    """Whether a threshold is the least or the largest value that passes."""
-    help: str
+    row: Threshold
     value: Callable[[S], float | None]
     weight: Callable[[S], float] = lambda _: 1.0
     """Weight of an utterance in the mean of a set."""
-    limit: float | None = None
-    """Threshold by default; None if it is not checked unless it is named."""
     missed: Callable[[S], tuple[float, ...]] = lambda _: ()
     """Times of single faults, s."""
-
-    def passes(self, value: float, limit: float) -> bool:
-        """Whether a value satisfies a threshold."""
-        return value >= limit if self.side == LEAST else value <= limit
-
-    def spell(self, value: float) -> str:
-        """Format a value with its unit."""
-        return f"{value + 0.0:.3g} {self.unit}".strip()  # no -0
 
 
 def _percent(share: float | None) -> float | None:
@@ -71,43 +53,37 @@ def _truth(of: Callable[[AgainstTruth], float | None]) -> Callable[[Score], floa
     return lambda score: None if score.truth is None else of(score.truth)
 
 
+_LIPS = {row.name: row for row in LIP_THRESHOLDS}
 MEASURES: tuple[Measure[Score], ...] = (
-    Measure("opens", "mm", LEAST, "how far the mouth opens in speech", lambda s: s.opens_mm, limit=2.0),
-    Measure("lag", "ms", MOST, "how late the lips are", _judged(lambda j: j.timing.lag_ms, None), limit=90.0),
+    Measure(_LIPS["opens"], lambda s: s.opens_mm),
+    Measure(_LIPS["lag"], _judged(lambda j: j.timing.lag_ms, None)),
+    Measure(_LIPS["lead"], _judged(lambda j: None if j.timing.lag_ms is None else -j.timing.lag_ms, None)),
     Measure(
-        "lead", "ms", MOST, "how early the lips are", limit=185.0,
-        value=_judged(lambda j: None if j.timing.lag_ms is None else -j.timing.lag_ms, None),
+        _LIPS["closures"], _closed, _judged(lambda j: j.closures.wanted, 0.0),
+        _judged(lambda j: j.closures.missed_s, ()),
     ),
     Measure(
-        "closures", "%", LEAST, "p b m that close", _closed, _judged(lambda j: j.closures.wanted, 0.0), limit=90.0,
-        missed=_judged(lambda j: j.closures.missed_s, ()),
+        _LIPS["teeth"], _phones(lambda p: _percent(p.teeth.recall), None), _phones(lambda p: p.teeth.wanted, 0.0),
+        _phones(lambda p: p.teeth.missed_s, ()),
     ),
-    Measure(
-        "teeth", "%", LEAST, "f v that meet the teeth", _phones(lambda p: _percent(p.teeth.recall), None),
-        _phones(lambda p: p.teeth.wanted, 0.0), missed=_phones(lambda p: p.teeth.missed_s, ()),
-    ),
-    Measure(
-        "explained", "%", LEAST, "closed time near a p b m f v", _judged(lambda j: _percent(j.closures.precision), None)
-    ),
-    Measure("r", "", LEAST, "correlation of the opening", _truth(lambda t: t.likeness.opening_r)),
-    Measure("slope", "", LEAST, "opening relative to the reference's", _truth(lambda t: t.likeness.opening_slope)),
-    Measure("mtm", "ms", MOST, "mean temporal misalignment", _truth(lambda t: t.timing.mtm_ms)),
-    Measure("mod", "mm", MOST, "mean distance of the opening", _truth(lambda t: t.likeness.opening_mm)),
-    Measure("lve", "mm2", MOST, "lip vertex error, squared", _truth(lambda t: t.likeness.lve_mm2), lambda s: s.frames),
-    Measure(
-        "slcc", "", LEAST, "lips move more where speech is louder", lambda s: s.intensity.slcc if s.intensity else None
-    ),
+    Measure(_LIPS["explained"], _judged(lambda j: _percent(j.closures.precision), None)),
+    Measure(_LIPS["r"], _truth(lambda t: t.likeness.opening_r)),
+    Measure(_LIPS["slope"], _truth(lambda t: t.likeness.opening_slope)),
+    Measure(_LIPS["mtm"], _truth(lambda t: t.timing.mtm_ms)),
+    Measure(_LIPS["mod"], _truth(lambda t: t.likeness.opening_mm)),
+    Measure(_LIPS["lve"], _truth(lambda t: t.likeness.lve_mm2), lambda s: s.frames),
+    Measure(_LIPS["slcc"], lambda s: s.intensity.slcc if s.intensity else None),
 )  # fmt: skip
-"""Figures of a mouth. Limits of lag and lead: ITU-R BT.1359-1, what viewers still accept."""
-
+"""Figures of a mouth, in the order of their rows."""
+_MESHES = {row.name: row for row in MESH_THRESHOLDS}
 VERTEX_MEASURES: tuple[Measure[VertexErrors], ...] = (
-    Measure("lve", "unit2", MOST, "lip vertex error, squared", lambda e: e.lve_squared, lambda e: e.frames),
-    Measure("lve_root", "unit", MOST, "lip vertex error", lambda e: e.lve, lambda e: e.frames),
-    Measure("mve", "unit", MOST, "mean vertex error", lambda e: e.mve),
-    Measure("fdd", "unit2", MOST, "upper-face dynamics deviation, squared", lambda e: e.fdd_squared),
-    Measure("fdd_root", "unit", MOST, "upper-face dynamics deviation", lambda e: e.fdd),
+    Measure(_MESHES["lve"], lambda e: e.lve_squared, lambda e: e.frames),
+    Measure(_MESHES["lve_root"], lambda e: e.lve, lambda e: e.frames),
+    Measure(_MESHES["mve"], lambda e: e.mve),
+    Measure(_MESHES["fdd"], lambda e: e.fdd_squared),
+    Measure(_MESHES["fdd_root"], lambda e: e.fdd),
 )
-"""Figures of a mesh. Means of a set are those of the papers' programs: LVE over frames, the others over sequences."""
+"""Figures of meshes. Means of a set are those of the papers' programs: LVE over frames, the others over sequences."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +91,7 @@ class Fault:
     """A figure that does not pass."""
 
     check: str
-    """Name of the measure, or ``file`` if the recording cannot be scored."""
+    """Name of the figure, or :data:`FILE`."""
     message: str
     times_s: tuple[float, ...] = ()
     """Where it happens, s; empty if it concerns the whole recording."""
@@ -127,11 +103,11 @@ class Verdict:
 
     faults: tuple[Fault, ...]
     checked: tuple[str, ...]
-    """Names of the measures that were compared with their thresholds, faults included."""
+    """Names of the figures that were compared with their thresholds, faults included."""
     said: str
     """The figures that pass, in words."""
     unchecked: tuple[str, ...] = ()
-    """Names of the measures that have a threshold and no value."""
+    """Names of the figures that have a threshold and no value."""
 
     @property
     def passes(self) -> bool:
@@ -145,30 +121,6 @@ class Verdict:
         return f"passes: {self.said or 'nothing could be checked'}{absent}"
 
 
-def parse_thresholds(text: str, measures: Iterable[Measure[S]]) -> dict[str, float]:
-    """Read thresholds such as ``closures=95,lag=80ms``.
-
-    Raises
-    ------
-    UsageError
-        For an unknown name, another unit, or something that is not a number; the message lists names and units.
-
-    Examples
-    --------
-    >>> parse_thresholds("closures=95,lag=80ms", MEASURES)
-    {'closures': 95.0, 'lag': 80.0}
-    """
-    known = {measure.name: measure for measure in measures}
-    limits: dict[str, float] = {}
-    for part in text.split(","):
-        found = re.fullmatch(r"\s*(\w+)\s*=\s*(-?\d+(?:\.\d+)?)\s*(\S*)\s*", part)
-        if not found or found[1] not in known or found[3] not in ("", known[found[1]].unit):
-            listed = ", ".join(f"{each.name}={each.unit or 'number'}" for each in known.values())
-            raise UsageError(f"fail_under: got {part.strip()!r}, expected NAME=VALUE, separated by commas, of {listed}")
-        limits[found[1]] = float(found[2])
-    return limits
-
-
 def judge(score: S, measures: Iterable[Measure[S]], thresholds: Mapping[str, float] | None = None) -> Verdict:
     """Compare a score with thresholds.
 
@@ -178,26 +130,28 @@ def judge(score: S, measures: Iterable[Measure[S]], thresholds: Mapping[str, flo
     measures : iterable of Measure
         :data:`MEASURES` or :data:`VERTEX_MEASURES`.
     thresholds : mapping of str to float, optional
-        Thresholds by name, which replace those of the measures.
+        Thresholds by name, which replace those of the rows.
     """
     faults, passed, unchecked, checked = [], [], [], []
     for measure in measures:
-        limit = (thresholds or {}).get(measure.name, _limit(measure, score))
+        row = measure.row
+        limit = (thresholds or {}).get(row.name, _limit(row, score))
         if limit is None:
             continue
         value = measure.value(score)
         if value is None:
-            unchecked.append(measure.name)
+            unchecked.append(row.name)
             continue
-        checked.append(measure.name)
-        if measure.passes(value, limit):
-            passed.append(f"{measure.name} {measure.spell(value)}")
+        checked.append(row.name)
+        if row.passes(value, limit):
+            if row.name != "lead":  # lag says it
+                passed.append(f"{row.name} {row.spell(value)}")
         else:
-            told = f"{measure.name} {measure.spell(value)} ({measure.help}; {measure.side} {measure.spell(limit)})"
-            faults.append(Fault(measure.name, told, measure.missed(score)))
+            message = f"{row.name} {row.spell(value)} ({row.help}; {row.side} {row.spell(limit)})"
+            faults.append(Fault(row.name, message, measure.missed(score)))
     return Verdict(tuple(faults), tuple(checked), ", ".join(passed), tuple(unchecked))
 
 
-def _limit(measure: Measure[S], score: S) -> float | None:
+def _limit(row: Threshold, score: Score | VertexErrors) -> float | None:
     heard = isinstance(score, Score) and score.is_heard
-    return CLOSURES_HEARD if measure.name == "closures" and heard else measure.limit
+    return CLOSURES_HEARD if row.name == "closures" and heard else row.limit

@@ -1,23 +1,21 @@
 """The report of a score: tables of figures, openings over time, and missed closures."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from html import escape
 
 import numpy as np
 
 from fapengine.files.report import parts as html
-from fapengine.files.report.parts import COOL, FAINT, INK, WARM, Grade
+from fapengine.files.report.parts import COOL, FAINT, INK, WARM
 from fapengine.scoring.mouth import Mouth, is_bilabial, is_labiodental
 from fapengine.scoring.score import Score
+from fapengine.scoring.statistics import Estimate, PairedTest
+from fapengine.scoring.verdict import Verdict
+from fapengine.scoring.vertices import VertexErrors
 from fapengine.speech.phone_track import PhoneTrack
 
 ROW_S, MAX_ROWS = 6.0, 20
 """Longest time that a row of the figure shows, and largest number of rows."""
-
-GOOD, USABLE = 0.9, 0.7
-"""Fraction of closures that are made; our choice."""
-LATE_MS, EARLY_MS = 45.0, 125.0
-"""Lag that viewers do not notice: audio before the image, and after it (ITU-R BT.1359)."""
 
 Rows = list[tuple[str, str, str]]
 """Measure, value, and meaning."""
@@ -25,7 +23,9 @@ Rows = list[tuple[str, str, str]]
 
 def score_rows(score: Score) -> dict[str, Rows]:
     """Format all figures: rows of measure, value and meaning, by section."""
-    sections: dict[str, Rows] = {}
+    sections: dict[str, Rows] = {
+        "Alone": [("opening in speech", _number(score.opens_mm, "mm", 1), "5th to 95th percentile")]
+    }
     if score.phones is not None:
         closures, teeth, timing = score.phones.closures, score.phones.teeth, score.phones.timing
         sections["Against the phones"] = [
@@ -70,8 +70,61 @@ def score_rows(score: Score) -> dict[str, Rows]:
     return sections
 
 
+def vertex_rows(errors: VertexErrors) -> dict[str, Rows]:
+    """Format the errors of meshes, as :func:`score_rows`."""
+    rows = [
+        ("LVE", errors.lve_squared, "unit²", "largest squared distance of a lip vertex, mean over frames"),
+        ("LVE without the square", errors.lve, "unit", "MeshTalk's definition"),
+        ("MVE", errors.mve, "unit", "mean distance of all vertices"),
+        ("FDD", errors.fdd_squared, "unit²", "deviation of squared distances; positive: the upper face moves less"),
+        ("FDD without the square", errors.fdd, "unit", "CodeTalker's definition"),
+    ]
+    name = f"Against the other meshes, {errors.frames} frames, in their unit"
+    return {
+        name: [
+            (measure, "none" if value is None else f"{value:.4g} {unit}", meaning)
+            for measure, value, unit, meaning in rows
+        ]
+    }
+
+
+def summary_lines(
+    systems: Mapping[str, Mapping[str, Estimate]], units: Mapping[str, str], tests: Mapping[str, PairedTest]
+) -> list[str]:
+    """Format the means of a set, their intervals, and the test of two systems."""
+    lines = []
+    for system, named in systems.items():
+        lines.append(f"{system or 'Mean'}, with 95 % intervals over utterances")
+        lines += [
+            f"  {name:10} {spell_estimate(each)} {units[name]}, {each.count} utterances" for name, each in named.items()
+        ]
+    if tests:
+        one, other = systems
+        lines.append(f"{one} less {other}, with 95 % intervals over utterances and Wilcoxon's p")
+        for name, test in tests.items():
+            apart = test.difference
+            lines.append(
+                f"  {name:10} {spell_estimate(apart)} {units[name]}, p = {test.p:.3g}, {apart.count} utterances"
+            )
+    return lines
+
+
+def spell_estimate(found: Estimate) -> str:
+    """Format a mean and its interval."""
+    if found.low is None or found.high is None:
+        return f"{found.mean:.4g}"
+    return f"{found.mean:.4g} [{found.low:.4g}, {found.high:.4g}]"
+
+
 def write_score_report(
-    score: Score, mouth: Mouth, *, title: str, notes: Iterable[str], truth: Mouth | None, phones: PhoneTrack | None
+    score: Score,
+    mouth: Mouth,
+    verdict: Verdict,
+    *,
+    title: str,
+    notes: Iterable[str],
+    truth: Mouth | None,
+    phones: PhoneTrack | None,
 ) -> bytes:
     """Make the page: UTF-8 HTML without external references.
 
@@ -80,7 +133,7 @@ def write_score_report(
     ResourceError
         If matplotlib is not installed.
     """
-    parts = [f"<h1>{escape(title)}</h1>", _verdict(score)]
+    parts = [f"<h1>{escape(title)}</h1>", html.verdict("good" if verdict.passes else "poor", str(verdict))]
     parts += [f'<p class="note">{escape(note)}</p>' for note in notes]
     for name, rows in score_rows(score).items():
         parts += [f"<h2>{name}</h2>", html.table(("", "", ""), rows)]
@@ -89,20 +142,6 @@ def write_score_report(
         caption += " Red bands: p b m and their kin; blue: f v; crosses: those that were not made."
     parts += ["<h2>Opening</h2>", html.picture(draw_openings(score, mouth, truth, phones), caption)]
     return html.page(f"{title}: score", parts)
-
-
-def _verdict(score: Score) -> str:
-    judged = score.phones or score.truth
-    if judged is None or judged.closures.recall is None:
-        return html.verdict("", "Give it the phones, or the recording that it should be like, with a p, b or m.")
-    recall, lag_ms = judged.closures.recall, judged.timing.lag_ms
-    made = f"{100 * recall:.0f} % of the closures of lips are made ({judged.closures.met} of {judged.closures.wanted})"
-    if lag_ms is None:
-        return html.verdict("poor", f"{made}, but the lips do not move.")
-    in_time = -EARLY_MS <= lag_ms <= LATE_MS
-    grade: Grade = "good" if in_time and recall >= GOOD else "fair" if in_time and recall >= USABLE else "poor"
-    when = "in time" if in_time else "too late" if lag_ms > 0 else "too early"
-    return html.verdict(grade, f"{made}, {when} ({lag_ms:+.0f} ms).")
 
 
 def draw_openings(score: Score, mouth: Mouth, truth: Mouth | None, phones: PhoneTrack | None) -> bytes:

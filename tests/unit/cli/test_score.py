@@ -3,7 +3,9 @@
 import json
 import re
 from pathlib import Path
+from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -11,28 +13,28 @@ import fapengine
 from fapengine.cli.main import app
 from fapengine.errors import DataError, UsageError
 from fapengine.files.sound import save_wav
+from fapengine.mpeg4.track import FapTrack
 
 
-def run(*arguments: object) -> str:
+def run(*arguments: object, code: int = 0) -> str:
     result = CliRunner().invoke(app, [*map(str, arguments)], env={"COLUMNS": "200"})
     if result.exception is not None and not isinstance(result.exception, SystemExit):
         raise result.exception
-    assert result.exit_code == 0, result.output
+    assert result.exit_code == code, result.output
     return result.output
 
 
 @pytest.fixture(scope="module")
 def talk(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder with ``talk.fap``, ``.fba``, ``.csv``, ``.lab``, ``.wav``: My baby fell off five boats."""
+    """Folder with ``talk.fap``, ``.fba``, ``.csv``, ``.lab``, ``.wav`` ...: My baby fell off five boats."""
     folder = tmp_path_factory.mktemp("talk")
     spoken = fapengine.speak("My baby fell off five boats. Bright moonbeams move over a harbour.", rate_hz=60.0)
-    for name, shapes in (
-        ("talk.fap", "arkit"),
-        ("talk.fba", "arkit"),
-        ("talk.csv", "arkit"),
-        ("visemes.csv", "oculus"),
-    ):
-        spoken.save(folder / name, shapes=shapes)
+    shapes = {"talk.csv": "arkit", "visemes.csv": "oculus", "presets.vrma": "vrm1", "arkit.vrma": "arkit"}
+    for name in ("talk.fap", "talk.fba", *shapes):
+        spoken.save(folder / name, shapes=shapes.get(name))
+    spoken.save(folder / "avatar.glb", into="default")
+    fapengine.save(spoken.track * 0, folder / "dead.csv")
+    fapengine.save(FapTrack.of(np.roll(spoken.track.values, 9, axis=0), rate_hz=60.0), folder / "late.csv")
     assert spoken.sound is not None
     save_wav(folder / "talk.wav", *spoken.sound)
     rows = [f"{phone.start_s * 1e7:.0f} {phone.end_s * 1e7:.0f} {phone.label}" for phone in spoken.phones.phones]
@@ -54,7 +56,13 @@ def test_everything_at_once(talk: Path, tmp_path: Path) -> None:
     assert not re.search(r'(src|href)="(?!#)', page.replace("xlink:href", ""))
 
 
-@pytest.mark.parametrize(("name", "opening_r"), [("talk.fba", 0.99), ("talk.csv", 0.97), ("visemes.csv", 0.85)])
+@pytest.mark.parametrize(
+    ("name", "opening_r"),
+    [
+        ("talk.fba", 0.99), ("talk.csv", 0.97), ("visemes.csv", 0.85), ("presets.vrma", 0.97), ("arkit.vrma", 0.99),
+        ("avatar.glb", 0.99),
+    ],
+)  # fmt: skip
 def test_recordings_of_every_kind(talk: Path, name: str, opening_r: float) -> None:
     found = json.loads(run("score", talk / name, "--against", talk / "talk.fap", "--json"))
     assert found["truth"]["likeness"]["opening_r"] > opening_r
@@ -80,6 +88,13 @@ def test_alone_it_says_that_nothing_was_compared(talk: Path) -> None:
     ("arguments", "error", "message"),
     [
         (("talk.fap", "--plan"), UsageError, "--plan: requires phones"),
+        ((), UsageError, "made: missing"),
+        (("talk.fap", "--transcript", "hello"), UsageError, "--transcript: requires audio"),
+        (("talk.fap", "--fail-under", "closures=95"), UsageError, "--fail-under: closures requires phones or audio or"),
+        (("talk.fap", "--phones", "talk.lab", "--fail-under", "r=0.5"), UsageError, "--fail-under: r requires against"),
+        (("talk.fap", "--fail-under", "closed=95"), UsageError, "--fail-under: got 'closed=95', expected NAME=VALUE"),
+        (("talk.fap", "--lips", "talk.lab"), UsageError, "lips, upper, neutral: require meshes"),
+        (("talk.fap", "talk.csv", "-o", "set.html"), UsageError, "--output: got set.html, expected .*csv, for a set"),
         (("talk.fap", "-o", "score.pdf"), UsageError, "--output: got score.pdf"),
         (("talk.wav",), DataError, "talk.wav"),
         (("none.fap",), UsageError, "cannot be read"),
@@ -105,3 +120,137 @@ def test_timings_are_read_as_is_said(talk: Path) -> None:
         run("score", talk / "talk.fap", "--phones", unnamed)
     with pytest.raises(UsageError, match=r"--tier: requires --phones"):
         run("score", talk / "talk.fap", "--tier", "phones")
+
+
+def test_the_verdict_comes_first_and_check_makes_it_the_exit_code(talk: Path) -> None:
+    phones = ("--phones", talk / "talk.lab")
+    assert run("score", talk / "talk.csv", *phones, "--check").startswith("passes: opens ")
+    assert run("score", talk / "dead.csv", *phones).startswith("fails: opens 0 mm")
+    assert run("score", talk / "dead.csv", *phones, "--check", code=1).startswith("fails: opens 0 mm")
+    assert run("score", talk / "dead.csv", "--check", code=1).startswith("fails: opens 0 mm")
+    assert run("score", talk / "late.csv", *phones, "--check", code=1).startswith("fails: lag 14")
+    assert run("score", talk / "late.csv", *phones, "--fail-under", "lag=200ms,closures=10").startswith("passes:")
+    assert run("score", talk / "talk.csv", *phones, "--fail-under", "opens=50mm", code=1).startswith("fails: opens 1")
+    found = json.loads(run("score", talk / "late.csv", *phones, "--check", "--json", code=1))
+    assert [fault["check"] for fault in found["verdict"]["faults"]] == ["lag", "closures"]
+    assert found["verdict"]["faults"][1]["times_s"] == found["phones"]["closures"]["missed_s"]
+
+
+@pytest.mark.parametrize(
+    "known", [(), ("--transcript", "My baby fell off five boats. Bright moonbeams move over a harbour.")]
+)
+def test_sound_or_text_stand_for_phones(talk: Path, known: tuple[str, ...]) -> None:
+    said = run("score", talk / "talk.csv", "--audio", talk / "talk.wav", *known, "--check")
+    assert said.startswith("passes:")
+    assert ("Phones aligned with the transcript" if known else "Phones recognized in the sound") in said
+    found = json.loads(
+        run("score", talk / "late.csv", "--audio", talk / "talk.wav", *known, "--check", "--json", code=1)
+    )
+    assert found["verdict"]["faults"][0]["check"] == "lag"
+    assert found["phones"]["closures"]["wanted"] >= 8
+    assert found["is_heard"] != bool(known)
+
+
+def test_junit_and_sarif_have_the_faults_and_their_times(talk: Path, tmp_path: Path) -> None:
+    (tmp_path / "broken.csv").write_text("what is this?", encoding="utf-8")
+    made = (talk / "talk.csv", talk / "late.csv", tmp_path / "broken.csv")
+    options = ("--phones", talk / "talk.lab", "--junit", tmp_path / "a.xml", "--sarif", tmp_path / "a.sarif")
+    said = run("score", *made, *options, "--check", code=1)
+    assert said.startswith("fails: 2 of 3 recordings")
+    top = ElementTree.parse(tmp_path / "a.xml").getroot()
+    assert dict(top.attrib) | {"time": ""} == {
+        "name": "fapengine score", "tests": "9", "failures": "2", "errors": "1", "skipped": "0", "time": "",
+    }  # fmt: skip
+    cases = {(each.get("classname"), each.get("name")): each for each in top.iter("testcase")}
+    late = cases[str(talk / "late.csv"), "closures"].find("failure")
+    assert late is not None
+    assert late.text is not None
+    times = re.findall(r"^at (\d+\.\d+) s$", late.text, re.MULTILINE)
+    assert len(times) >= 2
+    assert cases[str(tmp_path / "broken.csv"), "file"].find("error") is not None
+    (found,) = json.loads((tmp_path / "a.sarif").read_text(encoding="utf-8"))["runs"]
+    rules = [rule["id"] for rule in found["tool"]["driver"]["rules"]]
+    assert [result["ruleId"] for result in found["results"]] == ["lag", *["closures"] * len(times), "file"]
+    assert all(rules[result["ruleIndex"]] == result["ruleId"] for result in found["results"])
+    lines = [result["locations"][0]["physicalLocation"]["region"]["startLine"] for result in found["results"]]
+    assert lines == [1, *(2 + round(60 * float(time)) for time in times), 1]  # a line per frame, after the header
+
+
+def test_two_systems_are_compared(talk: Path, tmp_path: Path) -> None:
+    for system, source in (("ours", "talk.csv"), ("theirs", "late.csv")):
+        (tmp_path / system).mkdir()
+        for name in ("a.csv", "b.csv", "c.csv"):
+            (tmp_path / system / name).write_bytes((talk / source).read_bytes())
+    (tmp_path / "timings").mkdir()
+    for name in ("a.lab", "b.lab", "c.lab"):
+        (tmp_path / "timings" / name).write_bytes((talk / "talk.lab").read_bytes())
+    systems = (tmp_path / "ours", tmp_path / "theirs")
+    phones = ("--phones", tmp_path / "timings")
+    said = run("score", *systems, *phones, "-o", tmp_path / "set.csv")
+    assert "fails: 3 of 6 recordings" in said
+    assert re.search(r"ours less theirs.*\n +opens.*\n +lag +-1[45]\d.* ms, p = 0.25, 3 utterances", said)
+    rows = (tmp_path / "set.csv").read_text(encoding="utf-8").splitlines()
+    assert rows[0].startswith("id,system,made,verdict,opens_mm,lag_ms,closures_percent,")
+    assert [row.split(",")[:2] for row in rows[1:]] == [[u, s] for s in ("ours", "theirs") for u in "abc"]
+    table = "made,phones,system,id\n" + "".join(
+        f"{system}/{name}.csv,timings/{name}.lab,{system},{name}\n" for system in ("ours", "theirs") for name in "abc"
+    )
+    (tmp_path / "table.csv").write_text(table, encoding="utf-8")
+    by_table = json.loads(run("score", tmp_path / "table.csv", "--json"))
+    assert by_table["summary"] == json.loads(run("score", *systems, *phones, "--json"))["summary"]
+    assert by_table["verdict"] == {"passes": False, "failed": 3, "recordings": 6}
+    (tmp_path / "timings" / "c.lab").unlink()
+    with pytest.raises(UsageError, match=r"--phones: got none in .*timings, expected one file c\.\*"):
+        run("score", *systems, *phones)
+    for text, message in (
+        ("made,sound\na.csv,b\n", "line 2.*|column 'sound'"), ("made,offset\na.csv,soon\n", "offset: expected"),
+        ("made,id\n,x\n", "made: missing"), ("made\n", "contains no recordings"),
+    ):  # fmt: skip
+        (tmp_path / "table.csv").write_text(text, encoding="utf-8")
+        with pytest.raises(DataError, match=message):
+            run("score", tmp_path / "table.csv")
+
+
+def test_meshes_have_the_errors_of_papers(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    rest = rng.normal(size=(5, 3))
+    true = rest + rng.normal(size=(7, 5, 3))
+    made = true + np.array([0.0, 0.0, 2.0])
+    np.save(tmp_path / "made.npy", made.reshape(7, 15).astype(np.float32))
+    np.savez(tmp_path / "true.npz", vertices=true)
+    np.save(tmp_path / "rest.npy", rest)
+    (tmp_path / "lips.txt").write_text("0, 1\n2", encoding="utf-8")
+    np.save(tmp_path / "upper.npy", np.array([False, False, False, True, True]))
+    arguments = (
+        "score", tmp_path / "made.npy", "--against", tmp_path / "true.npz", "--lips", tmp_path / "lips.txt",
+        "--upper", tmp_path / "upper.npy", "--neutral", tmp_path / "rest.npy",
+    )  # fmt: skip
+    found = json.loads(run(*arguments, "--json"))
+    assert (found["lve_squared"], found["lve"], found["mve"]) == pytest.approx((4.0, 2.0, 2.0))
+    assert run(*arguments, "--fail-under", "lve=3.9", code=1).startswith("fails: lve 4 unit2")
+    assert "LVE                            4 unit²" in run(*arguments)
+    meshes = tmp_path / "true"
+    meshes.mkdir()
+    for number, frame in enumerate(true):
+        lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in frame] + ["f 1 2 3", "f 3 4 5"]
+        (meshes / f"{number}.obj").write_text("\n".join(lines), encoding="utf-8")
+    folder = json.loads(run("score", tmp_path / "made.npy", "--against", meshes, "--json"))
+    assert folder["mve"] == pytest.approx(2.0)
+    assert folder["lve"] is None
+    for extra, message in (
+        (("--phones", tmp_path / "lips.txt"), "cannot be used with meshes"),
+        (("--fail-under", "fdd=1"), "fdd requires upper"),
+    ):
+        with pytest.raises(UsageError, match=message):
+            run(*arguments[:4], *extra)
+    with pytest.raises(UsageError, match="against: missing"):
+        run("score", tmp_path / "made.npy")
+    (tmp_path / "lips.txt").write_text("0 one", encoding="utf-8")
+    with pytest.raises(DataError, match=r"lips\.txt: indices: got invalid literal"):
+        run(*arguments)
+    (tmp_path / "made.npy").write_bytes(b"nothing")
+    with pytest.raises(DataError, match=r"made\.npy: NPY: damaged"):
+        run(*arguments[:4])
+    np.savez(tmp_path / "two.npz", one=true, other=true)
+    with pytest.raises(DataError, match=r"two\.npz: NPZ: got arrays \['one', 'other'\]"):
+        run("score", tmp_path / "two.npz", "--against", tmp_path / "true.npz")

@@ -11,7 +11,8 @@ from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack
 from fapengine.scoring.mouth import mouth_of
 from fapengine.scoring.score import Score, score_mouth
-from fapengine.scoring.verdict import CLOSURES_HEARD, LEAST, MEASURES, VERTEX_MEASURES, judge, parse_thresholds
+from fapengine.scoring.thresholds import LEAST, LIP_THRESHOLDS, MESH_THRESHOLDS, parse_thresholds
+from fapengine.scoring.verdict import CLOSURES_HEARD, MEASURES, VERTEX_MEASURES, judge
 from fapengine.scoring.vertices import VertexErrors
 
 RATE_HZ = 50.0
@@ -45,7 +46,7 @@ def opened(values: np.ndarray) -> np.ndarray:
 def test_a_right_one_passes_and_says_its_figures(spoken: fapengine.Performance) -> None:
     verdict = judge(scored(spoken, spoken.track.values), MEASURES)
     assert verdict.passes
-    assert re.fullmatch(r"passes: opens [\d.]+ mm, lag \S+ ms, lead \S+ ms, closures 100 %", str(verdict))
+    assert re.fullmatch(r"passes: opens [\d.]+ mm, lag \S+ ms, closures 100 %", str(verdict))
     assert (verdict.checked, verdict.unchecked) == (("opens", "lag", "lead", "closures"), ())
 
 
@@ -75,15 +76,15 @@ def test_open_lips_fail_with_their_times(spoken: fapengine.Performance) -> None:
     assert len(fault.times_s) >= 8
 
 
-@pytest.mark.parametrize("measure", MEASURES, ids=lambda measure: measure.name)
+@pytest.mark.parametrize("measure", MEASURES, ids=lambda measure: measure.row.name)
 def test_each_threshold_can_fail_and_pass(spoken: fapengine.Performance, measure: object) -> None:
     score = scored(spoken, opened(spoken.track.values // 2))
-    if measure.name == "explained":  # type: ignore[attr-defined]
+    if measure.row.name == "explained":  # type: ignore[attr-defined]
         score = scored(spoken, spoken.track.values // 2)
     value = measure.value(score)  # type: ignore[attr-defined]
     assert value is not None
-    for beyond, passes in ((-1, measure.side == LEAST), (0, True), (1, measure.side != LEAST)):  # type: ignore[attr-defined]
-        verdict = judge(score, [measure], {measure.name: value + beyond})  # type: ignore[list-item, attr-defined]
+    for beyond, passes in ((-1, measure.row.side == LEAST), (0, True), (1, measure.row.side != LEAST)):  # type: ignore[attr-defined]
+        verdict = judge(score, [measure], {measure.row.name: value + beyond})  # type: ignore[list-item, attr-defined]
         assert verdict.passes == passes
     assert measure.weight(score) > 0  # type: ignore[attr-defined]
 
@@ -117,11 +118,11 @@ def test_without_speech_or_a_reference_nothing_fails() -> None:
 )
 def test_wrong_thresholds_are_rejected_with_the_list(text: str) -> None:
     with pytest.raises(UsageError, match=r"fail_under: got .*expected NAME=VALUE.*opens=mm, lag=ms.*slcc=number"):
-        parse_thresholds(text, MEASURES)
+        parse_thresholds(text, LIP_THRESHOLDS)
 
 
 def test_thresholds_are_read() -> None:
-    assert parse_thresholds(" closures=95% , lag=80ms,r=0.5,lead=-3", MEASURES) == {
+    assert parse_thresholds(" closures=95% , lag=80ms,r=0.5,lead=-3", LIP_THRESHOLDS) == {
         "closures": 95.0, "lag": 80.0, "r": 0.5, "lead": -3.0,
     }  # fmt: skip
 
@@ -132,3 +133,8 @@ def test_meshes_are_judged_by_named_thresholds_alone() -> None:
     verdict = judge(errors, VERTEX_MEASURES, {"lve": 1.5, "mve": 0.5, "fdd": 0.1})
     assert [fault.message for fault in verdict.faults] == ["lve 2 unit2 (lip vertex error, squared; at most 1.5 unit2)"]
     assert (verdict.checked, verdict.unchecked) == (("lve", "mve"), ("fdd",))
+
+
+def test_every_row_has_a_value_in_its_order() -> None:
+    assert [measure.row for measure in MEASURES] == list(LIP_THRESHOLDS)
+    assert [measure.row for measure in VERTEX_MEASURES] == list(MESH_THRESHOLDS)

@@ -1,0 +1,192 @@
+"""Scores of a test set: its recordings from a table or from folders, and their means with intervals."""
+
+import csv
+import io
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from fapengine.app.score import Scored, ScoreJob, run_score
+from fapengine.errors import DataError, UsageError
+from fapengine.files.mesh_sequences import is_mesh_sequence
+from fapengine.files.paths import naming, read_bytes
+from fapengine.scoring.statistics import Estimate, PairedTest, compare, estimate
+from fapengine.scoring.verdict import FILE, MEASURES, VERTEX_MEASURES, Fault, Measure, Verdict
+from fapengine.scoring.vertices import VertexErrors
+from fapengine.speech.formats.documents import decode_text
+
+FILES = ("made", "against", "phones", "audio", "text", "neutral")
+"""Columns that are files, relative to the table."""
+COLUMNS = (*FILES, "transcript", "offset", "id", "system")
+"""Columns of a set's table."""
+
+
+def is_set(made: Sequence[Path]) -> bool:
+    """Whether paths are a set: several, a folder that is not one sequence of meshes, or a table of recordings."""
+    if len(made) != 1:
+        return True
+    (path,) = made
+    if path.is_dir():
+        return not is_mesh_sequence(path)
+    return path.suffix.lower() == ".csv" and path.is_file() and "made" in _header(path)
+
+
+def _header(path: Path) -> list[str]:
+    with path.open("rb") as file:
+        line = file.readline(1 << 16)
+    return [cell.strip() for cell in line.decode("utf-8-sig", errors="replace").split(",")]
+
+
+def jobs_of(made: Sequence[Path], options: ScoreJob) -> list[ScoreJob]:
+    """List the recordings of a set.
+
+    Parameters
+    ----------
+    made : sequence of Path
+        A table (CSV with a header of :data:`COLUMNS`, of which ``made`` is required); files; or a folder for each
+        system, whose files have the names of the utterances.
+    options : ScoreJob
+        What holds for all. Where ``against``, ``phones``, ``audio``, ``text`` or ``neutral`` is a folder, each
+        recording has the file of its name there.
+
+    Raises
+    ------
+    UsageError
+        If there is no recording, or its file in a folder is missing or ambiguous.
+    DataError
+        If the table is wrong; ``where`` is its line.
+    """
+    if len(made) == 1 and made[0].is_file():
+        with naming(made[0]):
+            return _rows(made[0], options)
+    folders = [path.is_dir() and not is_mesh_sequence(path) for path in made]
+    if any(folders) and not all(folders):
+        raise UsageError("made: got folders and files, expected either")
+    if all(folders):
+        found = [(path, folder.name) for folder in made for path in sorted(folder.iterdir()) if path.name[0] != "."]
+    else:
+        found = [(path, "") for path in made]
+    if not found:
+        raise UsageError(f"made: got {', '.join(map(str, made))}, expected recordings in it")
+    return [replace(_partners(options, path.stem), made=path, id=path.stem, system=system) for path, system in found]
+
+
+def _partners(options: ScoreJob, stem: str) -> ScoreJob:
+    """Replace folders by the file of that name in them."""
+    found: dict[str, Any] = {}
+    for name in FILES[1:]:
+        folder = getattr(options, name)
+        if isinstance(folder, Path) and folder.is_dir() and not is_mesh_sequence(folder):
+            files = [path for path in sorted(folder.iterdir()) if path.stem == stem]
+            if len(files) != 1:
+                listed = ", ".join(path.name for path in files) or "none"
+                raise UsageError(f"{name}: got {listed} in {folder}, expected one file {stem}.*")
+            found[name] = files[0]
+    return replace(options, **found)
+
+
+def _rows(path: Path, options: ScoreJob) -> list[ScoreJob]:
+    try:
+        rows = list(csv.DictReader(io.StringIO(decode_text(read_bytes(path), "table")), strict=True))
+    except csv.Error as error:
+        raise DataError(f"table: {error}") from error
+    jobs = []
+    for line, row in enumerate(rows, 2):
+        given: dict[str, Any] = {}
+        for column, cell in row.items():
+            if column not in COLUMNS or cell is None:
+                raise DataError(f"table: got column {column!r}, expected {', '.join(COLUMNS)}", where=f"line {line}")
+            if cell.strip():
+                given[column] = path.parent / cell.strip() if column in FILES else cell.strip()
+        try:
+            given |= {"offset_s": float(given.pop("offset"))} if "offset" in given else {}
+        except ValueError as error:
+            raise DataError("offset: expected a number of seconds", where=f"line {line}") from error
+        if "made" not in given:
+            raise DataError("made: missing", where=f"line {line}")
+        jobs.append(replace(options, **({"id": given["made"].stem} | given)))
+    if not jobs:
+        raise DataError("table: contains no recordings")
+    return jobs
+
+
+def run_set(jobs: Iterable[ScoreJob], *, on_recording: Callable[[], None] = lambda: None) -> list[Scored]:
+    """Score each recording; one that cannot be read fails, and the others are scored.
+
+    Parameters
+    ----------
+    on_recording : callable
+        Called after each recording.
+    """
+    results = []
+    for job in jobs:
+        try:
+            results.append(run_score(job))
+        except DataError as error:
+            results.append(Scored(job=job, score=None, verdict=Verdict((Fault(FILE, str(error)),), (FILE,), "")))
+        on_recording()
+    return results
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """Means of a set."""
+
+    systems: Mapping[str, Mapping[str, Estimate]]
+    """Mean and interval of each measure, by system."""
+    tests: Mapping[str, PairedTest]
+    """Test of the first system against the second on the utterances that both have; empty without two systems."""
+    units: Mapping[str, str]
+
+
+def summarize(results: Sequence[Scored], *, seed: int = 1) -> Summary:
+    """Average each measure over the utterances of each system, and compare two systems."""
+    measures = measures_of(results)
+    values: dict[str, dict[str, dict[str, tuple[float, float]]]] = {}
+    for result in results:
+        for measure in measures:
+            value = None if result.score is None else measure.value(result.score)
+            if value is not None and (weight := measure.weight(result.score)) > 0:
+                of_system = values.setdefault(result.job.system, {}).setdefault(measure.row.name, {})
+                of_system[result.job.id] = value, weight
+    systems = {
+        system: {name: estimate(*zip(*each.values(), strict=True), seed=seed) for name, each in named.items()}
+        for system, named in values.items()
+    }
+    tests = {}
+    if len(values) == 2:
+        one, other = values.values()
+        for name in one:
+            if both := [key for key in one[name] if key in other.get(name, {})]:
+                first, second = ([each[name][key][0] for key in both] for each in (one, other))
+                tests[name] = compare(first, second, [one[name][key][1] for key in both], seed=seed)
+    return Summary(systems, tests, {measure.row.name: measure.row.unit for measure in measures})
+
+
+def measures_of(results: Sequence[Scored]) -> Sequence[Measure[Any]]:
+    """Return the measures of a set, without ``lead``, the negative of ``lag``.
+
+    Raises
+    ------
+    UsageError
+        If it mixes meshes and other recordings.
+    """
+    kinds = {isinstance(result.score, VertexErrors) for result in results if result.score is not None}
+    if len(kinds) > 1:
+        raise UsageError("made: got meshes and other recordings, expected one kind in a set")
+    return VERTEX_MEASURES if kinds == {True} else [measure for measure in MEASURES if measure.row.name != "lead"]
+
+
+def format_set(results: Sequence[Scored]) -> bytes:
+    """Format a CSV with a row for each recording: id, system, verdict, and every measure with its unit."""
+    measures = measures_of(results)
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    names = [f"{measure.row.name}_{measure.row.unit.replace('%', 'percent')}".rstrip("_") for measure in measures]
+    writer.writerow(("id", "system", "made", "verdict", *names))
+    for result in results:
+        values = [None if result.score is None else measure.value(result.score) for measure in measures]
+        figures = ["" if value is None else f"{value:.6g}" for value in values]
+        writer.writerow((result.job.id, result.job.system, result.job.made, result.verdict, *figures))
+    return out.getvalue().encode()
