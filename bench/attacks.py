@@ -3,14 +3,16 @@
     python -m bench.attacks [ATTACK ...]
 
 For each attack: frames that arrived in SECONDS during it, and in as many that begin 2 s after it, divided by those of
-the quiet stretch. Promised: at least 0.99 in both. The attackers are a niced process on the same machine: where that
-has no core to spare, what they take themselves is in the figures.
+the quiet stretch; and the processor time of the server, without its children, for each frame. Promised: at least 0.99
+in both. The attackers are a niced process on the same machine: where that has no core to spare, what they take
+themselves is in the frames, but not in the server's time.
 """
 
 import argparse
 import asyncio
 import base64
 import json
+import os
 import socket
 import subprocess
 import sys
@@ -19,10 +21,13 @@ import time
 from collections.abc import Callable, Coroutine
 from contextlib import suppress
 from functools import partial
+from pathlib import Path
 
 import aiohttp
+from aiortc import RTCConfiguration, RTCPeerConnection, RTCSessionDescription
 
 from bench.doors import FACES, Watch, free_port, name_of
+from tests.live.caller import SDP
 from tests.live.stage import Sender
 from tests.processes import start
 
@@ -65,6 +70,32 @@ async def ask_for_heads(page: int, _: int) -> None:
             await asyncio.gather(*map(ask, ("woman", "man", "child", "older")))
 
 
+async def call_and_hang_up(page: int, _: int) -> None:
+    """Call from eight addresses, and hang up as soon as the call is connected."""
+    url = f"http://127.0.0.1:{page}"
+
+    async def one(number: int) -> None:
+        own = aiohttp.TCPConnector(local_addr=(f"127.0.0.{2 + number}", 0))
+        async with aiohttp.ClientSession(url, connector=own) as client:
+            while True:
+                peer = RTCPeerConnection(RTCConfiguration(iceServers=[]))
+                for kind in ("audio", "video"):
+                    peer.addTransceiver(kind, direction="recvonly")
+                await peer.setLocalDescription(await peer.createOffer())
+                offer = peer.localDescription.sdp
+                async with client.post(f"/whep?session=call{number}", data=offer, headers=SDP) as answer:
+                    if answer.status == 201:
+                        await peer.setRemoteDescription(RTCSessionDescription(await answer.text(), "answer"))
+                        for _ in range(50):
+                            await asyncio.sleep(0.0 if peer.connectionState == "connected" else 0.05)
+                        async with client.delete(answer.headers["Location"]):
+                            pass
+                await peer.close()
+                await asyncio.sleep(0.2)
+
+    await asyncio.gather(*map(one, range(8)))
+
+
 async def flood(pages: int, page: int, _: int) -> None:
     """Send 400 phones five times a second from each of some pages."""
 
@@ -84,6 +115,7 @@ ATTACKS: dict[str, Attack] = {
     "bodies": partial(hold, POST, 512),
     "readers": partial(hold, WEBSOCKET.format("/").encode(), 64, at_readers=True),
     "heads": ask_for_heads,
+    "calls": call_and_hang_up,
     "pages-1": partial(flood, 1),
     "pages-4": partial(flood, 4),
     "pages-40": partial(flood, 40),
@@ -103,11 +135,19 @@ def speak(port: int, stopped: threading.Event) -> None:
             return
 
 
-def frames_of(watch: Watch, seconds: float) -> int:
-    """Count the frames of speaking faces from now on."""
-    since_s = time.monotonic()
+def cpu_s(process: int) -> float:
+    """Processor time of a process so far, without its children."""
+    user, system = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[11:13]
+    return (int(user) + int(system)) / os.sysconf("SC_CLK_TCK")
+
+
+def frames_of(watch: Watch, seconds: float, process: int) -> tuple[int, float]:
+    """Count the frames of speaking faces from now on; and the server's processor time for one of all faces, ms."""
+    since_s, since_cpu_s = time.monotonic(), cpu_s(process)
     time.sleep(seconds)
-    return sum(at_s > since_s for name in map(name_of, range(FACES)) for at_s, _ in list(watch.came.get(name, [])))
+    each_ms = 1e3 * (cpu_s(process) - since_cpu_s) / (60 * seconds)
+    came = (at_s for name in map(name_of, range(FACES)) for at_s, _ in list(watch.came.get(name, [])))
+    return sum(at_s > since_s for at_s in came), each_ms
 
 
 def main() -> int:
@@ -135,18 +175,21 @@ def main() -> int:
             threading.Thread(target=speak, args=(osc, stopped), daemon=True).start()
             time.sleep(3.0)
             for name in options.attacks or ATTACKS:
-                quiet = frames_of(watch, options.seconds)
+                quiet, quiet_ms = frames_of(watch, options.seconds, server.pid)
                 again = ["nice", sys.executable, "-m", "bench.attacks", name, "--ports", str(page), str(readers)]
                 attacker = start(again)
                 time.sleep(1.5)  # it begins
-                during = frames_of(watch, options.seconds) / quiet
+                during, during_ms = frames_of(watch, options.seconds, server.pid)
                 attacker.kill()
                 attacker.wait()
                 time.sleep(REST_S)
-                after = frames_of(watch, options.seconds) / quiet
-                worst = min(worst, during, after)
+                after, after_ms = frames_of(watch, options.seconds, server.pid)
+                worst = min(worst, during / quiet, after / quiet)
+                spent = " ".join(f"{each_ms:.1f}" for each_ms in (quiet_ms, during_ms, after_ms))
                 print(
-                    f"{name:9} quiet {quiet:5d} frames; during {during:.3f}, {REST_S:g} s later {after:.3f}", flush=True
+                    f"{name:9} quiet {quiet:5d} frames; during {during / quiet:.3f}, {REST_S:g} s later"
+                    f" {after / quiet:.3f}; processor ms for each frame {spent}",
+                    flush=True,
                 )
         finally:
             stopped.set()

@@ -1,8 +1,8 @@
 """The server's load, which limits the number of new faces; and garbage collection.
 
 A closed connection leaves a cycle of dead objects, a call some hundreds of them. If Python looked at all objects of the
-program every few seconds, that would take 30 ms with 500 sessions; if it looked twice an hour, the remains of many calls
-would take longer. In either case no frame is shown meanwhile.
+program every few seconds, that would take 30 ms with 500 sessions; if it looked every ten minutes, the remains of many
+calls would take longer. In either case no frame is shown meanwhile.
 """
 
 import gc
@@ -17,7 +17,7 @@ FULL, FREE = 0.65, 0.55
 A_FACE = 0.004
 """Load that a new face is assumed to cause until it is measured: that of a face that speaks phone by phone at 60 Hz
 (``python -m bench.sessions``). A face that waits needs a third of it."""
-PIECES = 20_000, 10, 10
+PIECES = 20_000, 1, 50
 """Thresholds of Python's garbage collector: a collection of so many new objects takes 4 ms."""
 
 

@@ -30,7 +30,7 @@ class UnknownPhone:
 
     def __str__(self) -> str:
         times = "once" if self.count == 1 else f"{self.count} times"
-        return f"{self.label!r} {times}, first at {self.first_s:.3f} s; /{self.stand_in}/ stands in"
+        return f"{self.label!r} {times}, first at {self.first_s:.3f} s; /{self.stand_in}/ is used instead"
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,8 +47,8 @@ class Reading:
     """Labels outside the alphabet, which are read character by character."""
     language: str = ""
     """Language of the words, as the file spells it: a code or a name; empty if it names none."""
-    voice: str = ""
-    """Sentence about the voice that pronounced the words, if the caller named none."""
+    notes: tuple[str, ...] = ()
+    """What is worth knowing and not wrong: the voice of the words, words that are not in the dictionary."""
     remarks: tuple[str, ...] = ()
     """What looks wrong, what was assumed, and how to override it."""
 
@@ -92,7 +92,7 @@ class Phone:
         if not 0 <= self.confidence <= 1:
             raise UsageError(f"confidence of {self.label!r}: must be 0 to 1, got {self.confidence}")
         if not LOUDNESS_DB[0] <= self.loudness_db <= LOUDNESS_DB[1]:
-            expected = f"{LOUDNESS_DB[0]:g}..{LOUDNESS_DB[1]:g}"
+            expected = f"{LOUDNESS_DB[0]:g} to {LOUDNESS_DB[1]:g}"
             raise UsageError(f"loudness_db of {self.label!r}: got {self.loudness_db}, expected {expected}")
         if not self.label:
             raise UsageError(f"phone at {self.start_s} s: got an empty label, expected IPA or {SILENCE!r}")
@@ -172,7 +172,7 @@ class PhoneTrack:
                 append(Phone(SILENCE, now_s, phone.start_s))
                 now_s = phone.start_s
             if phone.end_s > now_s:
-                append(replace(phone, start_s=now_s))
+                append(phone if phone.start_s == now_s else replace(phone, start_s=now_s))
                 now_s = phone.end_s
         return cls(tuple(filled), level, spelled, reading)
 

@@ -12,8 +12,9 @@ from fapengine.engine.engine import Engine
 from fapengine.host.hub import Hub
 from fapengine.server.cluster.workers import Workers
 from fapengine.server.config import BusChoice, CallChoice, Listen, ServeConfig
+from fapengine.server.intake.rates import Turns
 from fapengine.server.server import Server
-from fapengine.server.web.connection import Connection, TokenBucket, WebCounts
+from fapengine.server.web.connection import Connection, WebCounts
 from fapengine.server.web.session_view import SessionView, open_session_view
 from fapengine.voices.choice import VoiceChoice
 from fapengine.wire.speech_osc.counts import WordsRequest
@@ -89,7 +90,7 @@ class LiveServer:
     async def page(self, socket: object, session: str) -> None:
         """Serve a page until its socket ends: ``async for`` gives its messages, and it is written to."""
         view = open_session_view(self._hub, session, self._views)
-        await Connection(self._hub, view, socket, WebCounts(), VoiceChoice(), TokenBucket(1e3, 1e3)).run("hello")  # type: ignore[arg-type]
+        await Connection(self._hub, view, socket, WebCounts(), VoiceChoice(), Turns(lambda: 0.0)).run("hello")  # type: ignore[arg-type]
 
     def tick(self) -> tuple[dict[str, NDArray[np.int32]], list[tuple[Hashable, bytes]]]:
         """Make the next frame of every session, and give what peers are told unasked."""

@@ -40,8 +40,8 @@ from fapengine.host.hub import Hub
 from fapengine.server.calls.offer import MAX_OFFER, Kind, Offer, answer_offer, read_offer
 from fapengine.server.film.film import FilmForm, Studio, Watcher
 from fapengine.server.film.soundtrack import RATE_HZ, Samples
+from fapengine.server.intake.rates import TokenBucket
 from fapengine.server.web.access import Access
-from fapengine.server.web.connection import TokenBucket
 from fapengine.server.web.site import asked_session
 
 CONNECT_S = 15.0

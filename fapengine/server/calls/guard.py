@@ -11,7 +11,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from fapengine.server.web.connection import TokenBucket
+from fapengine.server.intake.rates import TokenBucket
 
 MAX_ADDRESSES = 16
 """Addresses that one call may prove, and that are checked in turn; a caller has one per network."""

@@ -20,8 +20,9 @@ from fapengine.host.hearing import Hearing
 from fapengine.host.hub import Hub
 from fapengine.mesh.default_head.style import PEOPLE
 from fapengine.mesh.face_mesh import FaceMesh
+from fapengine.server.intake.rates import Turns
 from fapengine.server.web.access import Access
-from fapengine.server.web.connection import ALL_MESSAGES_HZ, Connection, TokenBucket, WebCounts
+from fapengine.server.web.connection import Connection, WebCounts
 from fapengine.server.web.heads import Heads
 from fapengine.server.web.messages import MAX_MESSAGE, PROTOCOL, text_of
 from fapengine.server.web.page_files import head_binary, setup
@@ -86,8 +87,8 @@ class _Handlers:
     views: dict[str, SessionView] = field(default_factory=dict)
     connections: set[Connection] = field(default_factory=set)
     heads: Heads = field(default_factory=Heads)
-    allowance: TokenBucket = field(default_factory=lambda: TokenBucket(ALL_MESSAGES_HZ, ALL_MESSAGES_HZ))
-    """Of messages of all pages."""
+    turns: Turns = field(default_factory=Turns)
+    """Of the messages of all pages."""
 
     async def socket(self, request: web.Request) -> web.StreamResponse:
         """``/ws?session=NAME``: the WebSocket of a page."""
@@ -109,7 +110,7 @@ class _Handlers:
             await socket.send_str(text_of("error", message=str(error)))
             await socket.close(code=WSCloseCode.TRY_AGAIN_LATER, message=b"no room")
             return socket
-        connection = Connection(self.hub, view, socket, self.counts, self.voice, self.allowance, self.hearing)
+        connection = Connection(self.hub, view, socket, self.counts, self.voice, self.turns, self.hearing)
         self.connections.add(connection)
         try:
             sound = "server" if view.server_plays_audio else "page"

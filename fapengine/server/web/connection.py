@@ -5,6 +5,7 @@ import contextlib
 import logging
 from collections import deque
 from dataclasses import dataclass, field
+from functools import partial
 
 from aiohttp import WSCloseCode, WSMessage, WSMsgType, web
 
@@ -12,6 +13,7 @@ from fapengine._counters import Counts, metric
 from fapengine.errors import DataError, FapEngineError, ResourceError, UsageError
 from fapengine.host.hearing import Hearing
 from fapengine.host.hub import Hub
+from fapengine.server.intake.rates import TokenBucket, Turns
 from fapengine.server.web.messages import (
     Perform,
     Phones,
@@ -39,8 +41,6 @@ MAX_FRAMES = 3
 """Waiting frames; older ones are dropped."""
 MESSAGES_HZ, MESSAGES_AT_ONCE = 120.0, 240.0
 """Rate and burst of requests. A slider that is dragged sends one per displayed frame; nothing needs more."""
-ALL_MESSAGES_HZ = 1200.0
-"""Rate, and burst within a second, of the texts of all pages together. Beyond it each page has an equal share."""
 MAX_REFUSED = 2000
 """Invalid requests, or requests beyond the rate, after which a page is closed."""
 MAX_VOICES = 3
@@ -86,36 +86,6 @@ class SendQueue:
 
 
 @dataclass(slots=True)
-class TokenBucket:
-    """A token bucket: a rate of messages per second, and a burst. Stateful."""
-
-    rate_hz: float
-    burst: float
-    _left: float = field(init=False)
-    _since_s: float | None = None
-
-    def __post_init__(self) -> None:
-        self._left = self.burst
-
-    def take(self, now_s: float) -> bool:
-        """Return whether one more message is allowed now.
-
-        Examples
-        --------
-        >>> allowance = TokenBucket(rate_hz=1.0, burst=2)
-        >>> [allowance.take(0.0) for _ in range(3)], allowance.take(1.5)
-        ([True, True, False], True)
-        """
-        if self._since_s is not None:
-            self._left = min(self.burst, self._left + (now_s - self._since_s) * self.rate_hz)
-        self._since_s = now_s
-        if self._left < 1:
-            return False
-        self._left -= 1
-        return True
-
-
-@dataclass(slots=True)
 class WebCounts(Counts):
     """Counts of all pages together since the start. Stateful."""
 
@@ -153,8 +123,8 @@ class Connection:
         Shared by all connections.
     voice : VoiceChoice
         Default voice.
-    shared : TokenBucket
-        Allowance of all pages together.
+    turns : Turns
+        Of all pages together.
     hearing : Hearing, optional
         Recognizes the page's microphone.
     """
@@ -166,7 +136,7 @@ class Connection:
         socket: web.WebSocketResponse,
         counts: WebCounts,
         voice: VoiceChoice,
-        shared: TokenBucket,
+        turns: Turns,
         hearing: Hearing | None = None,
     ) -> None:
         self._voice, self._hearing = voice, hearing
@@ -175,7 +145,7 @@ class Connection:
         self.outbox = SendQueue()
         """Messages to the page."""
         self._allowance = TokenBucket(MESSAGES_HZ, MESSAGES_AT_ONCE)
-        self._shared, self._share = shared, TokenBucket(0.0, 1.0)
+        self._turns = turns
         self._refused = 0
         self._tasks: set[asyncio.Task[None]] = set()
 
@@ -194,8 +164,9 @@ class Connection:
         writer = asyncio.create_task(self._write())
         try:
             async for message in self._socket:
-                self._receive(message)
+                await self._turns.take(self, partial(self._receive, message))
         finally:
+            self._turns.leave(self)
             self._view.leave(self.outbox)
             self._counts.pages -= 1
             self._counts.frames_dropped += self.outbox.dropped
@@ -225,7 +196,7 @@ class Connection:
 
     def _receive(self, message: WSMessage) -> None:
         self._counts.messages += 1
-        if not self._may_send(message, self._hub.clock()):
+        if not self._allowance.take(self._hub.clock()):
             self._counts.too_fast += 1
             self._refuse()
             return
@@ -241,14 +212,6 @@ class Connection:
                 self._counts.bad_messages += 1
                 self._refuse()
             self._report(str(error))
-
-    def _may_send(self, message: WSMessage, now_s: float) -> bool:
-        if not self._allowance.take(now_s):
-            return False
-        if message.type is not WSMsgType.TEXT or self._shared.take(now_s):  # sound has limits of its own
-            return True
-        self._share.rate_hz = ALL_MESSAGES_HZ / max(self._counts.pages, 1)
-        return self._share.take(now_s)
 
     def _listen(self, data: bytes) -> None:
         rate_hz, samples = parse_sound(data)
@@ -305,7 +268,7 @@ class Connection:
         session, voice = self._view.session, self._voice
         name = request.voice or voice.name
         try:
-            if ":" in name and name != voice.name:  # files and accounts of this machine are its owner's to choose
+            if name != voice.name and not VoiceChoice(name).is_language:  # those are the owner's of this machine
                 raise UsageError(f"voice: got {name!r:.60}, expected a language, or the server's own voice")
             if isinstance(request, Words):
                 number = await self._hub.say_words(

@@ -6,11 +6,9 @@ import re
 import struct
 import wave
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from aiohttp import WSMessage, WSMsgType
 
 from fapengine.expressions import EXPRESSION_NAMES
 from fapengine.mesh.default_head.head import build_head
@@ -20,7 +18,7 @@ from fapengine.render.packing import pack
 from fapengine.render.programs import ES_HEADER, MAX_CHANNELS, STAGES
 from fapengine.server.web import connection
 from fapengine.server.web.app import SoundCache
-from fapengine.server.web.connection import ALL_MESSAGES_HZ, Connection, SendQueue, TokenBucket, WebCounts
+from fapengine.server.web.connection import SendQueue
 from fapengine.server.web.page_files import MAGIC, head_binary, setup
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.voices.protocol import Speech
@@ -55,13 +53,6 @@ def test_too_many_texts_are_told_not_kept() -> None:
     assert not box.overflowed
     box.put_text("one more")
     assert box.overflowed
-
-
-def test_an_allowance_comes_back_with_time_up_to_the_burst() -> None:
-    allowance = TokenBucket(rate_hz=10.0, burst=5)
-    assert [allowance.take(100.0) for _ in range(6)] == [True] * 5 + [False]
-    assert [allowance.take(100.2) for _ in range(3)] == [True, True, False]
-    assert [allowance.take(200.0) for _ in range(6)] == [True] * 5 + [False]
 
 
 def test_a_sound_is_a_wav_file() -> None:
@@ -154,18 +145,3 @@ def test_numbers_that_the_page_repeats_are_pythons() -> None:
         stated = re.search(rf"^const {name} = (.+);$", (page / file).read_text(encoding="utf-8"), re.MULTILINE)
         assert stated is not None, name
         assert json.loads(stated[1]) == value, name
-
-
-def test_pages_share_a_rate_and_none_is_starved_by_the_others() -> None:
-    """Forty pages send 100 messages a second for five seconds, one sends 10."""
-    shared, counts = TokenBucket(ALL_MESSAGES_HZ, ALL_MESSAGES_HZ), WebCounts(pages=41)
-    hub, text = SimpleNamespace(clock=lambda: 0.0), WSMessage(WSMsgType.TEXT, "{}", None)
-    pages = [Connection(hub, None, None, counts, None, shared) for _ in range(41)]  # type: ignore[arg-type]
-    taken = [0] * len(pages)
-    for tick in range(500):
-        for number, page in enumerate(pages):
-            if number or tick % 10 == 0:
-                taken[number] += page._may_send(text, tick / 100)
-    assert sum(taken) <= 2 * ALL_MESSAGES_HZ * 5 + ALL_MESSAGES_HZ
-    assert taken[0] == 50
-    assert min(taken[1:]) >= 0.8 * ALL_MESSAGES_HZ / 41 * 5
