@@ -4,14 +4,14 @@
 >>> hello = fapengine.speak("Hello there.", expressions={"joy": 0.4})
 >>> hello.save("out/hello.mp4")  # doctest: +SKIP
 
-The names in ``__all__`` are the whole public interface; every other module is private by convention and may change
-without notice. A name is imported when it is first used: importing this package imports nothing heavy.
+The names in ``__all__`` and those of ``fapengine.lab`` are the whole public interface; every other module is private
+by convention and may change without notice. A name is imported when it is first used: importing this package imports nothing heavy.
 
 The folders are layers; imports go down only (``pyproject.toml``, import-linter):
 
 ====  ===============================================  ==========================================================
 22    ``cli`` ``conformance``                          command line: options and printing; suites for other programs
-21    ``batch``                                        corpora: a manifest, a journal, many machines
+21    ``batch`` ``lab``                                corpora: a manifest, a journal; the laboratory on arrays
 20    ``app``                                          what each command does, for Python too
 19    ``agents``                                       the face of a voice agent: LiveKit, Pipecat
 18    ``clients``                                      the other end of the wire: senders and viewers
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from fapengine.app.face import Face
     from fapengine.app.heads import load_head
     from fapengine.app.motion import frames, load, save, weights
-    from fapengine.app.performance import Performance, animate, speak
+    from fapengine.app.performance import Performance, animate, speak, visemes
     from fapengine.clients.sender import Client
     from fapengine.codec.decoder import Decoder
     from fapengine.codec.encoder import Encoder, EncoderOptions
@@ -97,6 +97,7 @@ __all__ = [
     "load_profile",
     "save",
     "speak",
+    "visemes",
     "weights",
 ]
 
@@ -105,7 +106,7 @@ _MODULES = {
     "app.face": ("Face",),
     "app.heads": ("load_head",),
     "app.motion": ("frames", "load", "save", "weights"),
-    "app.performance": ("Performance", "animate", "speak"),
+    "app.performance": ("Performance", "animate", "speak", "visemes"),
     "codec.decoder": ("Decoder",),
     "codec.encoder": ("Encoder", "EncoderOptions"),
     "errors": ("DataError", "FapEngineError", "ResourceError", "UsageError"),

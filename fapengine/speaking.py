@@ -21,7 +21,7 @@ RATES_WPM = (80, 449)
 From 450 on it speeds up the finished sound, and the times of its events become wrong: they are up to 16 ms early, and
 the last one is after the end of the sound (measured with 1.52).
 """
-Method = Literal["context", "paper", "minimum-jerk", "dominance"]
+Method = Literal["context", "paper", "published", "minimum-jerk", "dominance"]
 METHOD_NAMES: tuple[Method, ...] = get_args(Method)
 GENERATORS = ("blinks", "head_motion", "gaze", "idle", "emphasis")
 """Fields of :class:`fapengine.trajectory.style.Style` that switch gestures."""
@@ -48,8 +48,9 @@ Voice = Annotated[
     str,
     Described(
         "Voice. A language code for espeak-ng (en-gb, de, fr), a cloud voice (elevenlabs:ID, cartesia:ID, inworld:ID,"
-        " fish:ID; the key in ELEVENLABS_API_KEY and so on), or a local model (piper:/path/voice.onnx,"
-        " kokoro:/path/model.onnx?voices=/path/voices.bin&voice=af_heart).",
+        " fish:ID; the key in ELEVENLABS_API_KEY and so on), a local model (piper:/path/voice.onnx,"
+        " kokoro:/path/model.onnx?voices=/path/voices.bin&voice=af_heart), or your own: module:Class, or the name of an"
+        " entry point fapengine.voices.",
         python="VoiceChoice.name",
         config="voice.name",
         short="-v",

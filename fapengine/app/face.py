@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from fapengine._strict_toml import checked
 from fapengine.app.manner import Expressions, moods_of
-from fapengine.app.performance import Performance, load_voice
+from fapengine.app.performance import Performance
 from fapengine.audio.device import open_output
 from fapengine.engine.commands import Cancel, Command, Express, Pause, Resume
 from fapengine.engine.engine import Engine
@@ -33,7 +33,7 @@ from fapengine.trajectory.expression import mood_ramps
 from fapengine.trajectory.planner import rest_s
 from fapengine.trajectory.ramps import Ramp
 from fapengine.trajectory.style import Style
-from fapengine.voices.choice import VoiceChoice
+from fapengine.voices.choice import VoiceChoice, loaded
 from fapengine.voices.protocol import Speech, Voice
 
 SESSION = "face"
@@ -190,7 +190,7 @@ class Face(GestureMethods):
         if not isinstance(speech, str | Performance | Speech):
             raise UsageError(f"speech: got {speech!r:.80}, expected a text, a Performance or a Speech")
         if isinstance(speech, str):
-            spoken = load_voice(self._voice).speak(speech).padded(lead_s=LEAD_S, tail_s=TAIL_S)
+            spoken = loaded(self._voice).speak(speech).padded(lead_s=LEAD_S, tail_s=TAIL_S)
             text = spoken.text or read_marks(speech).text
         else:
             spoken = speech.speech if isinstance(speech, Performance) else speech

@@ -30,7 +30,7 @@ LOADED = (".fap", ".fba", *BLEND_ENDINGS, *RECORDED_ENDINGS)
 
 
 @checked
-def load(path: str | Path) -> FapTrack:
+def load(path: str | Path, *, strict: bool = False) -> FapTrack:
     """Load face motion.
 
     Parameters
@@ -38,18 +38,25 @@ def load(path: str | Path) -> FapTrack:
     path : str or Path
         FAPs (``.fap``), an MPEG-4 stream (``.fba``), a table of ARKit, Oculus or VRM weights (``.csv``; Azure's frames
         ``.json``, ``.jsonl``), or a VMC stream that ``oscdump`` recorded (``.osc``).
+    strict : bool
+        True to refuse motion with a remark.
+
+    Returns
+    -------
+    FapTrack
+        Its ``remarks`` say what looks wrong, such as lips that never meet, and what was assumed.
 
     Raises
     ------
     UsageError
         If the ending is unknown, or the file cannot be read.
     DataError
-        If its content is wrong.
+        If its content is wrong, or ``strict`` finds a remark.
     """
     path = Path(path)
     if path.suffix.lower() not in LOADED:
         raise UsageError(f"path: got {path}, expected a name that ends with {', '.join(LOADED)}")
-    return load_motion(path)
+    return load_motion(path, strict=strict)
 
 
 @checked

@@ -19,13 +19,14 @@ from fapengine.app.drawing import resized
 from fapengine.app.heads import load_head
 from fapengine.app.report import Report
 from fapengine.errors import UsageError
-from fapengine.files.motion import save_fap, shown
+from fapengine.files.motion import as_visemes, save_fap, shown
 from fapengine.files.moving import FOLDER_PATTERN, check_moving, is_sequence, write_moving
 from fapengine.files.paths import write_bytes
 from fapengine.files.pictures import save_png, straight
 from fapengine.files.sound import save_wav
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mpeg4.track import FapTrack
+from fapengine.mpeg4.visemes import FULL_WEIGHT
 from fapengine.render.drawing import DEFAULT_DRAWING, Drawing, Picture
 from fapengine.render.renderer import FaceRenderer
 from fapengine.speech.phone_track import PhoneTrack
@@ -33,11 +34,17 @@ from fapengine.speech.phone_track import PhoneTrack
 if TYPE_CHECKING:
     from fapengine.app.scene_files import Into
     from fapengine.codec.encoder import EncoderOptions
+    from fapengine.speech.formats.visemes import TimedViseme
 
-TABLE_SHAPES = (None, "arkit", "oculus", "vrm0", "vrm1")
-"""Sets of shapes of a table of weights."""
+WEIGHT_SETS = ("arkit", "oculus", "vrm0", "vrm1")
+"""Sets of blendshapes, which have a weight in each frame: :data:`fapengine.retarget.blend_tracks.SHAPE_SETS`."""
 RHUBARB = "rhubarb"
 """The set of nine mouth shapes of Rhubarb Lip Sync."""
+TIMED_SETS = ("mpeg4", "oculus", "azure", RHUBARB)
+"""Sets of visemes, which have times: :mod:`fapengine.speech.formats.visemes`."""
+SETS = tuple(dict.fromkeys((*WEIGHT_SETS, *TIMED_SETS)))
+OTHER_NAMES = {"vrm": "vrm1"}
+"""Other names of sets."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,6 +69,9 @@ class SaveOptions:
     on_image: Callable[[int, Picture], None] = lambda number, picture: None
     """Called with each image of a video, and its number."""
     report: Report = field(default_factory=Report)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "shapes", OTHER_NAMES.get(self.shapes or "", self.shapes))
 
     @classmethod
     def of(
@@ -101,8 +111,8 @@ class OutputKind:
     write: Callable[[FapTrack, Path, SaveOptions], None]
     beside: tuple[str, ...] = ()
     """Endings of the files that ``say`` and ``animate`` write next to it."""
-    shapes: tuple[str | None, ...] = TABLE_SHAPES
-    """Sets of shapes that it accepts; a file without shapes ignores those of tables. None: there is a default."""
+    shapes: tuple[str | None, ...] = (None,)
+    """Sets of shapes that it accepts. None: one need not be named."""
     takes_avatar: bool = False
     keeps_visemes: bool = False
     """FAP 1 and 2 are written as they are; elsewhere as the low-level FAPs that show them."""
@@ -148,12 +158,15 @@ def check_output(path: Path, options: SaveOptions, *, rate_hz: float) -> OutputK
     kind = find_kind(path)
     if options.encoding is not None and kind.write is not _write_stream:
         raise UsageError(f"encoding: got one, or kbit_s, for {path}, expected a name that ends with .fba")
+    if options.shapes is not None and options.shapes not in SETS:
+        raise UsageError(f"shapes: got {options.shapes!r}, expected one of {', '.join((*SETS, *OTHER_NAMES))}")
     if options.shapes not in kind.shapes:
-        if options.shapes == RHUBARB:
-            endings = ", ".join(row.ending for row in OUTPUT_KINDS if RHUBARB in row.shapes)
-            raise UsageError(f"path: got {path}, expected a name that ends with {endings} for shapes={RHUBARB}")
-        sets = " or ".join(f"shapes={name}" for name in kind.shapes if name)
-        raise UsageError(f"shapes: got {options.shapes or 'none'} for {path.name}, expected {sets}")
+        if sets := " or ".join(f"shapes={name}" for name in kind.shapes if name):
+            raise UsageError(f"shapes: got {options.shapes or 'none'} for {path.name}, expected {sets}")
+        endings = ", ".join(row.ending for row in OUTPUT_KINDS if options.shapes in row.shapes)
+        raise UsageError(
+            f"path: got {path}, expected a name that ends with {endings} for shapes={options.shapes}"
+        )  # fmt: skip
     if options.into is None:
         if kind.takes_avatar:
             raise UsageError(f"into: missing; {path} needs an avatar (into=AVATAR.glb)")
@@ -195,6 +208,9 @@ def _write_stream(track: FapTrack, path: Path, options: SaveOptions) -> None:
 
 
 def _write_table(track: FapTrack, path: Path, options: SaveOptions) -> None:
+    if options.shapes not in (*WEIGHT_SETS, None):
+        _write_visemes(track, path, options)
+        return
     from fapengine.retarget.blend_tracks import format_blend_csv
 
     write_bytes(path, format_blend_csv(track, options.shapes or "arkit"))
@@ -202,22 +218,37 @@ def _write_table(track: FapTrack, path: Path, options: SaveOptions) -> None:
 
 def _write_sound(track: FapTrack, path: Path, options: SaveOptions) -> None:
     if options.sound is None:
-        raise UsageError(f"sound: got none, expected samples and their rate for {path}")
+        raise UsageError(f"sound: missing; {path} needs samples and their rate")
     save_wav(path, *options.sound)
 
 
-def _write_mouth_shapes(track: FapTrack, path: Path, options: SaveOptions) -> None:
-    from fapengine.speech.formats.rhubarb import cues_of_frames, cues_of_phones, format_rhubarb
+def _write_visemes(track: FapTrack, path: Path, options: SaveOptions) -> None:
+    from fapengine.speech.formats.visemes import format_visemes
 
-    if options.phones is not None:
-        sound = options.sound
-        cues = cues_of_phones(options.phones, duration_s=len(sound[0]) / sound[1] if sound else None)
-    else:
+    shapes = options.shapes or ""
+    rows = timed_visemes(track, options.phones, shapes, options.sound)
+    recording = str(options.recording.resolve()) if options.recording else ""
+    write_bytes(path, format_visemes(rows, shapes, path.suffix, sound_file=recording))
+
+
+def timed_visemes(
+    track: FapTrack, phones: PhoneTrack | None, shapes: str, sound: Sound | None = None
+) -> list[TimedViseme]:
+    """List the visemes of phones, or of a motion where there are none. Raises UsageError for an unknown set."""
+    from fapengine.speech.formats.visemes import check_viseme_set, visemes_of_frames, visemes_of_phones
+
+    check_viseme_set(shapes)
+    if phones is not None:
+        return visemes_of_phones(phones, shapes, duration_s=len(sound[0]) / sound[1] if sound else None)
+    if not len(track):
+        raise UsageError("track: contains no frames")
+    faps = shown(track).even_values()
+    if shapes == RHUBARB:
         from fapengine.retarget.visemes import approximate_shapes
 
-        cues = cues_of_frames(approximate_shapes(track.even_values(), track.rate_hz), track.rate_hz)
-    recording = str(options.recording.resolve()) if options.recording else ""
-    write_bytes(path, format_rhubarb(cues, path.suffix, sound_file=recording))
+        return visemes_of_frames(approximate_shapes(faps, track.rate_hz), track.rate_hz, shapes)
+    first, second, blend, _ = as_visemes(FapTrack.of(faps, rate_hz=track.rate_hz)).visemes.T
+    return visemes_of_frames(np.where(2 * blend >= FULL_WEIGHT, first, second).tolist(), track.rate_hz, shapes)
 
 
 def _write_image(track: FapTrack, path: Path, options: SaveOptions) -> None:
@@ -268,11 +299,11 @@ FILM, SPOKEN = (".fap", ".wav", ".png"), (".fap", ".wav")
 OUTPUT_KINDS = (
     OutputKind(".fap", "FAPs", _write_fap, (".wav",), keeps_visemes=True),
     OutputKind(".fba", "FBA stream", _write_stream, (".wav",), keeps_visemes=True),
-    OutputKind(".csv", "blendshapes", _write_table, (".wav",)),
-    OutputKind(".json", "mouth shapes", _write_mouth_shapes, (".wav",), (RHUBARB,)),
-    OutputKind(".tsv", "mouth shapes", _write_mouth_shapes, (".wav",), (RHUBARB,)),
-    OutputKind(".xml", "mouth shapes", _write_mouth_shapes, (".wav",), (RHUBARB,)),
-    OutputKind(".dat", "mouth shapes", _write_mouth_shapes, (".wav",), (RHUBARB,)),
+    OutputKind(".csv", "blendshapes", _write_table, (".wav",), (None, *SETS)),
+    OutputKind(".json", "visemes", _write_visemes, (".wav",), TIMED_SETS),
+    OutputKind(".tsv", "visemes", _write_visemes, (".wav",), TIMED_SETS),
+    OutputKind(".xml", "visemes", _write_visemes, (".wav",), (RHUBARB,)),
+    OutputKind(".dat", "visemes", _write_visemes, (".wav",), (RHUBARB,)),
     OutputKind(".glb", "avatar", _write_scene, SPOKEN, takes_avatar=True),
     OutputKind(".vrm", "avatar", _write_scene, SPOKEN, takes_avatar=True),
     OutputKind(".usda", "avatar", _write_scene, SPOKEN, takes_avatar=True),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,7 +12,9 @@ import numpy as np
 from fapengine._arrays import Sound, SoundLike, as_sound
 from fapengine._strict_toml import checked
 from fapengine.app.manner import Expressions, Manner, check_expressions, moods_of
-from fapengine.app.outputs import SaveOptions, write_output
+from fapengine.app.motion import Weights, weights
+from fapengine.app.outputs import SaveOptions, timed_visemes, write_output
+from fapengine.app.report import Report
 from fapengine.engine.commands import Express
 from fapengine.engine.gestures import command_ramps, commands_of
 from fapengine.errors import UsageError
@@ -25,23 +27,21 @@ from fapengine.render.drawing import Drawing
 from fapengine.speaking import DEFAULT_PROFILE, DEFAULT_VOICE
 from fapengine.speech.marks import TimedMark, read_marks
 from fapengine.speech.phone_track import PhoneTrack
-from fapengine.speech.plausible import refuse, remarks_on, script_remarks
+from fapengine.speech.plausible import refuse, remarks_on, script_remarks, sound_remarks, spoken_end_s
+from fapengine.speech.text.normal_form import speakable
 from fapengine.trajectory.expression import Mood
 from fapengine.trajectory.planner import plan
 from fapengine.trajectory.style import Style
-from fapengine.voices.choice import VoiceChoice
-from fapengine.voices.protocol import Speech, Voice
+from fapengine.voices.choice import VoiceChoice, loaded
+from fapengine.voices.protocol import SHORT_S, Speech, Voice
 
 if TYPE_CHECKING:
+    from fapengine.app.hearing import Hearing
     from fapengine.app.scene_files import Into
     from fapengine.codec.encoder import EncoderOptions
 
 LEAD_S, TAIL_S = 0.3, 0.5
 """Silence before and after a spoken text, in which the face starts and ends at rest."""
-SILENT, FULL_SCALE, CLIPPED_SHARE = 33, 2**15 - 1, 0.001
-"""Samples below which a sound is silent (-60 dB), and from which they are clipped; share of these that counts."""
-SHORT_S = 0.25
-"""Time by which a sound may end before its phones: an inaudible last phone, rounding of a codec."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -98,8 +98,16 @@ class Performance:
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """The remarks on what looks wrong or was assumed: all but that on the voice of timed words."""
-        return tuple(remark for remark in self.remarks if remark != self.phones.reading.voice)
+        """The remarks on what looks wrong or was assumed: all but the notes of the reading."""
+        return tuple(remark for remark in self.remarks if remark not in self.phones.reading.notes)
+
+    def weights(self, shapes: str = "arkit") -> Weights:
+        """Convert the motion to weights of blendshapes: see :func:`fapengine.weights`."""
+        return weights(self.track, shapes)
+
+    def visemes(self, shapes: str = "mpeg4") -> list[tuple[str, float, float]]:
+        """List the visemes with their times: see :func:`fapengine.visemes`."""
+        return visemes(self, shapes)
 
     @checked
     def save(
@@ -128,33 +136,14 @@ class Performance:
         return Path(path)
 
 
-def _as_long_as_spoken(sound: Sound | None, phones: PhoneTrack) -> tuple[Sound | None, tuple[str, ...]]:
-    """Append silence to a sound that ends before its phones do, with a remark: it may be the wrong file, or cut."""
-    spoken_s = max((phone.end_s for phone in phones.phones if not phone.is_silence), default=0.0)
+def _as_long_as_spoken(sound: Sound | None, phones: PhoneTrack) -> Sound | None:
+    """Append silence to a sound that ends before its phones do."""
+    spoken_s = spoken_end_s(phones)
     if sound is None or len(sound[0]) / sound[1] >= spoken_s - SHORT_S:
-        return sound, ()
+        return sound
     samples, rate_hz = sound
     lacking = round(spoken_s * rate_hz) - len(samples)
-    remark = (
-        f"sound: it ends at {len(samples) / rate_hz:.2f} s, but the timings end at {spoken_s:.2f} s; are they of this"
-        " recording? silence was appended"
-    )
-    return (np.concatenate([samples, np.zeros(lacking, samples.dtype)]), rate_hz), (remark,)
-
-
-def _doubts_of(sound: Sound | None, phones: PhoneTrack) -> tuple[str, ...]:
-    """Say if a sound is silent where phones are spoken, or clipped."""
-    loudness = np.abs(sound[0].astype(np.int32)) if sound else np.zeros(0)
-    if not len(loudness) or all(phone.is_silence for phone in phones.phones):
-        return ()
-    if loudness.max() < SILENT:
-        return ("sound: it is silent, though phones are spoken in it; is it the right file or channel?",)
-    clipped = float(np.mean(loudness >= FULL_SCALE))
-    if clipped < CLIPPED_SHARE:
-        return ()
-    return (
-        f"sound: {100 * clipped:.2g} % of its samples are at full scale (clipped); record or export it more softly",
-    )
+    return np.concatenate([samples, np.zeros(lacking, samples.dtype)]), rate_hz
 
 
 def perform(
@@ -174,7 +163,8 @@ def perform(
         For an invalid profile, expression or rate.
     """
     profile = manner.profile if isinstance(manner.profile, Profile) else load_profile(manner.profile)
-    sound, lacking = _as_long_as_spoken(sound, phones)
+    doubts = (*remarks_on(phones), *sound_remarks(sound, phones))
+    sound = _as_long_as_spoken(sound, phones)
     commands = commands_of(marks)
     moods = [
         Mood(command.expression, command.level, at_s, at_s + command.attack_s + command.hold_s + command.release_s)
@@ -198,9 +188,63 @@ def perform(
     )
     return Performance(
         track=planned.track, phones=phones, sound=sound, text=text, marks=marks,
-        remarks=(
-            *remarks, *filter(None, [phones.reading.voice]), *remarks_on(phones), *lacking, *_doubts_of(sound, phones)
-        ),
+        remarks=(*remarks, *phones.reading.notes, *doubts),
+    )  # fmt: skip
+
+
+@checked
+def visemes(
+    source: Performance | PhoneTrack | FapTrack, shapes: str = "mpeg4"
+) -> list[tuple[str, float, float]]:  # fmt: skip
+    """List visemes with their times.
+
+    Parameters
+    ----------
+    source : Performance, PhoneTrack or FapTrack
+        Phones say more than the motion: for a track, the visemes nearest to its mouth are found.
+    shapes : str
+        ``"mpeg4"`` (numbers 0 to 14 of the standard's table), ``"oculus"`` (15 names: sil, PP ... ou), ``"azure"`` (ids
+        0 to 21) or ``"rhubarb"`` (letters A to H and X).
+
+    Returns
+    -------
+    list of (str, float, float)
+        Name, start and end in s, from 0 to the end without a gap.
+
+    Raises
+    ------
+    UsageError
+        If the set is unknown, or there is nothing.
+
+    Examples
+    --------
+    >>> from fapengine import Phone
+    >>> visemes(PhoneTrack.of([Phone("m", 0.0, 0.1), Phone("a", 0.1, 0.3)]), "oculus")
+    [('PP', 0.0, 0.1), ('aa', 0.1, 0.3)]
+    """
+    if isinstance(source, Performance):
+        rows = timed_visemes(source.track, source.phones, shapes, source.sound)
+    elif isinstance(source, PhoneTrack):
+        rows = timed_visemes(FapTrack.pose(), source, shapes)
+    else:
+        rows = timed_visemes(source, None, shapes)
+    return [(row.name, row.start_s, row.end_s) for row in rows]
+
+
+def spoken(text: str, voice: str | VoiceChoice | Voice, *, report: Report | None = None) -> Speech:
+    """Speak a text between two pauses; the text of the result is what was spoken. Raises as :func:`speak`."""
+    ssml = isinstance(voice, VoiceChoice) and voice.ssml
+    with (report or Report()).stage("voice"):
+        speech = loaded(voice).speak(text).padded(lead_s=LEAD_S, tail_s=TAIL_S)
+    shown = speakable(speech.text or read_marks(text, ssml=ssml).text).text
+    return replace(speech, text=" ".join(shown.split()) if ssml else shown.strip())
+
+
+def perform_speech(speech: Speech, manner: Manner) -> Performance:
+    """Plan the motion of a face that speaks this. Raises as :func:`perform`."""
+    return perform(
+        speech.phones, (speech.samples, speech.sample_rate_hz), manner, text=speech.text, remarks=speech.remarks,
+        marks=speech.marks,
     )  # fmt: skip
 
 
@@ -209,6 +253,7 @@ def speak(
     text: str,
     *,
     voice: str | VoiceChoice | Voice = "en-us",
+    strict: bool = False,
     expressions: Expressions = (),
     style: Style | None = None,
     profile: str | Path | Profile = DEFAULT_PROFILE,
@@ -221,7 +266,10 @@ def speak(
     ----------
     text : str
     voice : str or Voice
-        Language of espeak-ng (``"en-gb"``, ``"de"``), or anything with ``speak(text)`` that gives sound and phones.
+        Language of espeak-ng (``"en-gb"``, ``"de"``) or another name that ``say --voice`` takes, or anything with
+        ``speak(text)`` that gives sound and phones.
+    strict : bool
+        True to refuse a text with a remark on anything that looks wrong or was assumed.
     expressions : mapping or sequence
         ``{"joy": 0.4}`` from beginning to end, ``["joy:0.4@1.5-3", "surprise@word"]`` with times or words, or
         :class:`fapengine.Mood` objects. Strengths are 0 to 2.
@@ -243,20 +291,17 @@ def speak(
     ------
     UsageError
         If there is nothing to speak, or a parameter is invalid.
+    DataError
+        If ``strict`` finds a remark.
     ResourceError
         If the voice is not installed.
     """
     check_expressions(expressions)
     manner = Manner(profile=profile, style=style or Style(), expressions=expressions, seed=seed, rate_hz=rate_hz)
-    speech = load_voice(voice).speak(text).padded(lead_s=LEAD_S, tail_s=TAIL_S)
-    return perform(
-        speech.phones,
-        (speech.samples, speech.sample_rate_hz),
-        manner,
-        text=speech.text or read_marks(text).text,
-        remarks=speech.remarks,
-        marks=speech.marks,
-    )
+    performance = perform_speech(spoken(text, voice), manner)
+    if strict:
+        refuse(performance.doubts, "speech")
+    return performance
 
 
 @checked
@@ -316,43 +361,76 @@ def animate(
     ResourceError
         If a recognizer is needed and not installed.
     """
+    check_expressions(expressions)
+    manner = Manner(profile=profile, style=style or Style(), expressions=expressions, seed=seed, rate_hz=rate_hz)
+    return animated(
+        timings if isinstance(timings, PhoneTrack) else Path(timings),
+        Path(sound) if isinstance(sound, str | Path) else sound,
+        manner, transcript=transcript, language=language, channel=channel,
+        recognizer=Path(recognizer) if recognizer is not None else None, voice=voice, strict=strict,
+        how={"format": format, "tier": tier, "alphabet": alphabet, "columns": columns},
+    )  # fmt: skip
+
+
+def animated(
+    source: Path | PhoneTrack,
+    sound: Path | SoundLike | None,
+    manner: Manner,
+    *,
+    transcript: str | None = None,
+    language: str | None = None,
+    channel: int | None = None,
+    recognizer: Path | None = None,
+    voice: str | VoiceChoice | Voice | None = None,
+    how: Mapping[str, str | None] | None = None,
+    strict: bool = False,
+    report: Report | None = None,
+    hears: Callable[..., Hearing] | None = None,
+) -> Performance:
+    """Animate a recording or timings, as :func:`animate` does, with its errors.
+
+    ``how`` has the options of :func:`fapengine.files.timings.load_timings`; ``hears`` takes the place of
+    :func:`fapengine.app.hearing.hear`, to show its progress.
+    """
     from fapengine.app.hearing import hear, is_sound, with_loudness  # recordings, which a text does not need
     from fapengine.files.sound import load_sound
 
-    check_expressions(expressions)
-    manner = Manner(profile=profile, style=style or Style(), expressions=expressions, seed=seed, rate_hz=rate_hz)
-    if not isinstance(timings, PhoneTrack) and is_sound(Path(timings)):
-        if sound is not None:
-            raise UsageError(f"sound: cannot be used here: {timings} is a recording itself")
-        model = Path(recognizer) if recognizer is not None else None
-        if any((format, tier, alphabet, columns)):
-            raise UsageError(f"format, tier, alphabet, columns: cannot be used here: {timings} is a recording")
-        hearing = hear(
-            Path(timings), transcript=transcript, language=language or DEFAULT_VOICE, channel=channel, recognizer=model
-        )
-        recording = load_sound(Path(timings), channel=channel)
-        performance = perform(hearing.phones, recording, manner, text=transcript or "")
-        if strict:
-            refuse(performance.doubts, str(timings))
-        return performance
-    if recognizer is not None:
-        raise UsageError("recognizer: cannot be used with phone timings")
-    if transcript is not None:
-        raise UsageError("transcript: cannot be used with phone timings")
-    if isinstance(timings, PhoneTrack):
-        phones = pronounced(timings, voice, language=language)
+    report, how = report or Report(), how or {}
+    listens = not isinstance(source, PhoneTrack) and is_sound(source)
+    of_timings = {"sound": sound, **how}
+    of_sound = {"recognizer": recognizer, "transcript": transcript}
+    for name, value in (of_timings if listens else of_sound).items():
+        if value is not None:
+            kind = f"{source} is a recording" if listens else "only a recording has it"
+            raise UsageError(f"{name}: cannot be used here: {kind}")
+    played: Sound | None = None
+    if listens:
+        assert isinstance(source, Path)
+        with report.stage("listen"):
+            heard = (hears or hear)(
+                source, transcript=transcript, language=language or DEFAULT_VOICE, channel=channel,
+                recognizer=recognizer,
+            )  # fmt: skip
+        phones = replace(heard.phones, reading=replace(heard.phones.reading, notes=heard.notes))
+        with report.stage("read"):
+            played = load_sound(source, channel=channel)
     else:
-        phones = read_timings(
-            Path(timings), voice, language=language, file_format=format, tier=tier, alphabet=alphabet, columns=columns
-        )
-    if channel is not None and not isinstance(sound, str | Path):
-        raise UsageError(f"channel: got {channel}, which only a file has; give the samples of that channel as sound")
-    if isinstance(sound, str | Path):
-        sound = load_sound(Path(sound), channel=channel, spoken_s=phones.duration_s)
-    played = None if sound is None else as_sound(sound)
-    performance = perform(with_loudness(phones, *played) if played else phones, played, manner)
+        with report.stage("read"):
+            if isinstance(source, PhoneTrack):
+                phones = pronounced(source, voice, language=language)
+            else:
+                phones = read_timings(source, voice, language=language, **how)
+            if channel is not None and not isinstance(sound, Path):
+                raise UsageError(f"channel: got {channel}, which only a file has; give the samples of that channel")
+            if isinstance(sound, Path):
+                played = load_sound(sound, channel=channel, spoken_s=phones.duration_s)
+            elif sound is not None:
+                played = as_sound(sound)
+            phones = with_loudness(phones, *played) if played else phones
+    with report.stage("plan"):
+        performance = perform(phones, played, manner, text=transcript or "")
     if strict:
-        refuse(performance.doubts, "timings" if isinstance(timings, PhoneTrack) else str(timings))
+        refuse(performance.doubts, "timings" if isinstance(source, PhoneTrack) else str(source))
     return performance
 
 
@@ -372,13 +450,6 @@ def read_timings(
     phones = load_timings(path, **how)
     with naming(path):
         return pronounced(phones, voice, language=language)
-
-
-def load_voice(voice: str | VoiceChoice | Voice) -> Voice:
-    """Load a voice by its name; one that is loaded is returned as it is. Raises as :meth:`VoiceChoice.load`."""
-    if isinstance(voice, str):
-        voice = VoiceChoice(voice)
-    return voice.load() if isinstance(voice, VoiceChoice) else voice
 
 
 def pronounced(
@@ -409,7 +480,7 @@ def pronounced(
     named, said, remarks = phones.reading.language, "", phones.reading.remarks
     is_chosen = voice is not None or language is not None
     if voice is None and language is not None:
-        voice = catalogue().of_language(language) or language
+        voice = language_voice(language)
     elif voice is None:
         voice = catalogue().of_language(named) if named else None
         if named and voice is None:
@@ -420,9 +491,16 @@ def pronounced(
         else:
             said = f"words read in {DEFAULT_VOICE}: the file names no language; voice=CODE reads them in another"
         voice = voice or DEFAULT_VOICE
-    speaker = load_voice(voice)
+    speaker = loaded(voice)
     if isinstance(speaker, EspeakVoice):
         words = [phone for phone in phones.phones if not phone.is_silence]
         remarks += script_remarks(words, speaker.entry.code, is_chosen=is_chosen)
     track = pronounce(phones, speaker)
-    return replace(track, reading=replace(track.reading, voice=said, remarks=remarks))
+    return replace(track, reading=replace(track.reading, notes=(said,) if said else (), remarks=remarks))
+
+
+def language_voice(language: str) -> str:
+    """Code of the voice for a language, named by a code or in English; the language itself if there is none."""
+    from fapengine.voices.espeak import catalogue
+
+    return catalogue().of_language(language) or language

@@ -32,8 +32,6 @@ class Report:
     """How the labels of a file were understood."""
     remarks: tuple[str, ...] = ()
     """Remarks of the performance."""
-    notes: tuple[str, ...] = ()
-    """Remarks of the recognizer: words that a voice pronounced, places where text and sound differ."""
     shows: Callable[[str], AbstractContextManager[object]] = nullcontext
     """Context manager opened with the name of each stage, to show progress."""
     moved: str = ""
@@ -65,7 +63,7 @@ class Report:
             "times_real_time": self.duration_s / self.total_s if self.total_s else 0.0,
             "phones": self.phones,
             "level": self.level,
-            "heard": list(self.notes),
+            "heard": list(self.reading.notes),
             "moved": self.moved,
             "unknown_phones": [
                 {"label": each.label, "count": each.count, "first_s": each.first_s, "stand_in": each.stand_in}

@@ -30,7 +30,9 @@ MAX_ERRORS = 20
 """Errors that a message lists; it counts the others."""
 
 
-def parse_manifest(data: bytes, where: str, folder: Path, kind: str, defaults: Options) -> tuple[Row, ...]:
+def parse_manifest(
+    data: bytes, where: str, folder: Path, kind: str, defaults: Options, bad: dict[str, str] | None = None
+) -> tuple[Row, ...]:  # fmt: skip
     """Read a manifest and check all of it.
 
     Parameters
@@ -47,6 +49,8 @@ def parse_manifest(data: bytes, where: str, folder: Path, kind: str, defaults: O
         Kind of the output: one of :data:`fapengine.batch.rows.KINDS`.
     defaults : Options
         Options of rows that do not have their own.
+    bad : dict of str to str, optional
+        Gets the error of each invalid row by its line, and the others are returned; by default they are an error.
 
     Raises
     ------
@@ -54,11 +58,13 @@ def parse_manifest(data: bytes, where: str, folder: Path, kind: str, defaults: O
         Lists every invalid row, with its line: unknown columns, values out of range, missing files, invalid or repeated
         ids.
     """
-    errors: list[str] = []
+    errors: dict[str, str] = {} if bad is None else bad
     rows: list[Row] = []
     seen: dict[str, int] = {}
     for line, cells in _lines(data, where):
         try:
+            if isinstance(cells, DataError):
+                raise cells
             row = _row(cells, line, folder, defaults)
             row.check(kind)
             name = row.id.casefold()  # some file systems ignore case
@@ -67,16 +73,25 @@ def parse_manifest(data: bytes, where: str, folder: Path, kind: str, defaults: O
             seen[name] = line
             rows.append(row)
         except (DataError, UsageError) as error:
-            errors.append(f"line {line}: {error.message if isinstance(error, DataError) else error}")
-    if errors:
-        more = f"\nand {len(errors) - MAX_ERRORS} more" if len(errors) > MAX_ERRORS else ""
-        raise DataError(f"{where}: {len(errors)} invalid rows:\n" + "\n".join(errors[:MAX_ERRORS]) + more)
+            errors[f"line {line}"] = error.message if isinstance(error, DataError) else str(error)
+    if bad is None:
+        refuse_rows(errors, where)
     if not rows:
-        raise DataError(f"{where}: contains no rows")
+        raise DataError(f"{where}: contains no {'valid ' * bool(errors)}rows")
     return tuple(rows)
 
 
-def rows_of_pattern(paths: list[Path], text: str | None, kind: str, defaults: Options) -> tuple[Row, ...]:
+def refuse_rows(errors: Mapping[str, str], where: str) -> None:
+    """Raise a DataError that lists all invalid rows, if there are any."""
+    if errors:
+        told = [f"{place}: {error}" for place, error in errors.items()]
+        more = f"\nand {len(errors) - MAX_ERRORS} more" if len(errors) > MAX_ERRORS else ""
+        raise DataError(f"{where}: {len(errors)} invalid rows:\n" + "\n".join(told[:MAX_ERRORS]) + more)
+
+
+def rows_of_pattern(
+    paths: list[Path], text: str | None, kind: str, defaults: Options, bad: dict[str, str] | None = None
+) -> tuple[Row, ...]:  # fmt: skip
     """Make a row of each file (a recording or timings), or for profiles of each folder; its stem is the id.
 
     Parameters
@@ -84,33 +99,44 @@ def rows_of_pattern(paths: list[Path], text: str | None, kind: str, defaults: Op
     paths : list of Path
     text : str, optional
         Transcript of each recording; ``{stem}`` is replaced by its stem.
+    bad : dict of str to str, optional
+        As of :func:`parse_manifest`.
 
     Raises
     ------
     UsageError
-        If two files have one stem, or a transcript is missing.
+        If two files have one stem.
+    DataError
+        If transcripts are missing.
     """
     from fapengine.app.hearing import is_sound, read_text
 
     defaults.check(kind)
-    rows = []
+    rows: list[Row] = []
+    errors: dict[str, str] = {} if bad is None else bad
     for number, path in enumerate(sorted(path for path in paths if kind != PROFILE or path.is_dir()), 1):
         source: dict[str, Any] = {"timings": path}
         if kind == PROFILE:
             source = {"session": path}
         elif is_sound(path):
-            words = read_text(Path(text.format(stem=path.stem))).strip() if text else None
+            try:
+                words = read_text(Path(text.format(stem=path.stem))).strip() if text else None
+            except (UsageError, DataError) as error:
+                errors[path.name] = str(error)
+                continue
             source = {"audio": path, "text": words}
         name = path.name if kind == PROFILE else path.stem
         rows.append(Row(id=name, options=defaults, line=number, **source))
+    if bad is None:
+        refuse_rows(errors, "manifest")
     counts = Counter(row.id.casefold() for row in rows)
     if twice := [row.id for row in rows if counts[row.id.casefold()] > 1]:
         raise UsageError(f"manifest: got two files called {twice[0]}, expected unique names")
     return tuple(rows)
 
 
-def _lines(data: bytes, where: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
-    """Yield the line and the cells by column of each row."""
+def _lines(data: bytes, where: str) -> Iterator[tuple[int, Mapping[str, Any] | DataError]]:
+    """Yield the line and the cells by column of each row, or what is wrong with it."""
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -118,7 +144,7 @@ def _lines(data: bytes, where: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
     if text.lstrip()[:1] == "{":
         for line, entry in enumerate(text.splitlines(), 1):
             if entry.strip():
-                yield line, _json_row(entry, line, where)
+                yield line, _json_row(entry)
         return
     reader = csv.reader(io.StringIO(text), strict=True)
     try:
@@ -128,9 +154,10 @@ def _lines(data: bytes, where: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
         for cells in reader:
             if any(cell.strip() for cell in cells):
                 if len(cells) > len(header):
-                    message = f"{where}: got {len(cells)} cells, expected {len(header)}; quote texts with commas"
-                    raise DataError(message, where=f"line {before + 1}")
-                yield before + 1, {name: cell for name, cell in zip(header, cells, strict=False) if cell.strip()}
+                    message = f"got {len(cells)} cells, expected {len(header)}; quote texts with commas"
+                    yield before + 1, DataError(message)
+                else:
+                    yield before + 1, {name: cell for name, cell in zip(header, cells, strict=False) if cell.strip()}
             before = reader.line_num
     except csv.Error as error:
         raise DataError(f"{where}: is not a table: {error}", where=f"line {reader.line_num}") from error
@@ -144,13 +171,13 @@ def _check_header(header: list[str], where: str) -> None:
         raise DataError(f"{where}: columns: got {what}; expected {expected}", where="line 1")
 
 
-def _json_row(entry: str, line: int, where: str) -> Mapping[str, Any]:
+def _json_row(entry: str) -> Mapping[str, Any] | DataError:
     try:
         value = json.loads(entry)
     except (ValueError, RecursionError) as error:
-        raise DataError(f"{where}: is not JSON: {error}", where=f"line {line}") from error
+        return DataError(f"is not JSON: {error}")
     if not isinstance(value, dict):
-        raise DataError(f"{where}: got {type(value).__name__}, expected an object", where=f"line {line}")
+        return DataError(f"got {type(value).__name__}, expected an object")
     return {name: cell for name, cell in value.items() if cell is not None}
 
 
@@ -198,17 +225,25 @@ class Corpus:
     text: str | None = None
     """Pattern of the transcripts of recordings."""
     options: Options = field(default_factory=Options)
+    skip_bad: bool = False
+    """True to leave out invalid rows."""
 
-    def rows(self) -> tuple[Row, ...]:
+    def rows(self, bad: dict[str, str] | None = None) -> tuple[Row, ...]:
         """Read the manifest, or find the files.
+
+        Parameters
+        ----------
+        bad : dict of str to str, optional
+            Gets the error of each row that is left out, by its line.
 
         Raises
         ------
         UsageError
             If it cannot be read, or no file is found.
         DataError
-            If rows cannot be read; the message lists all of them.
+            If rows are invalid, unless they are left out; the message lists all of them.
         """
+        left_out = (bad if bad is not None else {}) if self.skip_bad else None
         if self.kind not in KINDS:
             raise UsageError(f"to: got {self.kind!r}, expected one of {', '.join(KINDS)}")
         if glob.has_magic(self.manifest):
@@ -216,11 +251,11 @@ class Corpus:
             paths = list(Path(anchor).glob(str(Path(self.manifest).relative_to(anchor))))
             if not paths:
                 raise UsageError(f"manifest: got {self.manifest}, which matches no file")
-            return rows_of_pattern(paths, self.text, self.kind, self.options)
+            return rows_of_pattern(paths, self.text, self.kind, self.options, left_out)
         if self.text is not None:
             raise UsageError("text: requires a file pattern; a manifest has a column for transcripts")
         path = Path(self.manifest)
-        return parse_manifest(read_bytes(path), str(path), path.resolve().parent, self.kind, self.options)
+        return parse_manifest(read_bytes(path), str(path), path.resolve().parent, self.kind, self.options, left_out)
 
     def inputs(self, rows: Sequence[Row] = ()) -> set[Path]:
         """Return the files that are read: the manifest, an avatar and its mapping, and those of rows."""

@@ -1,18 +1,24 @@
 """A row of a manifest: one utterance, or the session of one speaker, and its options."""
 
 from dataclasses import dataclass, field, fields
+from functools import lru_cache
 from pathlib import Path
 
 from fapengine.app.fit import OWNED, FitJob
 from fapengine.app.manner import manner_of, voice_of
 from fapengine.app.outputs import OUTPUT_KINDS, SaveOptions, check_output, find_kind
+from fapengine.app.performance import language_voice
 from fapengine.codec.encoder import EncoderOptions
 from fapengine.errors import UsageError
 from fapengine.files.outputs import files_in
+from fapengine.files.profiles import load_profile
 from fapengine.laboratory.fit import FitOptions
 from fapengine.models.via_points import STRAIGHT
+from fapengine.profiles import Profile
 from fapengine.render.drawing import Drawing
 from fapengine.speaking import DEFAULT_VOICE, SpeakingOptions
+from fapengine.speech.formats.registry import ParseOptions, check_options
+from fapengine.voices.choice import VoiceChoice
 
 PROFILE = "profile"
 KINDS = (*(row.ending[1:] for row in OUTPUT_KINDS if row.ending.startswith(".")), PROFILE)
@@ -25,7 +31,7 @@ FILES = ("session", "timings", "audio", "into", "map")
 class Options(SpeakingOptions):
     """Options of ``say``, ``animate``, ``encode``, ``convert`` and ``fit``, with their names and defaults."""
 
-    language: str = DEFAULT_VOICE
+    language: str | None = None
     channel: int | None = None
     format: str | None = None
     tier: str | None = None
@@ -54,8 +60,13 @@ class Options(SpeakingOptions):
 
     @property
     def chosen_voice(self) -> str | None:
-        """Voice of timed words; None if voice and language are the default, which gives way to the file's language."""
-        return next((each for each in (self.voice, self.language) if each != DEFAULT_VOICE), None)
+        """Voice of timed words; None if it is the default, which gives way to the language."""
+        return None if self.voice == DEFAULT_VOICE else self.voice
+
+    @property
+    def how(self) -> dict[str, str | None]:
+        """Options of :func:`fapengine.files.timings.load_timings`."""
+        return {name: getattr(self, name) for name in ("format", "tier", "alphabet", "columns")}
 
     def saving(self, kind: str) -> SaveOptions:
         """Return the options of a file of this kind. Raises UsageError for an invalid one."""
@@ -75,7 +86,8 @@ class Options(SpeakingOptions):
     def fitting(self, session: Path, output: Path) -> FitJob:
         """Return the job that learns a profile from a session. Raises UsageError for invalid options."""
         return FitJob(
-            session=session, output=output, units=self.units, up=self.up, seed=self.seed, voice=self.chosen_voice,
+            session=session, output=output, units=self.units, up=self.up, seed=self.seed,
+            voice=self.chosen_voice or self.language,
             options=FitOptions(
                 modes=self.modes, k=self.subset, tolerance_mm=self.tolerance, held_out=self.held_out
             ),
@@ -85,11 +97,31 @@ class Options(SpeakingOptions):
     def check(self, kind: str) -> None:
         """Reject invalid options before any work is done. Raises UsageError, which begins with the option's name."""
         manner_of(self)
-        voice_of(self)
         if kind == PROFILE:
             self.fitting(Path("a"), Path("b"))
-        else:
-            check_output(Path(f"a.{kind}"), self.saving(kind), rate_hz=self.fps)
+            return
+        loaded_profile(self.profile)
+        check_options(self.format, ParseOptions(self.tier, self.alphabet, self.columns))
+        if check_output(Path(f"a.{kind}"), self.saving(kind), rate_hz=self.fps).is_drawn:
+            _known_head(self.head)
+
+
+@lru_cache(maxsize=8)
+def loaded_profile(name: str) -> Profile:
+    """Load a profile once per process."""
+    return load_profile(name)
+
+
+@lru_cache(maxsize=1024)
+def _known_head(name: str) -> object:
+    from fapengine.files.heads.load import load_head_info
+
+    return load_head_info(name)
+
+
+@lru_cache(maxsize=1024)
+def _known_voice(choice: VoiceChoice) -> object:
+    return choice.load()
 
 
 OPTION_NAMES = tuple(each.name for each in fields(Options))
@@ -130,6 +162,19 @@ class Row:
         if kind != PROFILE and self.session is not None:
             raise UsageError(f"session: cannot become {kind}, only a profile")
         self.options.check(kind)
+        if (choice := self.voice) is not None:
+            _known_voice(choice)
+
+    @property
+    def voice(self) -> VoiceChoice | None:
+        """The voice that speaks the text, or pronounces words of the timings or the transcript; None if it is open."""
+        options = self.options
+        if self.text is not None and self.audio is None:
+            return voice_of(options)
+        named = (options.chosen_voice if self.timings else None) or options.language
+        if named is None or (self.timings is None and self.text is None):
+            return None
+        return VoiceChoice(named if options.chosen_voice else language_voice(named))
 
     @property
     def inputs(self) -> tuple[Path, ...]:

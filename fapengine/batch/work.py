@@ -11,15 +11,12 @@ import fapengine
 from fapengine.app.fit import run_fit
 from fapengine.app.manner import manner_of, voice_of
 from fapengine.app.outputs import find_kind, write_output
-from fapengine.app.performance import Performance, animate, perform, read_timings, speak
+from fapengine.app.performance import Performance, animated, perform_speech, spoken
 from fapengine.batch.journal import Done, checksum
-from fapengine.batch.rows import Options, Row
+from fapengine.batch.rows import Options, Row, loaded_profile
 from fapengine.errors import FapEngineError
 from fapengine.files.paths import read_bytes
-from fapengine.files.profiles import load_profile
-from fapengine.files.sound import load_sound
 from fapengine.mesh.face_mesh import FaceMesh
-from fapengine.profiles import Profile
 from fapengine.speech.phone_track import find_unknown
 from fapengine.speech.plausible import refuse
 from fapengine.voices.choice import VoiceChoice
@@ -78,25 +75,14 @@ def perform_row(row: Row) -> Performance:
     """Plan the motion of a row, as ``say`` does for a text and ``animate`` for timings or a recording."""
     options = row.options
     manner = replace(manner_of(options), profile=loaded_profile(options.profile))
-    if row.timings is not None:
-        read = read_timings(
-            row.timings, options.chosen_voice, file_format=options.format, tier=options.tier, alphabet=options.alphabet,
-            columns=options.columns,
+    source = row.timings or row.audio
+    if source is not None:
+        return animated(
+            source, row.audio if row.timings else None, manner, transcript=row.text, language=options.language,
+            channel=options.channel, voice=options.chosen_voice, how=options.how, strict=options.strict,
         )  # fmt: skip
-        sound = load_sound(row.audio, channel=options.channel, spoken_s=read.duration_s) if row.audio else None
-        performance = perform(read, sound, manner, text=row.timings.name)
-    else:
-        chosen: dict[str, Any] = {
-            "expressions": manner.expressions, "style": manner.style, "profile": manner.profile, "seed": manner.seed,
-            "rate_hz": manner.rate_hz,
-        }  # fmt: skip
-        if row.audio is not None:
-            performance = animate(
-                row.audio, transcript=row.text, language=options.language, channel=options.channel, **chosen
-            )
-        else:
-            assert row.text is not None
-            performance = speak(row.text, voice=_Fresh(voice_of(options)), **chosen)
+    assert row.text is not None
+    performance = perform_speech(spoken(row.text, _Fresh(voice_of(options))), manner)
     if options.strict:
         refuse(performance.doubts, row.id)
     return performance
@@ -108,12 +94,6 @@ def save_row(performance: Performance, path: Path, options: Options) -> None:
     if find_kind(path).is_drawn:
         saving = replace(saving, head=loaded_head(options.head))
     write_output(performance.track, path, saving)
-
-
-@lru_cache(maxsize=8)
-def loaded_profile(name: str) -> Profile:
-    """Load a profile once per process."""
-    return load_profile(name)
 
 
 @lru_cache(maxsize=4)

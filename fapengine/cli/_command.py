@@ -25,9 +25,9 @@ MANNER = "Speech and motion"
 """Title of the options of :mod:`fapengine.speaking` in the help."""
 
 ALIASES = {
-    "path": "output", "rate_hz": "fps", "rate_wpm": "rate", "expressions": "expression", "sinks": "sink",
-    "kbit_s": "kbps", "loudness_db": "loudness", "format": "log", "edges": "antialias",
-    "offset_s": "offset", "bus": "nats", "sound": "play",
+    "path": ("output",), "rate_hz": ("fps",), "rate_wpm": ("rate",), "expressions": ("expression",),
+    "sinks": ("sink",), "kbit_s": ("kbps",), "loudness_db": ("loudness",), "format": ("log",),
+    "edges": ("antialias",), "offset_s": ("offset",), "bus": ("nats",), "sound": ("audio", "play"),
 }  # fmt: skip
 """Parameter names of the library to those of the commands, where they differ."""
 running: ContextVar[typer.Context] = ContextVar("running")
@@ -122,7 +122,7 @@ def with_flags(text: str, flags: Mapping[str, str], *, names_parameter: bool = T
 
 def _own(name: str, flags: Mapping[str, str]) -> str:
     """Name of the command's parameter for one of the library."""
-    return name if name in flags else ALIASES.get(name, name)
+    return next((each for each in (name, *ALIASES.get(name, ())) if each in flags), name)
 
 
 def _checked(name: str, value: Any, kind: Any) -> Any:

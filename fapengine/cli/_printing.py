@@ -18,6 +18,8 @@ from rich.progress import (
 )
 from rich.text import Text
 
+from fapengine.cli._command import flags_of, running, with_flags
+
 if TYPE_CHECKING:
     from fapengine.models.adapted_head import Nearness
 
@@ -31,6 +33,17 @@ def print_result(facts: object, *lines: str, as_json: bool, err: bool = False) -
     ``err`` prints to standard error, for when the file itself goes to standard output.
     """
     typer.echo(json.dumps(facts, indent=2, ensure_ascii=False) if as_json else "\n".join(lines), err=err)
+
+
+def print_remarks(remarks: Iterable[str]) -> None:
+    """Print remarks to standard error, with the options that override what was assumed."""
+    for remark in remarks:
+        typer.echo(f"fapengine: {as_flags(remark)}", err=True)
+
+
+def as_flags(remark: str) -> str:
+    """Replace parameter names by the options of the running command."""
+    return with_flags(remark, flags_of(running.get()), names_parameter=False)
 
 
 def print_rows(rows: Iterable[Sequence[object]], *, err: bool = False) -> None:

@@ -1,17 +1,14 @@
 """The part that ``say`` and ``animate`` share: writing under a progress bar, and printing the report."""
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-
-import typer
 
 from fapengine.app.outputs import SaveOptions, find_kind
 from fapengine.app.performance import Performance
 from fapengine.app.report import Report
 from fapengine.app.talk import write_talk
-from fapengine.cli._command import flags_of, running, with_flags
-from fapengine.cli._printing import Advance, print_result, print_rows, progress, working
+from fapengine.cli._printing import Advance, as_flags, print_result, print_rows, progress, working
 
 
 def write(performance: Performance, output: Path, options: SaveOptions, *, inputs: Collection[Path] = ()) -> None:
@@ -21,16 +18,6 @@ def write(performance: Performance, output: Path, options: SaveOptions, *, input
     with bar as advance:
         on_frame = advance if isinstance(advance, Advance) else options.on_frame
         write_talk(performance, output, replace(options, on_frame=on_frame), inputs=inputs)
-
-
-def print_remarks(remarks: Iterable[str]) -> None:
-    """Print remarks to standard error, with the options that override what was assumed."""
-    for remark in remarks:
-        typer.echo(f"fapengine: {_with_flags(remark)}", err=True)
-
-
-def _with_flags(remark: str) -> str:
-    return with_flags(remark, flags_of(running.get()), names_parameter=False)
 
 
 def print_reports(reports: Sequence[Report], *, as_json: bool, err: bool = False) -> None:
@@ -59,11 +46,9 @@ def _rows(report: Report) -> Iterator[tuple[str, ...]]:
     )
     if report.moved:
         yield "motion", report.moved
-    for note in report.notes:
-        yield "heard", note, "yellow"
     if report.level != "phone":
         yield "timings", f"of each {report.level}, not of each phone"
-    if report.reading.voice:
-        yield "words", _with_flags(report.reading.voice.removeprefix("words "))
+    for note in report.reading.notes:
+        yield "heard" if report.level == "phone" else "words", as_flags(note.removeprefix("words "))
     if report.reading.guessed:
         yield "alphabet", str(report.reading)

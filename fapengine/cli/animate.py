@@ -47,28 +47,20 @@ def animate(
     With --channel each, two speakers in two channels give two videos: out/two-1.mp4 and out/two-2.mp4.
     """
     from dataclasses import replace
+    from functools import partial
 
-    from fapengine.app.hearing import is_sound, with_loudness
+    from fapengine.app.hearing import is_sound
     from fapengine.app.manner import manner_of
     from fapengine.app.outputs import RHUBARB, SaveOptions, check_output
-    from fapengine.app.performance import perform, read_timings
+    from fapengine.app.performance import animated
     from fapengine.app.report import Report
     from fapengine.app.talk import outputs_of
     from fapengine.cli._hearing import channels_of, hear_with_bar, transcript_of
-    from fapengine.cli._printing import working
-    from fapengine.cli._talking import print_remarks, print_reports, write
-    from fapengine.errors import UsageError
+    from fapengine.cli._printing import print_remarks, working
+    from fapengine.cli._talking import print_reports, write
     from fapengine.files.paths import is_standard, standard_output
-    from fapengine.files.sound import load_sound
-    from fapengine.speech.plausible import refuse
 
     listens = is_sound(source)
-    of_timings = {"--audio": audio, **timings.given}
-    of_sound = {"--text": text, "--transcript": transcript, "--recognizer": recognizer}
-    for name, value in (of_timings if listens else of_sound).items():
-        if value is not None:
-            kind = "a recording; it needs phone timings" if listens else "not a recording; it needs .wav, .mp3, ..."
-            raise UsageError(f"{name}: cannot be used here: {source} is {kind}")
     output = standard_output(output, ".json" if shapes == RHUBARB else ".fap")
     chosen, how, into = manner_of(manner), drawing.value(), avatar.value()
     inputs = [source, *([audio] if audio else [])]
@@ -83,29 +75,14 @@ def animate(
         beside=[name for _, beside in names for name in beside],
     )
     check_output(output, saving, rate_hz=chosen.rate_hz)
-    words = transcript_of(text, transcript) if listens else None
+    read = partial(
+        animated, source, audio, chosen, transcript=transcript_of(text, transcript), language=language,
+        recognizer=recognizer, voice=voice, how=timings.how, strict=strict, hears=hear_with_bar,
+    )  # fmt: skip
     reports: list[Report] = []
     for number, path in tracks:
-        report = Report(shows=working)
-        reports.append(report)
-        if listens:
-            with report.stage("listen"):
-                hearing = hear_with_bar(
-                    source, transcript=words, language=language, channel=number, recognizer=recognizer
-                )
-            phones, report.notes = hearing.phones, hearing.notes
-        else:
-            with report.stage("read"):
-                phones = read_timings(source, voice, language=language, **timings.how)
-        with report.stage("read"):
-            spoken_s = None if listens else phones.duration_s
-            sound = load_sound(recording, channel=number, spoken_s=spoken_s) if recording else None
-            if sound is not None and not listens:
-                phones = with_loudness(phones, *sound)
-        with report.stage("plan"):
-            performance = perform(phones, sound, chosen, text=source.name)
-        if strict:
-            refuse(performance.doubts, str(source))
+        reports.append(report := Report(shows=working))
+        performance = replace(read(channel=number, report=report), text=source.name)
         print_remarks(performance.doubts)
         write(performance, path, replace(saving, report=report), inputs=inputs)
     print_reports(reports, as_json=as_json, err=is_standard(output))

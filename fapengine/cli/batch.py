@@ -53,6 +53,9 @@ def batch(
     verify: Annotated[
         bool, typer.Option("--verify", help="Check every output file against its recorded digest and exit.")
     ] = False,
+    skip_bad: Annotated[
+        bool, typer.Option("--skip-bad", help="Leave out invalid rows; the report lists them. Exit code 2.")
+    ] = False,
     as_json: shared.AsJson = False,
     no_overwrite: Annotated[
         bool,
@@ -68,8 +71,9 @@ def batch(
         fapengine batch 'recordings/*' -o profiles --to profile
 
     Each row gives the same bytes as `say` (text), `animate` (timings, audio), `encode`, `convert` or `fit` with the
-    same options. All errors in the manifest are reported before any work starts. A row that fails is listed in the
-    report (index.csv, index.html), and the exit code is 2.
+    same options. Invalid rows, unknown voices, heads, profiles and shapes, and missing files are all reported before
+    any work starts. A row that fails is listed in the report (index.csv, index.html), and the exit code is 2. The
+    report has a column for each kind of remark.
     """
     import os
     from dataclasses import asdict
@@ -80,8 +84,7 @@ def batch(
     from fapengine.batch.rows import Options
     from fapengine.batch.run import on_dask, on_this_machine, plan_run, run, serially
     from fapengine.batch.work import Job
-    from fapengine.cli._printing import print_result, progress
-    from fapengine.cli._talking import print_remarks
+    from fapengine.cli._printing import print_remarks, print_result, progress
     from fapengine.errors import UsageError
     from fapengine.files.outputs import check_outputs
     from fapengine.files.paths import resolved
@@ -107,13 +110,14 @@ def batch(
         into, mapping = (_place(path) for path in (avatar.into, avatar.mapping))
         options = Options(keys=avatar.keys, into=into, map=mapping)
         pattern = manifest if any(letter in manifest for letter in "*?[") else str(resolved(folder))
-        corpus = Corpus(manifest=pattern, kind=to, text=text, options=options)
+        corpus = Corpus(manifest=pattern, kind=to, text=text, options=options, skip_bad=skip_bad)
     number, count = _share(shard)
     journal = output / (f"journal.{number}-of-{count}.jsonl" if shard else "journal.jsonl")
     is_new = not (output / RECORD).exists()
     own = [output / name for name in (RECORD, INDEX, PAGE)] + [journal]
     check_outputs(own, corpus.inputs(), overwrite=not (no_overwrite and is_new))
-    rows = corpus.rows()
+    bad: dict[str, str] = {}
+    rows = corpus.rows(bad)
     mine = rows[number - 1 :: count]
     read = corpus.inputs(rows)
     check_outputs([*own, *(name for row in mine for name in row.outputs(output, corpus.kind))], read)
@@ -125,17 +129,18 @@ def batch(
     check_outputs(outputs, overwrite=not (no_overwrite and is_new))
     with progress("rows", len(plan.left)) as advance:
         done = run(plan, engine, max(cores, 1), journal, on_rows=advance)
-    write_report(output, rows, load_journals(output) if shard else done)
+    write_report(output, rows, load_journals(output) if shard else done, bad)
     failed = [done[row.id] for row in mine if row.id in done and done[row.id].error]
     facts: dict[str, object] = {"rows": len(mine), "done": len(done) - len(failed), "new": len(plan.left)}
-    facts["failed"] = {one.id: one.error for one in failed}
+    facts["failed"], facts["bad"] = {one.id: one.error for one in failed}, bad
     facts["remarks"] = {row.id: list(done[row.id].remarks) for row in mine if row.id in done and done[row.id].remarks}
     print_result(facts, *_lines(str(output), len(mine), len(done) - len(failed), failed, 0), as_json=as_json)
     remarks = [f"{row.id}: {remark}" for row in mine if row.id in done for remark in done[row.id].remarks]
     print_remarks(remarks[:MAX_LISTED])
     if len(remarks) > MAX_LISTED:
         print_remarks([f"and {len(remarks) - MAX_LISTED} more remarks: index.csv"])
-    if failed:
+    print_remarks(f"{place} was left out: {error}" for place, error in list(bad.items())[:MAX_LISTED])
+    if failed or bad:
         raise typer.Exit(2)
 
 

@@ -13,12 +13,13 @@ def convert(
         Path,
         typer.Argument(
             help="FAPs (.fap, .fba), a table of ARKit, Oculus or VRM weights (.csv; Azure frames, .json), or VMC"
-            " (.osc); with --into a dense face, a marker recording (.c3d, .trc, .npz)."
+            " (.osc); with --into a dense face, or to another format, a marker recording (.c3d, .trc, .npz)."
         ),
     ],
     output: shared.Output,
     shapes: shared.Shapes = None,
     avatar: shared.AvatarOptions = shared.AvatarOptions(),
+    strict: shared.Strict = False,
     as_json: shared.AsJson = False,
     writing: shared.WriteOptions = shared.WriteOptions(),
 ) -> None:
@@ -30,19 +31,27 @@ def convert(
         fapengine convert take.fap --shapes rhubarb -o take.json
         fapengine convert take.fap --into avatar.glb -o spoken.glb
         fapengine convert take.c3d --into profiles/s03 -o dense.glb
+        fapengine convert via.npz -o take.trc                      # via points of fapengine reduce
 
     With --into, the result is the avatar with an animation that any tool plays. The modes of a dense face become morph
     targets.
     """
-    from fapengine.app.dense_film import is_take
+    from fapengine.app.dense_film import TAKES, is_take
     from fapengine.app.outputs import RHUBARB, SaveOptions, check_output
-    from fapengine.cli._printing import print_result
+    from fapengine.cli._printing import print_remarks, print_result
     from fapengine.files.motion import load_motion
     from fapengine.files.paths import is_standard, standard_output
+    from fapengine.files.recordings import load_markers, save_markers
 
     output = standard_output(output, ".json" if shapes == RHUBARB else ".csv")
     options = SaveOptions(shapes=shapes, into=avatar.value(), name=motion.stem)
     writing.check([output], [motion, avatar.into, avatar.mapping])
+    if is_take(motion) and output.suffix.lower() in TAKES:
+        markers = load_markers(motion).markers
+        save_markers(output, markers)
+        told = f"{markers.frame_count} frames of {len(markers.labels)} markers at {markers.rate_hz:g} Hz"
+        print_result({"output": str(output), "moved": told}, f"{output}: {told}", as_json=as_json)
+        return
     kind = check_output(output, options, rate_hz=0.0)
     if is_take(motion):
         from fapengine.app.scene_files import save_take_scene  # with scipy
@@ -50,9 +59,11 @@ def convert(
         told = save_take_scene(output, motion, options.into)
         print_result({"output": str(output), "moved": told}, f"{output}: {told}", as_json=as_json)
         return
-    track = load_motion(motion)
+    track = load_motion(motion, strict=strict)
+    print_remarks(track.remarks)
     kind.write(track, output, options)
     facts: dict[str, object] = {"output": str(output), "frames": len(track), "rate_hz": track.rate_hz}
+    facts["remarks"] = list(track.remarks)
     told = f"{output}: {len(track)} frames at {track.rate_hz:g} Hz"
     if moved := options.report.moved:
         facts["moved"], told = moved, f"{told}; {moved}"

@@ -25,6 +25,7 @@ def inspect(
     sliders: Path | None = typer.Option(
         None, "--sliders", help="For a profile: write a web page with a slider for each component (.html)."
     ),
+    strict: shared.Strict = False,
     as_json: bool = typer.Option(False, "--json", help="Print the result as JSON."),
     timings: shared.TimingOptions = shared.TimingOptions(),
     writing: shared.WriteOptions = shared.WriteOptions(),
@@ -41,10 +42,13 @@ def inspect(
     from fapengine.errors import UsageError
     from fapengine.files.paths import write_bytes
     from fapengine.files.pictures import save_png
+    from fapengine.speech.plausible import refuse
 
     writing.check([output for output in (plot, sliders) if output is not None], [path])
     source = Source(path, **timings.how)
     report = find_kind(source).describe(source)
+    if strict:
+        refuse(report.warnings, str(path))
     if sliders is not None:
         if report.sliders is None:
             raise UsageError(f"--sliders: {path} is not a profile")

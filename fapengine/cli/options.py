@@ -227,14 +227,9 @@ class TimingOptions:
     ] = None
 
     @property
-    def given(self) -> "Mapping[str, str | None]":
-        """Value of each option by its flag; None if it was not given."""
-        return {f"--{name}": value for name, value in asdict(self).items()}
-
-    @property
     def how(self) -> "Mapping[str, str | None]":
         """Options of :func:`fapengine.files.timings.load_timings`."""
-        return {"file_format": self.format, "tier": self.tier, "alphabet": self.alphabet, "columns": self.columns}
+        return asdict(self)
 
 
 @dataclass(frozen=True, slots=True)

@@ -60,6 +60,7 @@ def render(
     still_head: Annotated[
         bool, typer.Option("--still-head", help="For marker recordings: leave out the head motion.")
     ] = False,
+    strict: shared.Strict = False,
     as_json: shared.AsJson = False,
     writing: shared.WriteOptions = shared.WriteOptions(),
 ) -> None:
@@ -75,7 +76,7 @@ def render(
 
     from fapengine.app.dense_film import is_take, takes_on_heads
     from fapengine.app.drawing import crowd_size, draw_crowd, open_crowd, shown_at, side_by_side
-    from fapengine.cli._printing import print_result, progress
+    from fapengine.cli._printing import print_remarks, print_result, progress
     from fapengine.errors import UsageError
     from fapengine.files.heads.load import load_head
     from fapengine.files.motion import load_motion
@@ -104,13 +105,15 @@ def render(
     done: tuple[dict[str, float], str]
     if any(is_take(path) for path in track):
         rate_hz, meshes, rows, notes = takes_on_heads(track, head, way=way, still_head=still_head)
-        for note in notes:
-            typer.echo(f"note: {note}", err=True)
+        remarks = list(notes)
     else:
-        rate_hz, faps = side_by_side([load_motion(path) for path in track])
+        moving = {path: load_motion(path, strict=strict) for path in track}
+        remarks = [f"{path}: {remark}" for path, each in moving.items() for remark in each.remarks]
+        rate_hz, faps = side_by_side([moving[path] for path in track])
         rows = np.broadcast_to(faps, (len(faps), faces, faps.shape[2]))
         loaded = {name: load_head(name) for name in dict.fromkeys(head)}
         meshes = [loaded[name] for name in head] * (faces if len(head) == 1 else 1)
+    print_remarks(remarks)
     if fps is not None:
         count = max(1, int((len(rows) - 1) / rate_hz * fps + 1e-6) + 1)
         chosen = shown_at(np.arange(count) / fps, len(rows), rate_hz)
@@ -139,4 +142,4 @@ def render(
                 count = write_moving(output, frames, rate_hz=rate_hz, sound=sound, on_frame=advance)
             done = {"frames": count, "rate_hz": rate_hz}, f"{count} frames at {rate_hz:g} Hz"
     facts, told = done
-    print_result({"output": str(output), **facts}, f"{output}: {told}", as_json=as_json)
+    print_result({"output": str(output), **facts, "remarks": remarks}, f"{output}: {told}", as_json=as_json)

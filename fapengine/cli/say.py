@@ -85,16 +85,15 @@ def say(
 
     from fapengine.app.manner import manner_of, voice_of
     from fapengine.app.outputs import RHUBARB, SaveOptions, check_output
-    from fapengine.app.performance import LEAD_S, TAIL_S, perform
+    from fapengine.app.performance import perform_speech, spoken
     from fapengine.app.report import Report
     from fapengine.app.talk import outputs_of
-    from fapengine.cli._printing import working
-    from fapengine.cli._talking import print_remarks, print_reports, write
+    from fapengine.cli._printing import print_remarks, working
+    from fapengine.cli._talking import print_reports, write
     from fapengine.errors import UsageError
     from fapengine.files.paths import is_standard, standard_output
-    from fapengine.speech.marks import read_marks
-    from fapengine.speech.plausible import refuse, remarks_on
-    from fapengine.speech.text.normal_form import decoded, speakable
+    from fapengine.speech.plausible import refuse, remarks_on, sound_remarks
+    from fapengine.speech.text.normal_form import decoded
 
     output = standard_output(output, ".json" if shapes == RHUBARB else ".fap")
     chosen, how, into = manner_of(speaking), drawing.value(), avatar.value()
@@ -121,11 +120,9 @@ def say(
     if text == "-" and sys.stdin is None:
         raise UsageError("text: - reads standard input, but it is closed")
     words = decoded(sys.stdin.buffer.read()) if text == "-" else text
-    with report.stage("voice"):
-        speech = voice_of(speaking).load().speak(words).padded(lead_s=LEAD_S, tail_s=TAIL_S)
-    shown = speakable(speech.text or read_marks(words, ssml=speaking.ssml).text).text
-    shown = " ".join(shown.split()) if speaking.ssml else shown.strip()
-    remarks = (*speech.remarks, *remarks_on(speech.phones))
+    speech = spoken(words, voice_of(speaking), report=report)
+    sound = speech.samples, speech.sample_rate_hz
+    remarks = (*speech.remarks, *remarks_on(speech.phones), *sound_remarks(sound, speech.phones))
     if strict:
         refuse(remarks, f"voice {speaking.voice}")
     print_remarks(remarks)
@@ -133,14 +130,11 @@ def say(
         from fapengine.cli._say_live import print_live, say_now
 
         done = say_now(
-            speech, shown, chosen, live_output.value(), head=head, drawing=how, window=window,
+            speech, speech.text, chosen, live_output.value(), head=head, drawing=how, window=window,
         )  # fmt: skip
         print_live(done, as_json=as_json)
         return
     with report.stage("plan"):
-        performance = perform(
-            speech.phones, (speech.samples, speech.sample_rate_hz), chosen, text=shown, marks=speech.marks,
-            remarks=speech.remarks,
-        )  # fmt: skip
+        performance = perform_speech(speech, chosen)
     write(performance, output, saving)
     print_reports([report], as_json=as_json, err=is_standard(output))

@@ -212,12 +212,12 @@ class Client(Connection, GestureMethods):
     def _pronounced(
         self, words: list[tuple[str, float, float]], voice: "str | VoiceChoice | Voice"
     ) -> list[Phone]:  # fmt: skip
-        from fapengine.voices.choice import VoiceChoice
+        from fapengine.voices.choice import VoiceChoice, loaded
         from fapengine.voices.pronounce import Pronouncer
 
         chosen = VoiceChoice(voice) if isinstance(voice, str) else voice
         if not isinstance(chosen, VoiceChoice):
-            return Pronouncer(chosen).words(words)
+            return Pronouncer(loaded(chosen)).words(words)
         with self._voices_lock:
             pronouncer = self._voices.get(chosen) or Pronouncer(chosen.load())
             self._voices[chosen] = pronouncer

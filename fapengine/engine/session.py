@@ -27,12 +27,13 @@ from fapengine.engine.gestures import BatchGestures
 from fapengine.engine.utterance import Step, StreamClock, Utterance
 from fapengine.errors import UsageError
 from fapengine.speaking import GENERATORS
-from fapengine.speech.phone_track import SILENCE, Phone
+from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
+from fapengine.speech.plausible import remarks_on
 from fapengine.trajectory.batch import BatchPlanner
 from fapengine.trajectory.stream import AHEAD_PHONES, SAME_S
 from fapengine.trajectory.style import Style
 
-EventKind = Literal["started", "underrun", "late", "concealed", "finished", "cancelled", "error"]
+EventKind = Literal["started", "underrun", "late", "concealed", "finished", "cancelled", "error", "remark"]
 State = Literal["idle", "waiting", "speaking", "paused"]
 
 SLEW = 0.02
@@ -51,6 +52,8 @@ GATHER_S, URGENT_S = 0.05, 0.3
 second time."""
 CONCEAL_S = 0.06
 """A gap of missing phones is concealed this long before it would be shown."""
+REMARKED = 64
+"""Phones of an utterance that are held against what is plausible."""
 REMEMBERED = 64
 """Number of finished utterances whose repeated messages are still recognized."""
 
@@ -87,6 +90,8 @@ class Event:
     """Number of phones, for events about phones."""
     position_s: float = 0.0
     """Position in the utterance's own time; 0 before it has a place."""
+    reason: str = ""
+    """What looks wrong, for a remark."""
 
 
 @dataclass(slots=True)
@@ -191,7 +196,7 @@ class Session:
     def append(self, command: Append, now_s: float) -> None:
         """Add phones to an utterance."""
         if not command.phones or command.first_index < 0:
-            raise UsageError("phones: got none, or an index below 0")
+            raise UsageError("phones: must not be empty, with an index of 0 or more")
         end_s = max(phone.end_s for phone in command.phones)
         if end_s > self.limits.queued_s:
             raise UsageError(f"phones: end at {end_s:g} s, expected {self.limits.queued_s:g} s at most")
@@ -545,9 +550,12 @@ class Session:
         self.over[utterance.number] = utterance.revision
         while len(self.over) > REMEMBERED:
             del self.over[next(iter(self.over))]
+        first = [utterance.phones[index] for index in utterance.order[:REMARKED]]
+        for remark in remarks_on(PhoneTrack.of(first, tolerance_s=inf)):
+            self._tell(utterance, "remark", now_s, reason=remark)
         self._tell(utterance, kind, now_s)
         utterance.step(Step.CLOSE)
 
-    def _tell(self, utterance: Utterance, kind: EventKind, now_s: float, count: int = 1) -> None:
+    def _tell(self, utterance: Utterance, kind: EventKind, now_s: float, count: int = 1, reason: str = "") -> None:
         position_s = utterance.position_s(now_s) if utterance.state.is_placed else 0.0
-        self.emit(Event(self.name, utterance.number, kind, now_s, count, position_s))
+        self.emit(Event(self.name, utterance.number, kind, now_s, count, position_s, reason))

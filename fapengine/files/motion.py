@@ -1,10 +1,13 @@
 """Face motion from files: ``.fap`` text, FBA streams, tables of blendshapes and recorded VMC streams."""
 
+from dataclasses import replace
 from pathlib import Path
 
 from fapengine.codec.fapfile import format_fap, parse_fap
+from fapengine.errors import DataError
 from fapengine.files.paths import is_mp4, naming, read_bytes, write_bytes
 from fapengine.mpeg4.fap import column
+from fapengine.mpeg4.plausible import motion_remarks
 from fapengine.mpeg4.track import FapTrack
 from fapengine.speaking import DEFAULT_PROFILE
 
@@ -59,18 +62,26 @@ def as_visemes(track: FapTrack) -> FapTrack:
     return to_visemes(track, load_profile(DEFAULT_PROFILE))
 
 
-def load_motion(path: Path) -> FapTrack:
+def load_motion(path: Path, *, strict: bool = False) -> FapTrack:
     """Read what a face shows: an FBA stream (alone or in MP4), blendshapes (.csv, .json), a VMC recording, .fap text.
 
-    Visemes and expressions (FAP 1 and 2) become low-level FAPs.
+    Visemes and expressions (FAP 1 and 2) become low-level FAPs. The track has remarks on what looks wrong.
 
     Raises
     ------
     UsageError
         If it cannot be read.
     DataError
-        If its content is wrong; the message names the file.
+        If its content is wrong, or ``strict`` finds a remark; the message names the file.
     """
+    track = _read(path)
+    remarks = (*track.remarks, *motion_remarks(track))
+    if strict and remarks:
+        raise DataError("; ".join(remarks), where=str(path))
+    return replace(track, remarks=remarks)
+
+
+def _read(path: Path) -> FapTrack:
     data = read_bytes(path)
     if data[:3] == b"\x00\x00\x01" or is_mp4(data):
         from fapengine.codec.fit import fill_track
@@ -78,6 +89,11 @@ def load_motion(path: Path) -> FapTrack:
 
         decoded = load_fba(path)
         return fill_track(decoded, shown(decoded.track))[0]
+    if data[:4] == b"glTF":
+        from fapengine.files.gltf.animation import parse_animation
+
+        with naming(path):
+            return parse_animation(data)
     if path.suffix.lower() == ".fap":
         return shown(load_fap(path))
     from fapengine.retarget.blend_tracks import is_vmc_recording, parse_blend_track, parse_vmc_recording

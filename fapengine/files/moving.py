@@ -47,10 +47,12 @@ VP9 = {"deadline": "realtime", "cpu-used": "8", "crf": "32", "b": "0", "row-mt":
 PRORES = {"profile": "4444", "vendor": "apl0", "alpha_bits": "16"}
 """ProRes 4444, which editors read with its alpha; some check the vendor."""
 WEBP = {"quality": "80", "compression_level": "2"}
+REPEATABLE = {"fflags": "+bitexact"}
+"""Matroska without random ids: the same frames give the same bytes."""
 FORMATS = {
     ".mp4": Format("libx264", "aac", "yuv420p", None, X264, {"movflags": "faststart"}),
-    ".webm": Format("libvpx-vp9", "libopus", "yuv420p", "yuva420p", VP9),
-    ".mkv": Format("libx264", "aac", "yuv420p", None, X264),
+    ".webm": Format("libvpx-vp9", "libopus", "yuv420p", "yuva420p", VP9, REPEATABLE),
+    ".mkv": Format("libx264", "aac", "yuv420p", None, X264, REPEATABLE),
     ".mov": Format("prores_ks", "pcm_s16le", "yuv444p10le", "yuva444p10le", PRORES),
     ".gif": Format("gif", None, "pal8", None, {}, {"loop": "0"}),
     ".webp": Format("libwebp_anim", None, "yuv420p", "yuva420p", WEBP, {"loop": "0"}),
@@ -58,7 +60,7 @@ FORMATS = {
 """Formats by suffix; ``faststart`` puts the index of an MP4 first, so that a browser plays it while it loads."""
 CODECS = tuple(suffix for suffix, kind in FORMATS.items() if kind.sound_codec)
 """Suffixes of videos, which may have audio."""
-KINDS = f"{', '.join(FORMATS)}, a pattern as frame_%04d.png, or a folder's"
+KINDS = f"{', '.join(FORMATS)}, a pattern such as frame_%04d.png, or a folder"
 """Supported names, as text."""
 
 
@@ -95,7 +97,7 @@ def beside(path: Path, suffix: str) -> Path:
         If the path has no name, as ``.`` or ``..``.
     """
     if path.name in ("", ".."):
-        raise UsageError(f"path: got {path}, expected a name, which the files beside it get too")
+        raise UsageError(f"path: got {path}, expected a file name; the files next to it are named after it")
     owner = path.parent if is_sequence(path) and path.parent.name else path
     return path.with_name("frames" + suffix) if is_sequence(owner) else owner.with_name(owner.stem + suffix)
 

@@ -13,7 +13,7 @@ __all__ = ["FORMATS", "load_timings"]
 def load_timings(
     path: Path,
     *,
-    file_format: str | None = None,
+    format: str | None = None,  # noqa: A002  as the option of the command line
     tier: str | None = None,
     alphabet: str | None = None,
     columns: str | None = None,
@@ -24,7 +24,7 @@ def load_timings(
     ----------
     path : Path
         The file.
-    file_format : str, optional
+    format : str, optional
         One of :data:`FORMATS`; by default found from the content, else from the name's ending.
     tier : str, optional
         For formats with tiers: the phone tier; for MFA's CSV: the speaker.
@@ -44,4 +44,4 @@ def load_timings(
     """
     options = ParseOptions(tier, alphabet, columns)
     with naming(path):
-        return parse_timings(read_bytes(path, MAX_BYTES), file_format=file_format, ending=path.suffix, options=options)
+        return parse_timings(read_bytes(path, MAX_BYTES), file_format=format, ending=path.suffix, options=options)

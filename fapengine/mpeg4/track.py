@@ -36,6 +36,8 @@ class FapTrack(Rebuilt):
     """Frame rate."""
     name: str = "fapengine"
     """Free text of the ``.fap`` header."""
+    remarks: tuple[str, ...] = ()
+    """Sentences on what looks wrong or was assumed when it was read from a file."""
 
     def __post_init__(self) -> None:
         count = len(np.asarray(self.values))
@@ -162,7 +164,7 @@ class FapTrack(Rebuilt):
         if len(other) != len(self) or other.rate_hz != self.rate_hz:
             raise UsageError(f"other: got {other!r}, expected {len(self)} frames at {self.rate_hz:g} Hz")
         if not 0 <= weight <= 1:
-            raise UsageError(f"weight: got {weight}, expected 0..1")
+            raise UsageError(f"weight: got {weight}, expected 0 to 1")
         mixed = to_codable((1 - weight) * self.values + weight * other.values)
         return replace(self, values=mixed, mask=self.mask | other.mask)
 

@@ -420,9 +420,10 @@ class Server:
         return self.metrics.text()
 
     def _log_event(self, event: Event) -> None:
-        level = logging.WARNING if event.kind == "error" else logging.DEBUG
+        level = logging.WARNING if event.kind in ("error", "remark") else logging.DEBUG
         details: dict[str, Any] = {"session": event.session, "utterance": event.utterance, "kind": event.kind}
-        log.log(level, "%s: utterance %d %s", event.session, event.utterance, event.kind, extra=details)
+        told = f"{event.kind} {event.reason}".strip()
+        log.log(level, "%s: utterance %d %s", event.session, event.utterance, told, extra=details)
 
 
 def _is_sure(peer: Any) -> bool:

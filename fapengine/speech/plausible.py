@@ -9,8 +9,11 @@ from itertools import pairwise
 from math import log
 from statistics import median
 
+import numpy as np
+
+from fapengine._arrays import Sound
 from fapengine.errors import DataError
-from fapengine.speech.phone_track import Phone, PhoneTrack, find_unknown
+from fapengine.speech.phone_track import Phone, PhoneTrack, Reading, find_unknown
 from fapengine.speech.text.scripts import readers, reads, scripts_in
 
 PHONE_S = (0.02, 0.4)
@@ -19,6 +22,10 @@ USUAL_S = 0.1
 """Usual distance of the onsets of phones and visemes."""
 MIN_PHONES = 5
 """Phones from which on their median says something."""
+SILENT, FULL_SCALE, CLIPPED_SHARE = 33, 2**15 - 1, 0.001
+"""Samples below which a sound is silent (-60 dB), and from which they are clipped; share of these that counts."""
+EARLY_S, LATE_S, LATE_TIMES = 0.25, 5.0, 3.0
+"""Time by which a sound may end before its phones; time and factor by which it may last longer."""
 
 
 def likely_unit(onsets: Sequence[float], units_s: Mapping[str, float]) -> str:
@@ -93,21 +100,55 @@ def remarks_on(track: PhoneTrack) -> tuple[str, ...]:
         remarks.append(f"alphabet: {track.reading}")
     if not track.spelled:
         remarks += [f"unknown phone {unknown}" for unknown in find_unknown(track)]
-        remarks += _length_remarks([phone.duration_s for phone in track.phones if not phone.is_silence])
+        lengths_s = [phone.duration_s for phone in track.phones if not phone.is_silence]
+        remarks += _length_remarks(lengths_s, is_file=track.reading != Reading())
     return tuple(remarks)
 
 
-def _length_remarks(lengths_s: Sequence[float]) -> list[str]:
+def _length_remarks(lengths_s: Sequence[float], *, is_file: bool) -> list[str]:
     usual_s = median(lengths_s) if len(lengths_s) >= MIN_PHONES else USUAL_S
     low_s, high_s = PHONE_S
     if low_s <= usual_s <= high_s:
         return []
     other_s, unit = (1000 * usual_s, "s") if usual_s < low_s else (usual_s / 1000, "ms")
     would = f" would make it {1000 * other_s:.3g} ms" if low_s <= other_s <= high_s else ", if the file is a list"
-    return [
+    said = (
         f"timings: the median of {len(lengths_s)} phones is {1000 * usual_s:.3g} ms, expected {1000 * low_s:g} to"
-        f" {1000 * high_s:g} ms; is the unit right? columns='unit={unit}'{would}"
-    ]
+        f" {1000 * high_s:g} ms; is the unit right?"
+    )
+    return [f"{said} columns='unit={unit}'{would}" if is_file else said]
+
+
+def spoken_end_s(phones: PhoneTrack) -> float:
+    """End of the last phone that is not silence, in s; 0 if there is none."""
+    return max((phone.end_s for phone in phones.phones if not phone.is_silence), default=0.0)
+
+
+def sound_remarks(sound: Sound | None, phones: PhoneTrack) -> tuple[str, ...]:
+    """Remark on a sound that is silent where phones are spoken, clipped, or of another length than its phones."""
+    spoken_s = spoken_end_s(phones)
+    if sound is None or not len(sound[0]) or not spoken_s:
+        return ()
+    remarks = []
+    loudness, length_s = np.abs(sound[0].astype(np.int32)), len(sound[0]) / sound[1]
+    if length_s < spoken_s - EARLY_S:
+        remarks.append(
+            f"sound: it ends at {length_s:.2f} s, but the timings end at {spoken_s:.2f} s; are they of this recording?"
+            " silence was appended"
+        )
+    elif length_s > max(spoken_s + LATE_S, LATE_TIMES * spoken_s):
+        remarks.append(
+            f"sound: it lasts {length_s:.2f} s, but the timings end at {spoken_s:.2f} s; are they of this recording,"
+            " and is their unit right?"
+        )
+    if loudness.max() < SILENT:
+        return (*remarks, "sound: it is silent, though phones are spoken in it; is it the right file or channel?")
+    clipped = float(np.mean(loudness >= FULL_SCALE))
+    if clipped >= CLIPPED_SHARE:
+        remarks.append(
+            f"sound: {100 * clipped:.2g} % of its samples are at full scale (clipped); record or export it more softly"
+        )
+    return tuple(remarks)
 
 
 def refuse(remarks: Sequence[str], where: str) -> None:

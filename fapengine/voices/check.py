@@ -99,7 +99,7 @@ def find_breaches(
 def _misplaced(phones: Sequence[Phone], duration_s: float) -> Iterator[Breach]:
     for before, phone in pairwise(phones):
         if phone.start_s != before.end_s:
-            details = f"got a start {phone.start_s - before.end_s:+.4f} s behind the end of the one before, expected 0"
+            details = f"got a start {phone.start_s - before.end_s:+.4f} s after the end of the one before, expected 0"
             yield Breach("order", phone.start_s, phone.label, details)
     ends = ((phones[0].start_s, 0.0, phones[0]), (phones[-1].end_s, duration_s, phones[-1])) if phones else ()
     if not phones and duration_s:
@@ -157,5 +157,5 @@ def _late_vowels(phones: Sequence[Phone], sound: SoundLevel) -> Iterator[Breach]
         middle_s = before.start_s + 0.5 * before.duration_s
         bright_s = sound.brightens(middle_s, phone.start_s + 0.6 * phone.duration_s)
         if bright_s is not None and phone.start_s - bright_s > LATE_S and bright_s > middle_s + EDGE_S:
-            details = f"got a start {1e3 * (phone.start_s - bright_s):.0f} ms behind where the sound gets bright"
+            details = f"got a start {1e3 * (phone.start_s - bright_s):.0f} ms after the sound gets bright"
             yield Breach("late vowel", phone.start_s, phone.label, details)

@@ -68,7 +68,7 @@ def spoken(sound: ArrayLike, lengths: Iterable[tuple[str, float]], *, where: str
     wave, pairs = np.asarray(sound, dtype=np.float64).reshape(-1), list(lengths)
     counts = np.array([count for _, count in pairs], dtype=np.float64)
     if not np.isfinite(wave).all():
-        raise DataError(f"{where}: the model's sound has values that are no numbers")
+        raise DataError(f"{where}: the model's sound has values that are not finite")
     if not np.isfinite(counts).all() or (counts < 0).any():
         raise DataError(f"{where}: the model gives a phone {counts.min():g} samples, expected 0 or more")
     ends = np.minimum(np.round(np.cumsum(counts)), len(wave)).astype(int)

@@ -7,12 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine._arrays import as_sound
+from fapengine._strict_toml import check_fields
 from fapengine.errors import UsageError
 from fapengine.speech.marks import MarkedText, TimedMark, timed_marks, with_loudness, words_of
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 
 MAX_PAD_S = 3600.0
 """Longest silence that is put before or after speech."""
+SHORT_S = 0.25
+"""Time by which a sound may end before its phones: an inaudible last phone, rounding of a codec."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -35,6 +38,12 @@ class Speech:
         samples, rate_hz = as_sound((self.samples, self.sample_rate_hz), "samples")
         object.__setattr__(self, "samples", samples)
         object.__setattr__(self, "sample_rate_hz", rate_hz)
+        check_fields(self)
+        if self.phones.duration_s > self.duration_s + SHORT_S:
+            raise UsageError(
+                f"phones: end at {self.phones.duration_s:.2f} s, but the sound lasts {self.duration_s:.2f} s; are they"
+                " in seconds, and of this sound?"
+            )
 
     @property
     def duration_s(self) -> float:
@@ -51,7 +60,7 @@ class Speech:
         """
         for name, length_s in (("lead_s", lead_s), ("tail_s", tail_s)):
             if not 0 <= length_s <= MAX_PAD_S:
-                raise UsageError(f"{name}: got {length_s}, expected 0..{MAX_PAD_S:g} s")
+                raise UsageError(f"{name}: got {length_s}, expected 0 to {MAX_PAD_S:g} s")
         lead, tail = (round(length_s * self.sample_rate_hz) for length_s in (lead_s, tail_s))
         samples = np.concatenate([np.zeros(lead, np.int16), self.samples, np.zeros(tail, np.int16)])
         shift_s = lead / self.sample_rate_hz

@@ -44,7 +44,7 @@ async def stream(service: Service, text: str) -> AsyncIterator[Piece]:
     except (aiohttp.ClientError, OSError, TimeoutError) as error:
         raise ResourceError(f"voice: {service.url.partition('?')[0]}: {error or type(error).__name__}") from error
     if not service.over:
-        raise ResourceError(f"voice: {service.url.partition('?')[0]} broke off before the end")
+        raise ResourceError(f"voice: {service.url.partition('?')[0]} closed the connection before the end")
 
 
 async def _exchanged(

@@ -408,7 +408,7 @@ def _json(message: str | bytes, what: str) -> Node:
         text = message if isinstance(message, str) else message.decode()
         return Node(json.loads(text))
     except (ValueError, RecursionError) as error:
-        raise DataError(f"{what}: no JSON here ({error})") from error
+        raise DataError(f"{what}: invalid JSON ({error})") from error
 
 
 def _base64(node: Node) -> bytes:

@@ -19,6 +19,7 @@ from typing import Any
 import pytest
 
 import fapengine
+from fapengine import lab
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 SNAPSHOT = Path(__file__).with_name("public_api.txt")
@@ -29,11 +30,12 @@ SPECIAL = ("__init__", "__len__", "__enter__", "__iter__")
 
 def surface() -> str:
     """Every public name with its signature and, of a class, its fields, properties and methods; from the source."""
-    return "\n".join(line for name in sorted(fapengine.__all__) for line in _described(name)) + "\n"
+    values = {name: getattr(fapengine, name) for name in sorted(fapengine.__all__)}
+    values |= {f"lab.{name}": getattr(lab, name) for name in sorted(lab.__all__)}
+    return "\n".join(line for name, value in values.items() for line in _described(name, value)) + "\n"
 
 
-def _described(name: str) -> Iterator[str]:
-    value = getattr(fapengine, name)
+def _described(name: str, value: Any) -> Iterator[str]:
     node = _parsed(value)
     if isinstance(node, ast.FunctionDef):
         yield f"def {name}{_signature(node)}"
@@ -71,13 +73,16 @@ def run(code: str) -> str:
 
 
 def test_the_interface_is_small_and_sorted() -> None:
-    assert 25 <= len(fapengine.__all__) <= 32
+    assert 25 <= len(fapengine.__all__) <= 33
     assert fapengine.__all__ == sorted(fapengine.__all__)
+    assert len(lab.__all__) <= 24
+    assert lab.__all__ == sorted(lab.__all__)
 
 
 def test_every_name_is_there() -> None:
-    for name in fapengine.__all__:
-        assert getattr(fapengine, name).__doc__, name
+    for package in (fapengine, lab):
+        for name in package.__all__:
+            assert getattr(package, name).__doc__, name
     assert set(fapengine.__all__) <= set(dir(fapengine))
     with pytest.raises(AttributeError, match="no attribute 'shout'"):
         _ = fapengine.shout
@@ -97,8 +102,8 @@ def test_type_checkers_see_the_same_names_in_the_same_modules() -> None:
 
 
 def test_every_name_is_on_the_page_of_the_interface() -> None:
-    documented = re.findall(r"^::: fapengine\.(\w+)$", API_PAGE.read_text(encoding="utf-8"), flags=re.M)
-    assert sorted(documented) == fapengine.__all__
+    documented = re.findall(r"^::: fapengine\.([\w.]+)$", API_PAGE.read_text(encoding="utf-8"), flags=re.M)
+    assert sorted(documented) == sorted([*fapengine.__all__, *(f"lab.{name}" for name in lab.__all__)])
 
 
 def test_signatures_are_as_they_were() -> None:

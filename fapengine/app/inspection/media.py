@@ -96,7 +96,7 @@ def _image(source: Source) -> Report:
 RECORDING = FileKind(
     name="audio, video",
     endings=tuple(sorted(SOUND_SUFFIXES)),
-    fits=lambda source: source.file_format is None and source.ending in SOUND_SUFFIXES,
+    fits=lambda source: source.format is None and source.ending in SOUND_SUFFIXES,
     describe=_recording,
 )
 IMAGE = FileKind(

@@ -17,6 +17,7 @@ from fapengine.files.motion import load_fap, load_motion, shown
 from fapengine.files.paths import is_mp4, open_file
 from fapengine.files.pictures import Picture, bar_chart
 from fapengine.mpeg4 import fap
+from fapengine.mpeg4.plausible import motion_remarks
 from fapengine.mpeg4.track import FapTrack
 from fapengine.mpeg4.visemes import FAP_2_EXPRESSIONS, FULL_WEIGHT, VISEMES
 from fapengine.retarget.blend_tracks import is_blend_table, is_vmc_recording
@@ -137,6 +138,7 @@ def _motion(source: Source, what: str) -> Report:
     if not len(track.frame_numbers):
         raise DataError(f"{source.path}: contains no frames")
     facts = describe_track(track) | high_level(sent)
+    facts["remarks"] = list(sent.remarks or motion_remarks(track))
     skipped = f", {facts['skipped']} skipped" if facts["skipped"] else ""
     moving = sorted(facts["faps"].items(), key=lambda item: -_reach(item[1]))
     lines = [
@@ -148,7 +150,9 @@ def _motion(source: Source, what: str) -> Report:
         *_high_level_lines(facts),
         Table(rows=lines, shown=FAPS_SHOWN, more="  ... and {} more (--all)"),
     ]
-    return Report(facts=facts, text=text, plot=lambda: _opening(track, facts["seconds"]))
+    return Report(
+        facts=facts, text=text, plot=lambda: _opening(track, facts["seconds"]), warnings=facts["remarks"]
+    )  # fmt: skip
 
 
 def describe_track(track: FapTrack) -> dict[str, Any]:
@@ -211,6 +215,6 @@ FAPS = FileKind(
 SHAPES = FileKind(
     name="a table of weights",
     endings=(".csv", ".json", ".osc"),
-    fits=lambda source: source.file_format is None and (is_blend_table(source.data) or is_vmc_recording(source.data)),
+    fits=lambda source: source.format is None and (is_blend_table(source.data) or is_vmc_recording(source.data)),
     describe=lambda source: _motion(source, "shapes, as FAPs"),
 )

@@ -22,7 +22,7 @@ class Source:
     """A file, a folder, or the name of a profile or a head; with options of phone timings."""
 
     path: Path
-    file_format: str | None = None
+    format: str | None = None
     tier: str | None = None
     alphabet: str | None = None
     columns: str | None = None

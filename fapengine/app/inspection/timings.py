@@ -17,9 +17,9 @@ BAR = 24
 
 def _timings(source: Source) -> Report:
     track = load_timings(
-        source.path, file_format=source.file_format, tier=source.tier, alphabet=source.alphabet, columns=source.columns
+        source.path, format=source.format, tier=source.tier, alphabet=source.alphabet, columns=source.columns
     )
-    found = FORMATS.get(source.file_format or "") or guess_format(source.data, ending=source.path.suffix)
+    found = FORMATS.get(source.format or "") or guess_format(source.data, ending=source.path.suffix)
     facts = describe_timings(track, found.name if found else "", found.tool if found else "")
     text: list[str | Table] = [
         f"{facts['format']} ({facts['tool']}): {facts['phones']} {facts['level']}s,"
@@ -36,11 +36,11 @@ def _timings(source: Source) -> Report:
     return Report(facts=facts, text=text, plot=lambda: draw_timeline(track, title=title), warnings=facts["remarks"])
 
 
-def describe_timings(track: PhoneTrack, file_format: str, tool: str) -> dict[str, Any]:
+def describe_timings(track: PhoneTrack, found: str, tool: str) -> dict[str, Any]:
     """Make the values of a timeline."""
     spoken = [phone for phone in track.phones if not phone.is_silence]
     return {
-        "format": file_format,
+        "format": found,
         "tool": tool,
         "level": track.level,
         "spelled": track.spelled,
@@ -81,7 +81,7 @@ def _timeline(track: PhoneTrack) -> Table:
 TIMINGS = FileKind(
     name="phone timings",
     fits=lambda source: (
-        source.file_format is not None or guess_format(source.data, ending=source.path.suffix) is not None
+        source.format is not None or guess_format(source.data, ending=source.path.suffix) is not None
     ),
     describe=_timings,
 )

@@ -39,7 +39,9 @@ def _markers(source: Source) -> Report:
         seen = f"seen in {100 * look.seen[index]:.1f} %, {look.gaps[index]} gaps"
         rows.append(f"  {track.labels[index]:<16} {seen}{longest}")
     wide, high, deep = look.size_mm
+    via = [f"via points: {recording.via_points}, with minimum-jerk motion between them"] if recording.via_points else []
     text: list[str | Table] = [
+        *via,
         f"recording: {len(track.labels)} markers, {track.frame_count} frames at {track.rate_hz:g} Hz,"
         f" {track.duration_s:.2f} s; {wide:.0f} x {high:.0f} x {deep:.0f} mm, +y up",
         Table(rows=rows, shown=MARKERS_SHOWN, more="  ... and {} that are seen no less (--all)"),
@@ -56,7 +58,7 @@ def _markers(source: Source) -> Report:
 
 
 def _is_tracked(source: Source) -> bool:
-    if source.ending not in LANDMARK_ENDINGS or source.file_format or not source.path.is_file():
+    if source.ending not in LANDMARK_ENDINGS or source.format or not source.path.is_file():
         return False
     return is_openface(source.data) or _landmarks(source.data, source.ending) is not None
 
@@ -113,7 +115,7 @@ MARKERS = FileKind(
     fits=lambda source: (
         source.ending in MARKER_ENDINGS
         or (source.path.is_dir() and bool(mesh_files(source.path)))
-        or (not source.file_format and is_table(source.path))
+        or (not source.format and is_table(source.path))
     ),
     describe=_markers,
 )

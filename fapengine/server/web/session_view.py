@@ -188,8 +188,11 @@ class SessionView:
         elif event.kind in OVER:
             self._said.pop(event.utterance, None)
             self._speaking = None if self._speaking == event.utterance else self._speaking
+        reason = {"reason": event.reason} if event.reason else {}
         self._tell_all(
-            text_of("event", kind=event.kind, utterance=event.utterance, time_s=event.time_s, count=event.count)
+            text_of(
+                "event", kind=event.kind, utterance=event.utterance, time_s=event.time_s, count=event.count, **reason
+            )
         )
 
     def _command(self, session: str, command: Command, now_s: float) -> None:

@@ -4,6 +4,7 @@ Each table says where it comes from. A label that stands for silence maps to the
 to one phone that shows the class well: they name what is seen, so any phone of the class would do.
 """
 
+from fapengine.mpeg4.visemes import VISEMES
 from fapengine.speech.alphabets.japanese import KANA, OPENJTALK, VOICEVOX
 from fapengine.speech.alphabets.mandarin import FINALS, PINYIN, from_zhuyin
 from fapengine.speech.alphabets.phone_set import PhoneSet
@@ -93,6 +94,10 @@ OCULUS = PhoneSet(
         "aa": "ɑ", "E": "ɛ", "I": "ɪ", "O": "o", "U": "u", "ih": "ɪ", "oh": "o", "ou": "u",
     },
 )
+MPEG4 = PhoneSet(
+    "mpeg4-visemes", "ISO/IEC 14496-2, Annex C, Table C.4: viseme_select 0 to 14", "1999",
+    table={str(row.number): row.phonemes[0] if row.phonemes else "" for row in VISEMES},
+)
 INWORLD = PhoneSet(
     "inworld-visemes", "Inworld TTS documentation, timestamps: viseme symbols", "TTS 1.5, 2026",
     table={
@@ -112,6 +117,7 @@ RHUBARB = PhoneSet(
 )
 
 PHONE_SETS: dict[str, PhoneSet] = {each.name: each for each in (
-    ESPEAK, MISAKI, MFA, MRPA, PINYIN, KANA, VOICEVOX, OPENJTALK, POLLY, AZURE, OCULUS, INWORLD, PRESTON_BLAIR, RHUBARB,
+    ESPEAK, MISAKI, MFA, MRPA, PINYIN, KANA, VOICEVOX, OPENJTALK, POLLY, AZURE, OCULUS, MPEG4, INWORLD,
+    PRESTON_BLAIR, RHUBARB,
 )}
 # fmt: on

@@ -138,7 +138,7 @@ def parse_document(data: bytes, what: str) -> Node:
         if len(lines) > 1 and lines[0][1].strip().startswith("{") and lines[0][1].strip().endswith("}"):
             return Node([_line(number, line, what) for number, line in lines], "line")
         kind = TruncatedError if error.pos >= len(text.rstrip()) else DataError
-        raise kind(f"{what}: no JSON here ({error.msg})", where=f"line {error.lineno}, column {error.colno}") from error
+        raise kind(f"{what}: invalid JSON ({error.msg})", where=f"line {error.lineno}, column {error.colno}") from error
     except ValueError as error:  # a number of more digits than Python converts
         raise DataError(f"{what}: the JSON holds a number that is too long") from error
 
@@ -147,7 +147,7 @@ def _line(number: int, line: str, what: str) -> object:
     try:
         return json.loads(line)
     except (ValueError, RecursionError) as error:
-        raise DataError(f"{what}: no JSON value in this line", where=f"line {number}") from error
+        raise DataError(f"{what}: invalid JSON in this line", where=f"line {number}") from error
 
 
 def rows_of_lists(node: Node, texts: str, starts: str = "start", ends: str = "end") -> list[tuple[float, float, str]]:

@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import partial
 
 from fapengine.errors import DataError, UsageError
+from fapengine.speech.alphabets.convert import ALPHABETS
 from fapengine.speech.formats import animation, corpora, detection, services, singing, synthesizers
 from fapengine.speech.formats.detection import Sample, has
 from fapengine.speech.formats.documents import NUMBER
@@ -120,6 +121,15 @@ def _fitting(data: bytes, ending: str) -> list[Format]:
     return decided if len(decided) == 1 else [best, *rivals]
 
 
+def check_options(file_format: str | None, options: ParseOptions) -> None:
+    """Reject unknown formats, alphabets and columns. Raises UsageError."""
+    if file_format is not None and file_format not in FORMATS:
+        raise UsageError(f"format: unknown value {file_format!r}; use one of {', '.join(FORMATS)}")
+    if options.alphabet is not None and options.alphabet not in ALPHABETS:
+        raise UsageError(f"alphabet: unknown value {options.alphabet!r}; use one of {', '.join(ALPHABETS)}")
+    parse_columns(options.columns)
+
+
 def parse_timings(
     data: bytes, *, file_format: str | None = None, ending: str = "", options: ParseOptions | None = None
 ) -> PhoneTrack:
@@ -137,8 +147,7 @@ def parse_timings(
         Tier, alphabet, columns.
     """
     options = options or ParseOptions()
-    if file_format is not None and file_format not in FORMATS:
-        raise UsageError(f"format: unknown value {file_format!r}; use one of {', '.join(FORMATS)}")
+    check_options(file_format, options)
     if file_format is None and parse_columns(options.columns).names:
         file_format = "table"
     fitting = [FORMATS[file_format]] if file_format else _fitting(data, ending)

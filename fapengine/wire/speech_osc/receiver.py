@@ -447,7 +447,9 @@ class OscReceiver:
             return
         position_us = min(max(round(event.position_s * 1e6), -(2**31)), 2**31 - 1)
         time_us = round(event.time_s * 1e6)
-        packet = codec.encode(schema.Notice(event.session, number, event.kind, position_us, event.count, time_us))
+        packet = codec.encode(
+            schema.Notice(event.session, number, event.kind, position_us, event.count, time_us, event.reason)
+        )
         for peer, flags in session.peers.items():
             replies.append((peer, packet))
             if event.kind in REPEATED_EVENTS and not flags & schema.TCP:

@@ -332,8 +332,9 @@ class Notice(OfUtterance):
     ADDRESS: ClassVar[str] = "/fap/1/event"
     TAGS: ClassVar[str] = "sisiihs"
     kind: str
-    """``started``, ``underrun``, ``late``, ``concealed``, ``finished``, ``cancelled``, ``error``, or ``unknown``:
-    the session or utterance is not known here, begin it again."""
+    """``started``, ``underrun``, ``late``, ``concealed``, ``finished``, ``cancelled``, ``error``, ``remark``
+    (what looks wrong in the phones: ``reason``), or ``unknown``: the session or utterance is not known here, begin it
+    again."""
     position_us: int = 0
     """Position in the utterance."""
     count: int = 1
@@ -416,5 +417,5 @@ def check_session(session: str) -> str:
         If it is empty or too long.
     """
     if not 1 <= len(session.encode()) <= SESSION_BYTES:
-        raise UsageError(f"session: got {session!r:.50}, expected 1..{SESSION_BYTES} bytes")
+        raise UsageError(f"session: got {session!r:.50}, expected 1 to {SESSION_BYTES} bytes")
     return session

@@ -3,16 +3,26 @@
 import json
 import wave
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 import pytest
+from _pytest.mark import ParameterSet
 from PIL import Image
 from typer.testing import CliRunner
 
 import fapengine
 from fapengine.app.manner import Manner
-from fapengine.app.outputs import OUTPUT_KINDS, RHUBARB, TABLE_SHAPES, SaveOptions, check_output, find_kind
+from fapengine.app.outputs import (
+    OTHER_NAMES,
+    OUTPUT_KINDS,
+    RHUBARB,
+    TIMED_SETS,
+    WEIGHT_SETS,
+    SaveOptions,
+    check_output,
+    find_kind,
+)
 from fapengine.app.performance import perform
 from fapengine.app.report import Report
 from fapengine.app.scene_files import USD, Into
@@ -28,7 +38,9 @@ from fapengine.files.outputs import check_outputs, refuse_foreign
 from fapengine.files.sound import load_sound, save_wav
 from fapengine.render.drawing import Drawing
 from fapengine.retarget.blend_tracks import SHAPE_SETS
+from fapengine.speech.formats.visemes import VISEME_SETS
 from fapengine.speech.phone_track import Phone, PhoneTrack
+from fapengine.voices.protocol import Speech
 
 
 def command(*words: object) -> None:
@@ -136,17 +148,23 @@ def test_every_ending_is_one_row_and_its_files_have_rows_too() -> None:
     assert len(set(endings)) == len(endings) == 23
     assert set(FORMATS) == {row.ending for row in OUTPUT_KINDS if row.is_image} - {"", FOLDER_PATTERN}
     assert {name for row in OUTPUT_KINDS for name in row.beside} <= set(endings)
-    assert (None, *SHAPE_SETS) == TABLE_SHAPES
+    assert tuple(SHAPE_SETS) == WEIGHT_SETS
+    assert (*VISEME_SETS, RHUBARB) == TIMED_SETS
     assert set(find_kind(Path("a.vrma")).shapes) == {None, *SETS}
 
 
 @pytest.mark.parametrize(
     ("name", "options", "message"),
     [
-        ("a.mp4", {"shapes": "rhubarb"}, r"path: got a\.mp4, expected a name that ends with \.json, .* shapes=rhubarb"),
-        ("a.mp4", {"shapes": "foo"}, r"shapes: got foo for a\.mp4, expected shapes=arkit or"),
-        ("a.json", {}, r"shapes: got none for a\.json, expected shapes=rhubarb"),
-        ("a.json", {"shapes": "oculus"}, r"shapes: got oculus for a\.json, expected shapes=rhubarb"),
+        (
+            "a.mp4",
+            {"shapes": "rhubarb"},
+            r"path: got a\.mp4, expected a name that ends with .*\.json, .* shapes=rhubarb",
+        ),
+        ("a.mp4", {"shapes": "oculus"}, r"path: got a\.mp4, expected a name that ends with \.csv, .* shapes=oculus"),
+        ("a.json", {}, r"shapes: got none for a\.json, expected shapes=mpeg4 or shapes=oculus"),
+        ("a.json", {"shapes": "arkit"}, r"shapes: got arkit for a\.json, expected shapes=mpeg4 or"),
+        *((f"a{row.ending}", {"shapes": "foo"}, "shapes: got 'foo', expected one of arkit") for row in OUTPUT_KINDS),
         ("a.mp4", {"encoding": EncoderOptions()}, r"encoding: got one, or kbit_s, for a\.mp4"),
         ("a.glb", {"into": Into(Path("rnd.fba"))}, r"into: got rnd\.fba, expected an avatar"),
     ],
@@ -156,44 +174,72 @@ def test_options_that_a_kind_does_not_have(name: str, options: dict[str, object]
         check_output(Path(name), SaveOptions(**options), rate_hz=30.0)
 
 
-def cases() -> list[tuple[str, tuple[str, ...]]]:
-    """One name for every ending that needs no renderer, with the options that it needs."""
-    return [
-        (
-            f"a{row.ending}",
-            ("--shapes", RHUBARB) * (row.shapes == (RHUBARB,)) + ("--into", "default:level=coarse") * row.takes_avatar,
-        )
-        for row in OUTPUT_KINDS
-        if not row.is_drawn and row.ending not in USD
-    ]
+class Still:
+    """A voice that needs no program."""
+
+    def speak(self, text: str) -> Speech:
+        return Speech(samples=np.arange(8000, dtype=np.int16), sample_rate_hz=16_000, phones=PHONES)
 
 
-@pytest.mark.parametrize(("name", "options"), cases())
-def test_every_command_and_python_write_the_same_bytes(name: str, options: tuple[str, ...], tmp_path: Path) -> None:
+VOICE = f"{__name__}:Still"
+
+
+def cases() -> list[ParameterSet]:
+    """Every ending with every set of shapes that it accepts, and the options that it needs."""
+    found = []
+    for row in OUTPUT_KINDS:
+        if row.ending in USD or row.ending in ("", FOLDER_PATTERN):
+            continue  # of one writer with .glb and .png, slower
+        into = {"into": "default:level=coarse"} if row.takes_avatar else {}
+        slow = [pytest.mark.nightly] if row.takes_avatar or (row.is_drawn and row.ending != ".png") else []
+        for shapes in (*row.shapes, *(other for other, name in OTHER_NAMES.items() if name in row.shapes)):
+            given = into | ({"shapes": shapes} if shapes else {})
+            found.append(pytest.param(f"a{row.ending}", given, marks=slow, id=f"{row.ending} {shapes or ''}"))
+    return found
+
+
+def options_of(given: dict[str, str]) -> list[str]:
+    return [word for name, value in given.items() for word in (f"--{name}", value)]
+
+
+@pytest.mark.parametrize(("name", "given"), cases())
+def test_every_command_and_python_write_the_same_bytes(name: str, given: dict[str, str], tmp_path: Path) -> None:
     save_wav(tmp_path / "in.wav", np.arange(8000, dtype=np.int16), 16_000)
     (tmp_path / "in.pho").write_text("_ 100\nm 100\na 200\n_ 100\n")
-    given = dict(zip((key[2:] for key in options[::2]), options[1::2], strict=True))
+    row, sized = find_kind(Path(name)), {}
+    if row.is_drawn:
+        sized = {"size": "64x64", "head": "default:level=coarse"}
+    drawn: dict[str, Any] = {"size": (64, 64), "head": sized["head"]} if sized else {}
     spoken = fapengine.animate(tmp_path / "in.pho", sound=tmp_path / "in.wav", rate_hz=25.0)
-    spoken.save(tmp_path / "python" / name, **given)
-    expected = (tmp_path / "python" / name).read_bytes()
-    command("animate", tmp_path / "in.pho", "-a", tmp_path / "in.wav", "--fps", "25", "-o", tmp_path / name, *options)
-    (tmp_path / "rows.jsonl").write_text(
-        json.dumps({"id": "a", "timings": "in.pho", "audio": "in.wav", "fps": 25, **given})
-    )
-    command("batch", tmp_path / "rows.jsonl", "--to", name[2:], "--workers", "0", "-o", tmp_path / "batch")
-    files = [tmp_path / name, tmp_path / "batch" / name]
-    spoken.save(tmp_path / "in.fap")
-    if name != "a.wav":
-        command("convert", tmp_path / "in.fap", "-o", tmp_path / "converted" / name, *options)
+    said = fapengine.speak("Ma.", voice=Still(), rate_hz=25.0)
+    expected = spoken.save(tmp_path / "python" / name, **given, **drawn).read_bytes()
+    expected_said = said.save(tmp_path / "said" / name, **given, **drawn).read_bytes()
+
+    options = [*options_of(given | sized), "--fps", "25", "--camera", "front"]
+    command("animate", tmp_path / "in.pho", "-a", tmp_path / "in.wav", "-o", tmp_path / name, *options)
+    command("say", "Ma.", "--voice", VOICE, "-o", tmp_path / "cli" / name, *options)
+    for cells, wanted in (
+        ({"timings": "in.pho", "audio": "in.wav"}, expected),
+        ({"text": "Ma.", "voice": VOICE}, expected_said),
+    ):
+        (tmp_path / "rows.jsonl").write_text(json.dumps({"id": "a", "fps": 25, **cells, **given, **sized}))
+        out = tmp_path / f"batch of {next(iter(cells))}"
+        command("batch", tmp_path / "rows.jsonl", "--to", name[2:], "--workers", "0", "-o", out)
+        assert (out / name).read_bytes() == wanted
+
+    def naming(data: bytes, recording: Path) -> bytes:
+        """The command line names the recording."""
+        data = data.replace(b'"soundFile": ""', f'"soundFile": "{recording.resolve()}"'.encode())
+        return data.replace(b"<soundFile></", f"<soundFile>{recording.resolve()}</".encode())
+
+    assert (tmp_path / name).read_bytes() == naming(expected, tmp_path / "in.wav")
+    assert (tmp_path / "cli" / name).read_bytes() == naming(expected_said, tmp_path / "cli" / "a.wav")
+    if name != "a.wav" and not row.is_image:
+        spoken.save(tmp_path / "in.fap")
+        command("convert", tmp_path / "in.fap", "-o", tmp_path / "converted" / name, *options_of(given))
         fapengine.save(spoken.track, tmp_path / "saved" / name, **given)
-        if RHUBARB not in options and "--into" not in options and name != "a.vrma":  # which tell of phones and names
-            assert (tmp_path / "converted" / name).read_bytes() == (tmp_path / "saved" / name).read_bytes() == expected
-    if RHUBARB in options:  # the command line names the recording
-        expected = expected.replace(b'"soundFile": ""', f'"soundFile": "{(tmp_path / "in.wav").resolve()}"'.encode())
-        expected = expected.replace(b"<soundFile></", f"<soundFile>{(tmp_path / 'in.wav').resolve()}</".encode())
-        assert files.pop(0).read_bytes() == expected
-        expected = (tmp_path / "python" / name).read_bytes()
-    assert all(file.read_bytes() == expected for file in files)
+        if "into" not in given and name != "a.vrma":  # which have the name of the file
+            assert (tmp_path / "converted" / name).read_bytes() == (tmp_path / "saved" / name).read_bytes()
 
 
 def test_help_lists_every_ending() -> None:

@@ -84,7 +84,8 @@ def test_the_command_line_and_a_batch_read_the_same(tmp_path: Path) -> None:
     )
     assert list(json.loads(done.stdout)["remarks"]) == ["two"]
     assert "two: words: no voice speaks 'tagalog'" in done.stderr
-    assert "no voice speaks" in index["two"]["remarks"]
+    assert "no voice speaks" in index["two"]["words"]
+    assert (index["one"]["remarks"], index["two"]["remarks"]) == ("0", "1")
 
 
 def test_python_reads_a_file_as_the_command_line_does(tmp_path: Path) -> None:

@@ -66,6 +66,52 @@ def test_all_mistakes_are_told_at_once(folder: Path) -> None:
         assert line.startswith(begins)
 
 
+def test_everything_that_can_be_known_is_told_before_any_work(folder: Path) -> None:
+    text = (
+        "id,text,timings,audio,voice,profile,language,format,alphabet,columns,shapes,head\n"
+        "voice,Hello.,,,klingon9,,,,,,,\n"
+        "own,Hello.,,,no.such:Voice,,,,,,,\n"
+        "profile,Hello.,,,,nobody,,,,,,\n"
+        "language,,a.pho,,,,martian,,,,,\n"
+        "transcript,Hello.,,a.wav,,,martian,,,,,\n"
+        "format,,a.pho,,,,,nothing,,,,\n"
+        "alphabet,,a.pho,,,,,,greek,,,\n"
+        "columns,,a.pho,,,,,,,begin=a,,\n"
+        "shapes,Hello.,,,,,,,,,foo,\n"
+        "sound,,,b.wav,,,,,,,,\n"
+        "cells,Hello.,,,,,,,,,,,,\n"
+        "head,Hello.,,,,,,,,,,nobody\n"
+    )
+    with pytest.raises(DataError) as raised:
+        rows(text, folder, "png")
+    told = raised.value.message.splitlines()
+    expected = (
+        "voice: got 'klingon9'", "voice: no.such:Voice cannot be imported", "profile: ", "voice: got 'martian'",
+        "voice: got 'martian'", "format: unknown value 'nothing'", "alphabet: unknown value 'greek'", "columns: ",
+        "shapes: got 'foo'", "audio: got b.wav", "got 14 cells, expected 12", "head: ",
+    )  # fmt: skip
+    for number, (line, begins) in enumerate(zip(told[1:], expected, strict=True), start=2):
+        assert line.startswith(f"line {number}: {begins}"), line
+
+
+def test_bad_rows_can_be_left_out(folder: Path) -> None:
+    bad: dict[str, str] = {}
+    text = "id,text\ngood,Hello.\n../up,Hello.\nmore,Hello.,Hello.\n"
+    (good,) = parse_manifest(text.encode(), "corpus.csv", folder, "fap", Options(), bad)
+    assert good.id == "good"
+    assert list(bad) == ["line 3", "line 4"]
+    with pytest.raises(DataError, match="contains no valid rows"):
+        parse_manifest(b"id,text\n..,Hello.\n", "corpus.csv", folder, "fap", Options(), bad)
+
+
+def test_all_transcripts_that_are_missing_are_told(folder: Path) -> None:
+    for name in ("b.wav", "c.wav"):
+        (folder / name).write_bytes(b"RIFF")
+    paths = [folder / name for name in ("b.wav", "c.wav")]
+    with pytest.raises(DataError, match=r"2 invalid rows:\nb\.wav: .*\nc\.wav: "):
+        rows_of_pattern(paths, str(folder / "{stem}.txt"), "fap", Options())
+
+
 @pytest.mark.parametrize(
     ("text", "told"),
     [

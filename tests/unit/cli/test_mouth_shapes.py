@@ -22,7 +22,7 @@ def run(*arguments: object) -> str:
 
 def test_say_writes_shapes_and_the_sound_that_they_name(tmp_path: Path) -> None:
     said = run("say", "My baby.", "--shapes", "rhubarb", "-o", tmp_path / "talk.json")
-    assert "mouth shapes" in said
+    assert "visemes" in said
     written = json.loads((tmp_path / "talk.json").read_text())
     assert Path(written["metadata"]["soundFile"]) == (tmp_path / "talk.wav").resolve()
     assert sum(cue["value"] == "A" for cue in written["mouthCues"]) == 3
@@ -49,7 +49,7 @@ def test_performance_and_save_write_them(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("say", "Hi.", "-o", "talk.json"), "--shapes: got none for talk.json, expected --shapes rhubarb"),
+        (("say", "Hi.", "-o", "talk.json"), "--shapes: got none for talk.json, expected --shapes mpeg4"),
         (("say", "Hi.", "--shapes", "rhubarb", "-o", "talk.mp4"), "--output: got talk.mp4"),
         (("convert", "a.fap", "--shapes", "oculus", "-o", "a.xml"), "--shapes: got oculus"),
     ],

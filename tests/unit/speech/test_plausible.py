@@ -4,12 +4,13 @@ import pytest
 
 from fapengine.errors import DataError
 from fapengine.speech.formats.registry import parse_timings
-from fapengine.speech.phone_track import Phone, PhoneTrack
+from fapengine.speech.phone_track import Phone, PhoneTrack, Reading
 from fapengine.speech.plausible import dropped_remarks, refuse, remarks_on, script_remarks
 
 
-def evenly(length_s: float, count: int = 8) -> PhoneTrack:
-    return PhoneTrack.of([Phone("ma"[n % 2], n * length_s, (n + 1) * length_s) for n in range(count)])
+def evenly(length_s: float, count: int = 8, reading: Reading = Reading("ipa")) -> PhoneTrack:
+    phones = [Phone("ma"[n % 2], n * length_s, (n + 1) * length_s) for n in range(count)]
+    return PhoneTrack.of(phones, reading=reading)
 
 
 @pytest.mark.parametrize(
@@ -28,6 +29,7 @@ def test_the_median_phone_lasts_20_to_400_ms(length_s: float, said: tuple[str, .
     remarks = remarks_on(evenly(length_s))
     assert len(remarks) == (1 if said else 0)
     assert all(part in remarks[0] for part in said)
+    assert "columns=" not in "".join(remarks_on(evenly(length_s, reading=Reading())))  # which only a file has
 
 
 def test_a_few_phones_say_nothing_about_the_unit() -> None:
@@ -43,7 +45,7 @@ def test_rows_without_length_are_counted_and_the_first_is_named() -> None:
 
 def test_unknown_labels_and_rival_alphabets_are_remarks() -> None:
     track = PhoneTrack.of([Phone("AA1", 0, 0.2), Phone("B", 0.2, 0.4), Phone("m", 0.4, 0.6)])
-    assert remarks_on(track) == tuple(f"unknown phone '{label}' once, first at {at}00 s; /ə/ stands in"
+    assert remarks_on(track) == tuple(f"unknown phone '{label}' once, first at {at}00 s; /ə/ is used instead"
                                       for label, at in (("AA1", "0.0"), ("B", "0.2")))  # fmt: skip
     rivals = parse_timings(b"0 1000000 m\n1000000 2000000 ao\n2000000 3000000 t\n", ending=".lab")
     assert "ipa and pinyin would fit as well; alphabet=NAME" in remarks_on(rivals)[0]

@@ -1,0 +1,73 @@
+"""Visemes with their times, in the sets of other programs."""
+
+import json
+from itertools import pairwise
+
+import pytest
+
+import fapengine
+from fapengine.errors import UsageError
+from fapengine.speech import ipa
+from fapengine.speech.formats.registry import ParseOptions, parse_timings
+from fapengine.speech.formats.visemes import VISEME_SETS, format_visemes, viseme_of, visemes_of_phones
+from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
+
+LABELS = [SILENCE, "m", "aʊ", "h", "u", "tʃ", "f", "QQ", SILENCE]
+PHONES = PhoneTrack.of([Phone(label, 0.1 * n, 0.1 * n + 0.1) for n, label in enumerate(LABELS)])
+
+
+@pytest.mark.parametrize(
+    ("shapes", "names"),
+    [
+        ("mpeg4", "0 1 10 14 6 2 11 0"),
+        ("oculus", "sil PP aa ou CH FF E sil"),
+        ("azure", "0 21 9 12 7 16 18 1 0"),
+        ("rhubarb", "X A D F B G B X"),
+    ],
+)
+def test_phones_in_every_set(shapes: str, names: str) -> None:
+    rows = fapengine.visemes(PHONES, shapes)
+    assert " ".join(name for name, _, _ in rows) == names
+    assert rows[0][1] == 0.0
+    assert rows[-1][2] == pytest.approx(0.9)
+    assert all(one[2] == other[1] for one, other in pairwise(rows))
+
+
+@pytest.mark.parametrize("shapes", VISEME_SETS)
+def test_every_letter_has_a_viseme_and_lips_that_close_stay_closed(shapes: str) -> None:
+    names = {letter: viseme_of(letter, shapes) for letter in ipa.SOUNDS}
+    assert set(names.values()) <= set(VISEME_SETS[shapes])
+    assert {names[letter] for letter in "pbm"} == {names["p"]}
+    assert names["v"] == names["f"] != names["p"]
+
+
+@pytest.mark.parametrize("shapes", ["mpeg4", "oculus", "azure"])
+@pytest.mark.parametrize("ending", [".json", ".csv", ".tsv"])
+def test_our_own_reader_reads_what_is_written(shapes: str, ending: str) -> None:
+    rows = visemes_of_phones(PHONES, shapes)
+    data = format_visemes(rows, shapes, ending)
+    is_events = ending == ".json" and shapes == "azure"
+    options = ParseOptions(alphabet=None if is_events else f"{shapes}-visemes")
+    read = parse_timings(data, ending=ending, options=options)
+    assert [phone.is_silence for phone in read.phones] == [row.name in ("0", "sil") for row in rows]
+    assert [phone.start_s for phone in read.phones] == pytest.approx([row.start_s for row in rows])
+    if is_events:
+        assert json.loads(data)[1] == {"audio_offset": 1_000_000, "viseme_id": 21}
+
+
+def test_a_motion_shows_nearly_what_its_phones_say() -> None:
+    """Lips that close in the phones close in the motion."""
+    spoken = fapengine.animate(PhoneTrack.of([Phone("ama"[n], 0.2 * n, 0.2 * n + 0.2) for n in range(3)]))
+    for shapes in ("mpeg4", "oculus", "azure", "rhubarb"):
+        name, start_s, end_s = next(row for row in spoken.visemes(shapes) if row[1] <= 0.3 < row[2])
+        seen = [row for row in fapengine.visemes(spoken.track, shapes) if row[0] == name]
+        assert any(row[1] < end_s and row[2] > start_s for row in seen), shapes
+
+
+def test_what_has_no_visemes_is_refused() -> None:
+    with pytest.raises(UsageError, match="shapes: got 'foo', expected one of mpeg4, oculus, azure, rhubarb"):
+        fapengine.visemes(PHONES, "foo")
+    with pytest.raises(UsageError, match="spelled words"):
+        fapengine.visemes(PhoneTrack((Phone("hello", 0.0, 1.0),), "word", spelled=True), "azure")
+    with pytest.raises(UsageError, match="source: got"):
+        fapengine.visemes([1, 2], "azure")
