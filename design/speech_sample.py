@@ -1,12 +1,16 @@
 """Speech motion for any clone: planned by our own engine, with the statistics of a recorded speaker.
 
     python -m design.speech_sample -o out/speech_sample.npz [--sentences 120] [--seed 1]
+    python -m design.speech_sample -o out/S01 --sentences 12 --rate 100    # a session for `fapengine fit`
     python -m design.speech_sample --measure DATA    # once: tests/vectors/speech/statistics.npz from speech_train.npz
 
 The recorded speech may not be passed on, but statistics of it may (``tests/vectors/PROVENANCE.md``). From them this
 program makes sentences that move like the recorded ones: random sentences of the GRID corpus' grammar, with phones as
 long and as unequal as the speaker's; the path that ``fapengine`` plans for them; the variation that the speaker adds to
 that path, drawn with its covariance and its correlation from frame to frame; and 229 points that follow.
+
+A session is a folder of recordings, as a laboratory has it: 57 markers and the inner lips on a head that moves, with
+phones. Its motion is planned at the frame rate asked for; the speaker's own variation, known at 25 Hz, is interpolated.
 
 The file written has the layout of ``speech_train.npz``, as ``design/make_speech_data.py`` describes it, so whatever
 reads the one reads the other: ``python -m bench.fidelity --train out/speech_sample.npz``. Figures measured on it are
@@ -21,8 +25,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
 
+from fapengine.capture.landmarks import FEATURE_POINTS
+from fapengine.capture.marker_track import MarkerTrack
 from fapengine.files.profiles import load_profile
+from fapengine.files.recordings import save_markers
 from fapengine.profiles import Profile
 from fapengine.speech.alphabets.convert import SILENCES, to_ipa
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
@@ -38,6 +47,8 @@ START_S = (0.45, 0.75)
 REST_SHARE = 0.25
 """Share of the speaker's own variation that is left where nobody speaks."""
 RESIDUAL_MODES = 16
+SKULL_MM = np.array([[60, 95, 60], [-60, 95, 60], [0, 110, 75], [70, 60, 30], [-70, 60, 30]], np.float64)
+"""Markers of a head band."""
 GRAMMAR = (
     "bin lay place set", "blue green red white", "at by in with", "a b c d e f g h i j k l m n o p q r s t u v x y z",
     "zero one two three four five six seven eight nine", "again now please soon",
@@ -197,6 +208,37 @@ def make(statistics: Arrays, sentences: int, seed: int = 1) -> dict[str, NDArray
     }
 
 
+def write_session(folder: Path, sentences: int, seed: int = 1, rate_hz: float = 100.0) -> None:
+    """Write made sentences as a session: ``made00.c3d`` and ``made00.lab`` ..., and ``session.toml``."""
+    statistics, rng, profile = load_statistics(), np.random.default_rng(seed), load_profile("grid_s1_en")
+    names = [FEATURE_POINTS.get(int(landmark), f"m{landmark}") for landmark in statistics["marker_mediapipe"]]
+    lips = [names.index(name) for name in profile.space.points if name in names]
+    columns = sorted({*statistics["layout_lucero57"].tolist(), *lips})
+    coarse, fine = np.arange(FRAMES) / RATE_HZ, np.arange(round((FRAMES - 1) / RATE_HZ * rate_hz) + 1) / rate_hz
+    folder.mkdir(parents=True, exist_ok=True)
+    for number in range(sentences):
+        _, spoken = draw_sentence(statistics, rng)
+        track = to_track(spoken)
+        moved = move_points(statistics, spoken, profile, rng)[:, columns]
+        own = moved - _lifted(statistics, plan_scores(track, profile))[:, columns]
+        planned = _lifted(statistics, weights_of(track, profile, fine))[:, columns]
+        places = statistics["marker_neutral"][columns] + planned + CubicSpline(coarse, own)(fine)
+        places = np.concatenate([places, np.tile(SKULL_MM, (len(fine), 1, 1))], axis=1)
+        turns = Rotation.from_rotvec(np.outer(np.sin(2 * fine + number), [0.08, 0.12, 0.04])).as_matrix()
+        labels = (*(names[column] for column in columns), *(f"H{n}" for n in range(len(SKULL_MM))))
+        markers = MarkerTrack(positions_mm=np.einsum("tij,tmj->tmi", turns, places), labels=labels, rate_hz=rate_hz)
+        save_markers(folder / f"made{number:02}.c3d", markers)
+        lines = (f"{round(start * 1e7)} {round(end * 1e7)} {label}\n" for label, start, end in spoken)
+        (folder / f"made{number:02}.lab").write_text("".join(lines))
+    skull = ", ".join(f'"H{n}"' for n in range(len(SKULL_MM)))
+    (folder / "session.toml").write_text(f'subject = "made"\nlanguage = "en-GB"\nhead = [{skull}]\n')
+
+
+def _lifted(statistics: Arrays, scores: Array) -> Array:
+    """(T, 229, 3) mm: displacements of all points that go with weights, (T, K)."""
+    return np.asarray(scores @ statistics["lift"]).reshape(len(scores), -1, 3)
+
+
 def load_statistics() -> dict[str, NDArray[Any]]:
     """Read what ``tests/vectors/speech`` holds, in float64."""
     with np.load(STATISTICS) as data:
@@ -269,12 +311,17 @@ def main() -> int:
     parser.add_argument("-o", "--output", type=Path, default=Path("out/speech_sample.npz"))
     parser.add_argument("--sentences", type=int, default=120)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--rate", type=float, metavar="HZ", help="write a session of this frame rate: a folder")
     parser.add_argument("--measure", type=Path, metavar="DATA", help="folder of speech_train.npz and markers.csv")
     options = parser.parse_args()
     if options.measure:
         STATISTICS.parent.mkdir(parents=True, exist_ok=True)
         np.savez_compressed(STATISTICS, **measure(options.measure))
         print(f"{STATISTICS.name}: {STATISTICS.stat().st_size} bytes")
+        return 0
+    if options.rate:
+        write_session(options.output, options.sentences, options.seed, options.rate)
+        print(f"{options.output}: {options.sentences} takes at {options.rate:g} Hz")
         return 0
     options.output.parent.mkdir(parents=True, exist_ok=True)
     np.savez_compressed(options.output, **make(load_statistics(), options.sentences, options.seed))

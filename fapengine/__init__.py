@@ -5,7 +5,8 @@
 >>> hello.save("out/hello.mp4")  # doctest: +SKIP
 
 The names in ``__all__`` and those of ``fapengine.lab`` are the whole public interface; every other module is private
-by convention and may change without notice. A name is imported when it is first used: importing this package imports nothing heavy.
+by convention and may change without notice. A name is imported when it is first used: importing this package imports
+nothing heavy.
 
 The folders are layers; imports go down only (``pyproject.toml``, import-linter):
 

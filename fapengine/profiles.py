@@ -82,6 +82,19 @@ class ContextModel(Rebuilt):
         object.__setattr__(self, "rows", MappingProxyType({name: row for row, name in enumerate(self.features)}))
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Record:
+    """What a fit needs to be repeated."""
+
+    version: str
+    """Of fapengine."""
+    seed: int
+    held_out: tuple[str, ...]
+    """Names of the takes that the errors are of."""
+    inputs: dict[str, str]
+    """SHA-256 of each file that was read, by its path within the session."""
+
+
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Profile(Rebuilt):
     """How one face speaks one language."""
@@ -97,6 +110,8 @@ class Profile(Rebuilt):
     expressions: Mapping[Expression, ExpressionTarget]
     context: ContextModel | None = None
     """Targets that depend on neighbours; without them every phone has one pose, :attr:`phones`."""
+    record: Record | None = None
+    """Of a profile that ``fapengine fit`` made."""
 
 
 def format_profile(profile: Profile) -> dict[str, bytes]:
@@ -122,6 +137,7 @@ def format_profile(profile: Profile) -> dict[str, bytes]:
         "",
         "[origin]",
         *(f"{key} = {quoted(text)}" for key, text in profile.origin.items()),
+        *_record_lines(profile.record),
         "",
         "[fapu_mm]",
         *(f"{name} = {getattr(profile.fapu, f'{name}_mm'):.3f}" for name in FAPU_NAMES),
@@ -170,6 +186,21 @@ def format_profile(profile: Profile) -> dict[str, bytes]:
     return files | {TOML_NAME: ("\n".join(lines) + "\n").encode()}
 
 
+def _record_lines(record: Record | None) -> list[str]:
+    if record is None:
+        return []
+    return [
+        "",
+        "[record]",
+        f"version = {quoted(record.version)}",
+        f"seed = {record.seed}",
+        f"held_out = [{', '.join(map(quoted, record.held_out))}]",
+        "",
+        "[record.inputs]",
+        *(f"{quoted(name)} = {quoted(digest)}" for name, digest in record.inputs.items()),
+    ]
+
+
 def _row(values: NDArray[np.float64]) -> str:
     return f"[{', '.join(f'{value:.3f}' for value in values)}]"
 
@@ -204,6 +235,7 @@ def parse_profile(files: Mapping[str, bytes]) -> Profile:
         phones=MappingProxyType(_phones(document.phone, space.mode_count)),
         expressions=MappingProxyType(_expressions(document.expression, space.mode_count)),
         context=None if document.context is None else _context(document.context, files, space.mode_count),
+        record=document.record,
     )
 
 
@@ -263,6 +295,7 @@ class _Document:
     phone: tuple[_Phone, ...]
     expression: tuple[_Expression, ...]
     context: _Context | None = None
+    record: Record | None = None
 
 
 def _wrong(message: object, *path: str | int) -> ProfileError:
@@ -322,7 +355,7 @@ def _file(table: _Modes | _Context, files: Mapping[str, bytes], key: str) -> byt
 def _fractions(fractions: tuple[float, ...], *path: str | int) -> tuple[float, ...]:
     is_rising = all(before < after for before, after in pairwise(fractions))
     if not fractions or not is_rising or not all(0 <= fraction <= 1 for fraction in fractions):
-        raise _wrong(f"got {list(fractions)}, expected rising 0..1", *path)
+        raise _wrong(f"got {list(fractions)}, expected rising 0 to 1", *path)
     return fractions
 
 

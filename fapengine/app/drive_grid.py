@@ -1,22 +1,33 @@
 """A face driven by a few of its markers, from a recording to arrays and a video: paper 000, section 5."""
 
 import io
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine._strict_toml import checked
 from fapengine.capture.marker_track import MarkerTrack
 from fapengine.errors import DataError, UsageError
 from fapengine.files.heads.built import load_built
 from fapengine.files.moving import check_moving, is_moving, write_moving
-from fapengine.files.paths import write_bytes
+from fapengine.files.paths import locating, write_bytes
 from fapengine.files.pictures import straight
 from fapengine.files.recordings import load_markers, load_surface, mesh_files
+from fapengine.files.sessions import LoadedSession, read
 from fapengine.geometry.rigid import RigidMotion
 from fapengine.geometry.surface import vertex_normals
-from fapengine.laboratory.few_markers import Choice, FaceGrid, choose_markers, displacements, facing, make_grid
+from fapengine.laboratory.few_markers import (
+    Choice,
+    FaceGrid,
+    choose_markers,
+    displacements,
+    edit,
+    facing,
+    make_grid,
+)
 from fapengine.laboratory.marker_driver import HeadReference
 from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.deform import BONE_COUNT, Pose
@@ -27,7 +38,7 @@ from fapengine.render.renderer import CrowdRenderer
 Array = NDArray[np.float64]
 
 HELD_OUT = 0.25
-"""Fraction of a recording, at its end, that is driven and scored, if there is no other take."""
+"""Fraction of the takes, or of a single one, at the end, that is driven and scored, if there is no other take."""
 DRIVING, DRIVEN, SKIN = (0.75, 0.06, 0.04), (0.9, 0.9, 0.9), (0.50, 0.30, 0.22)
 """Linear RGB of driving and driven markers, and of the surface."""
 DOT_MM = {True: 2.6, False: 1.2}
@@ -46,26 +57,37 @@ MOVED_BONES = np.tile(np.eye(4), (BONE_COUNT, 1, 1))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class DriveOptions:
+    """Which markers drive a face, and how."""
+
+    markers: tuple[str, ...] | int | None = None
+    """Labels or number of the driving markers; None: chosen by the error."""
+    skull: tuple[str, ...] = ()
+    """Markers on the skull; empty: those of the session, without which the head does not move."""
+    tolerance_mm: float = 0.35
+    """Largest mean error that the choice of their number may leave."""
+    scale: Mapping[str, float] = field(default_factory=dict)
+    """Factors of driving markers' displacements; 0 removes one's motion."""
+    delay_s: Mapping[str, float] = field(default_factory=dict)
+    seed: int = 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class DriveJob:
     """Input, output and options of a driven grid."""
 
     grid: Path
-    """Recording of all points to learn from, or a folder of meshes."""
+    """Recording of all points to learn from, a session, or a folder of meshes."""
     output: Path
     """Archive of arrays (.npz)."""
-    markers: tuple[str, ...] | int | None = None
-    """Labels or number of the driving markers; None: chosen by the error."""
+    options: DriveOptions = DriveOptions()
     take: Path | None = None
     """Driving recording; None: the last quarter of ``grid``."""
     film: Path | None = None
-    skull: tuple[str, ...] = ()
-    """Markers on the skull; empty: the recording has no head motion."""
     columns: int = 48
     """Points of the grid from left to right."""
-    tolerance_mm: float = 0.35
     rate_hz: float | None = None
     """Frame rate of a folder of meshes."""
-    seed: int = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +96,7 @@ class DriveReport:
 
     markers: tuple[str, ...]
     reason: str
+    learned_takes: int
     learned_frames: int
     driven_frames: int
     points: int
@@ -88,6 +111,109 @@ class DriveReport:
     """Mean distance for a still face."""
 
 
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Driven:
+    """A face that a few of its markers move. Axes: the face's left, up and out."""
+
+    labels: tuple[str, ...]
+    """(M,)."""
+    rate_hz: float
+    rest_mm: Array
+    """(M, 3)."""
+    choice: Choice
+    """``choice.subset.primary`` (k,) are the driving markers, ``.weights`` (k, M) their weights."""
+    driving_mm: Array
+    """(T, k, 3): displacements of the driving markers from rest, scaled and delayed as asked for."""
+    driven_mm: Array
+    """(T, M, 3): displacements of all markers that follow from them."""
+    recorded_mm: Array
+    """(T, M, 3): recorded displacements; 0 for a marker that the driving take does not have."""
+    has: NDArray[np.bool_]
+    """(M,): whether the driving take has a marker."""
+    learned: tuple[int, ...]
+    """Frames of each take that was learned from."""
+
+    @property
+    def driving(self) -> tuple[str, ...]:
+        """Labels of the driving markers."""
+        return tuple(self.labels[index] for index in self.choice.subset.primary)
+
+    @property
+    def off_mm(self) -> Array:
+        """(T, M): distance of each marker from the recorded one."""
+        return np.asarray(np.linalg.norm(self.driven_mm - self.recorded_mm, axis=-1))
+
+    @property
+    def judged(self) -> NDArray[np.bool_]:
+        """(M,): markers that are driven and recorded; the errors are theirs."""
+        return self.has & ~np.isin(np.arange(len(self.labels)), self.choice.subset.primary)
+
+
+@checked
+def drive(session: LoadedSession, take: MarkerTrack | None = None, *, options: DriveOptions | None = None) -> Driven:
+    """Learn how a few markers move all others, and drive a face by them: paper 000, section 5.
+
+    Parameters
+    ----------
+    session : LoadedSession
+        Takes to learn from. A take's rest position is that of its first frame.
+    take : MarkerTrack, optional
+        Recording that drives the face. By default the last quarter of the takes, which are then not learned from; of
+        a single take its last quarter.
+    options : DriveOptions, optional
+
+    Raises
+    ------
+    UsageError
+        If a marker is unknown.
+    DataError
+        If a take lacks a driving marker, or there are too few frames.
+    """
+    options = options or DriveOptions()
+    tracks = [each.markers for each in session.takes]
+    skull = options.skull or session.setup.head
+    unknown = [name for name in skull if name not in tracks[0].labels]
+    if unknown:
+        raise UsageError(f"skull: unknown marker {unknown[0]!r}; use some of {', '.join(tracks[0].labels[:12])}")
+    labels = tuple(name for name in tracks[0].labels if name not in skull)
+    reference = _reference(tracks, skull)
+    freed = [_freed(each.markers, labels, reference, each.name) for each in session.takes]
+    rest, moved = freed[0][0], [each for _, each in freed]
+    head = load_built(HeadStyle())
+    face_mm = {name: head.point_mm(name).astype(np.float64) for name in head.feature_points}
+    axes = facing(rest, [session.setup.points.get(name, name) for name in labels], face_mm)
+    rest, moved = rest @ axes.T, [each @ axes.T for each in moved]  # from here on: left, up, out
+    learned, truth = (moved, None) if take is not None else _split(moved, session.session.subject)
+    choice = choose_markers(
+        learned, rest, _wanted(options, labels), tolerance_mm=options.tolerance_mm,
+        rng=np.random.default_rng(options.seed),
+    )  # fmt: skip
+    names = [labels[index] for index in choice.subset.primary]
+    has, rate_hz = np.ones(len(labels), bool), session.session.rate_hz
+    if take is not None:
+        truth, has = _other_take(take, labels, names, reference)
+        truth, rate_hz = truth @ axes.T, take.rate_hz
+    assert truth is not None
+    driving = edit(truth[:, choice.subset.primary], names, rate_hz, scale=options.scale, delay_s=options.delay_s)
+    return Driven(
+        labels=labels, rate_hz=rate_hz, rest_mm=rest, choice=choice, driving_mm=driving,
+        driven_mm=choice.subset.synthesise(driving), recorded_mm=truth, has=has, learned=tuple(map(len, learned)),
+    )  # fmt: skip
+
+
+def _split(moved: list[Array], where: str) -> tuple[list[Array], Array]:
+    """Leave out the last quarter of the takes, or of a single take."""
+    if len(moved) == 1:
+        first = max(2, round((1 - HELD_OUT) * len(moved[0])))
+        learned, driven = [moved[0][:first]], moved[0][first:]
+    else:
+        count = max(1, round(HELD_OUT * len(moved)))
+        learned, driven = moved[:-count], np.concatenate(moved[-count:])
+    if not len(driven):
+        raise DataError(f"frames: got {len(moved[0])}, expected more to learn from and to drive", where=where)
+    return learned, driven
+
+
 def run_drive(job: DriveJob, drawing: Drawing) -> DriveReport:
     """Learn the weights, drive the face, and write arrays and video.
 
@@ -100,104 +226,80 @@ def run_drive(job: DriveJob, drawing: Drawing) -> DriveReport:
         raise UsageError(f"output: got {job.output}, expected a name that ends with .npz")
     if job.film is not None and not is_moving(job.film):
         raise UsageError(f"film: got {job.film}, expected a video, an animation or an image sequence")
-    track = load_markers(job.grid, rate_hz=job.rate_hz).markers
-    unknown = [name for name in job.skull if name not in track.labels]
-    if unknown:
-        raise UsageError(f"skull: unknown marker {unknown[0]!r}; use some of {', '.join(track.labels[:12])}")
-    labels = tuple(name for name in track.labels if name not in job.skull)
-    reference = _reference(track, job.skull)
-    rest, moved = _freed(track, labels, reference, job.grid)
-    head = load_built(HeadStyle())
-    face_mm = {name: head.point_mm(name).astype(np.float64) for name in head.feature_points}
-    axes = facing(rest, labels, face_mm)  # from here on: left, up, out
-    rest, moved = rest @ axes.T, moved @ axes.T
-    learned = len(moved) if job.take else max(2, round((1 - HELD_OUT) * len(moved)))
-    choice = choose_markers(
-        moved[:learned], rest, _wanted(job, labels), tolerance_mm=job.tolerance_mm, rng=np.random.default_rng(job.seed)
-    )
-    chosen, rate_hz, truth, has = choice.subset.primary, track.rate_hz, moved[learned:], np.ones(len(labels), bool)
-    if 3 * len(chosen) > MAX_WEIGHTS and job.film is not None:
-        raise UsageError(f"markers: must have at most {MAX_WEIGHTS // 3} for a film, got {len(chosen)}")
-    if job.take is not None:
-        names = tuple(labels[index] for index in chosen)
-        truth, has, rate_hz = _other_take(job, job.take, labels, names, reference)
-        truth = truth @ axes.T
-    if not len(truth):
-        raise DataError(f"frames: got {len(moved)}, expected more to learn from and to drive", where=str(job.grid))
-    driven = choice.subset.synthesise(truth[:, chosen])
-    off = np.linalg.norm(driven - truth, axis=-1)
-    judged = has & ~np.isin(np.arange(len(labels)), chosen)
-    grid = _surface(job, choice, rest)
-    _write(job.output, labels, rest + driven, rate_hz, choice, np.where(has, off.mean(axis=0), np.nan), grid)
+    session = read(job.grid, rate_hz=job.rate_hz)
+    other = None if job.take is None else load_markers(job.take, rate_hz=job.rate_hz).markers
+    with locating(job.take or job.grid):
+        driven = drive(session, other, options=job.options)
+    if 3 * len(driven.driving) > MAX_WEIGHTS and job.film is not None:
+        raise UsageError(f"markers: must have at most {MAX_WEIGHTS // 3} for a film, got {len(driven.driving)}")
+    grid = _surface(job, driven.choice, driven.rest_mm)
+    _write(job.output, driven, grid)
     if job.film is not None:
-        _film(job.film, grid, rest, choice, truth[:, chosen], rate_hz, drawing)
-    return _report(choice, labels, off, truth, judged, learned, len(grid.rest_mm))
+        _film(job.film, grid, driven, drawing)
+    return _report(driven, len(grid.rest_mm))
 
 
-def _reference(track: MarkerTrack, skull: tuple[str, ...]) -> HeadReference:
+def _reference(tracks: list[MarkerTrack], skull: tuple[str, ...]) -> HeadReference:
     """Skull markers in the first frame that shows all of them."""
     still = RigidMotion(np.eye(3), np.zeros(3))
     if not skull:
         return HeadReference((), np.zeros((0, 3)), still)
-    band = track.select(skull)
-    whole = np.flatnonzero(band.valid.all(axis=1))
-    if not len(whole):
-        raise DataError(f"skull: no frame shows all of {', '.join(skull)}")
-    return HeadReference(skull, band.positions_mm[whole[0]], still)
+    for band in (track.select(skull) for track in tracks):
+        whole = np.flatnonzero(band.valid.all(axis=1))
+        if len(whole):
+            return HeadReference(skull, band.positions_mm[whole[0]], still)
+    raise DataError(f"skull: no frame shows all of {', '.join(skull)}")
 
 
-def _freed(track: MarkerTrack, labels: tuple[str, ...], reference: HeadReference, path: Path) -> tuple[Array, Array]:
+def _freed(track: MarkerTrack, labels: tuple[str, ...], reference: HeadReference, take: str) -> tuple[Array, Array]:
     """Rest position and displacements of some markers of a recording."""
     try:
         return displacements(track, labels, reference)
     except DataError as error:
-        raise type(error)(error.message, where=str(path)) from error
+        raise type(error)(error.message, where=f"take {take}") from error
 
 
-def _wanted(job: DriveJob, labels: tuple[str, ...]) -> int | list[int] | None:
-    if not isinstance(job.markers, tuple):
-        return job.markers
-    unknown = [name for name in job.markers if name not in labels]
+def _wanted(options: DriveOptions, labels: tuple[str, ...]) -> int | list[int] | None:
+    if not isinstance(options.markers, tuple):
+        return options.markers
+    unknown = [name for name in options.markers if name not in labels]
     if unknown:
         raise UsageError(
             f"markers: unknown marker {unknown[0]!r}; use some of {', '.join(labels[:12])} ..., or a number"
         )
-    return [labels.index(name) for name in job.markers]
+    return [labels.index(name) for name in options.markers]
 
 
 def _other_take(
-    job: DriveJob, path: Path, labels: tuple[str, ...], names: tuple[str, ...], reference: HeadReference
-) -> tuple[Array, NDArray[np.bool_], float]:
-    """Displacements of another take from its own first position, markers that it has, and its rate."""
-    track = load_markers(path, rate_hz=job.rate_hz).markers
+    track: MarkerTrack, labels: tuple[str, ...], names: Sequence[str], reference: HeadReference
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Displacements of another take from its own first position, and the markers that it has."""
     missing = [name for name in names if name not in track.labels]
     if missing:
-        raise DataError(f"take: lacks {', '.join(missing)}, which drive the face", where=str(path))
+        raise DataError(f"take: lacks {', '.join(missing)}, which drive the face")
     there = tuple(name for name in labels if name in track.labels)
-    _, moved = _freed(track, there, reference, path)
+    _, moved = displacements(track, there, reference)
     truth = np.zeros((len(moved), len(labels), 3))
     has = np.isin(labels, there)
     truth[:, has] = moved
-    return truth, has, track.rate_hz
+    return truth, has
 
 
 def _surface(job: DriveJob, choice: Choice, rest_mm: Array) -> FaceGrid:
     """Surface that is moved: the mesh itself, or a grid over the markers."""
-    if job.grid.is_dir():
+    if job.grid.is_dir() and mesh_files(job.grid):
         return FaceGrid(rest_mm, load_surface(mesh_files(job.grid)[0]).triangles, choice.subset.weights)
     return make_grid(choice.subset, rest_mm, job.columns)
 
 
-def _film(
-    path: Path, grid: FaceGrid, rest_mm: Array, choice: Choice, driving_mm: Array, rate_hz: float, drawing: Drawing
-) -> None:
-    """Draw the surface with a dot on each marker, the driving ones large; ``driving_mm`` is (T, k, 3)."""
-    check_moving(path, rate_hz=rate_hz, size=drawing.size, alpha=drawing.components == 4)
-    mesh = dotted_mesh(grid, rest_mm, choice)
-    flat = driving_mm.reshape(len(driving_mm), -1)
+def _film(path: Path, grid: FaceGrid, driven: Driven, drawing: Drawing) -> None:
+    """Draw the surface with a dot on each marker, the driving ones large."""
+    check_moving(path, rate_hz=driven.rate_hz, size=drawing.size, alpha=drawing.components == 4)
+    mesh = dotted_mesh(grid, driven.rest_mm, driven.choice)
+    flat = driven.driving_mm.reshape(len(driven.driving_mm), -1)
     with CrowdRenderer([mesh], drawing) as crowd:
         frames = crowd.frames([Pose(row, MOVED_BONES)] for row in flat)
-        write_moving(path, map(straight, frames), rate_hz=rate_hz)
+        write_moving(path, map(straight, frames), rate_hz=driven.rate_hz)
 
 
 def dotted_mesh(grid: FaceGrid, rest_mm: Array, choice: Choice) -> FaceMesh:
@@ -253,38 +355,30 @@ def dotted_mesh(grid: FaceGrid, rest_mm: Array, choice: Choice) -> FaceMesh:
     )
 
 
-def _write(
-    path: Path, labels: tuple[str, ...], places: Array, rate_hz: float, choice: Choice, error: Array, grid: FaceGrid
-) -> None:
+def _write(path: Path, driven: Driven, grid: FaceGrid) -> None:
     buffer = io.BytesIO()
+    places = driven.rest_mm + driven.driven_mm
     np.savez_compressed(
-        buffer, positions=places.astype(np.float32), labels=np.array(labels), rate_hz=np.array(rate_hz),
-        units=np.array("mm"), driving=np.array([labels[index] for index in choice.subset.primary]),
-        weights=choice.subset.weights, error_mm=error, grid_mm=grid.rest_mm,
+        buffer, positions=places.astype(np.float32), labels=np.array(driven.labels), rate_hz=np.array(driven.rate_hz),
+        units=np.array("mm"), driving=np.array(driven.driving), weights=driven.choice.subset.weights,
+        error_mm=np.where(driven.has, driven.off_mm.mean(axis=0), np.nan), grid_mm=grid.rest_mm,
         grid_triangles=grid.triangles.astype(np.int32), grid_weights=grid.weights,
     )  # fmt: skip
     write_bytes(path, buffer.getvalue())
 
 
-def _report(
-    choice: Choice,
-    labels: tuple[str, ...],
-    off: Array,
-    truth: Array,
-    judged: NDArray[np.bool_],
-    learned: int,
-    points: int,
-) -> DriveReport:
-    """Sum up distances ``off``, (T, M) mm, of the markers that were ``judged``."""
-    names = tuple(labels[index] for index in choice.subset.primary)
+def _report(driven: Driven, points: int) -> DriveReport:
+    """Sum up the distances of the markers that are judged."""
     report = DriveReport(
-        markers=names, reason=choice.reason, learned_frames=learned, driven_frames=len(off), points=points
-    )
+        markers=driven.driving, reason=driven.choice.reason, learned_takes=len(driven.learned),
+        learned_frames=sum(driven.learned), driven_frames=len(driven.driven_mm), points=points,
+    )  # fmt: skip
+    judged, off = driven.judged, driven.off_mm
     if not judged.any():
         return report
     mine, by_marker = off[:, judged], np.where(judged, off.mean(axis=0), -1.0)
     return replace(
         report, mean_mm=float(mine.mean()), p95_mm=float(np.quantile(mine, 0.95)), largest_mm=float(mine.max()),
-        worst=labels[int(by_marker.argmax())],
-        still_mm=float(np.linalg.norm(truth[:, judged], axis=-1).mean()),
+        worst=driven.labels[int(by_marker.argmax())],
+        still_mm=float(np.linalg.norm(driven.recorded_mm[:, judged], axis=-1).mean()),
     )  # fmt: skip

@@ -2,11 +2,13 @@
 
 import ctypes
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+import fapengine
+from fapengine._strict_toml import checked
 from fapengine.app.performance import pronounced
 from fapengine.errors import DataError, UsageError
 from fapengine.files.heads.built import load_built
@@ -16,24 +18,27 @@ from fapengine.files.heads.folder import save_head
 from fapengine.files.motion import save_fap
 from fapengine.files.paths import replacing_folder
 from fapengine.files.profiles import PROFILE_FILES, load_profile, put_profile
-from fapengine.files.sessions import load_session
+from fapengine.files.sessions import LoadedSession, load_session
 from fapengine.laboratory.dense_file import ARRAYS_NAME as DENSE_ARRAYS
 from fapengine.laboratory.dense_file import TOML_NAME as DENSE_TOML
 from fapengine.laboratory.dense_file import format_dense
 from fapengine.laboratory.densify import MIN_SCANS
 from fapengine.laboratory.fit import STEPS, FitOptions, Fitted, fit_session
-from fapengine.laboratory.prepare import Prepared, prepare
-from fapengine.laboratory.setup import Setup
+from fapengine.laboratory.prepare import prepare
 from fapengine.laboratory.space import captured_faps
+from fapengine.laboratory.tables import tables_of, weights_of_takes
 from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.models.adapted_head import Nearness
-from fapengine.profiles import TOML_NAME
+from fapengine.profiles import TOML_NAME, Record
 from fapengine.speaking import DEFAULT_PROFILE
 
 DENSE_FILES = (DENSE_TOML, DENSE_ARRAYS)
 REPORT_NAME = "report.html"
-OWNED = (*PROFILE_FILES, REPORT_NAME, *DENSE_FILES, "takes/*.fap", *(f"{ADAPTED}/{name}" for name in HEAD_FILES))
+OWNED = (
+    *PROFILE_FILES, REPORT_NAME, *DENSE_FILES, "takes/*.fap", "tables/*.csv", "weights/*.csv",
+    *(f"{ADAPTED}/{name}" for name in HEAD_FILES),
+)  # fmt: skip
 """Files of a fitted profile's folder."""
 STANDARD = DEFAULT_PROFILE
 """Profile that supplies the expressions missing in a session."""
@@ -81,40 +86,82 @@ def run_fit(
     """
     output = job.output
     check_folder(output)
-    rng = np.random.default_rng(job.seed)
-    prepared, setup, warnings = _read(job, rng, on_take, on_step)
-    _return_memory()
-    origin = {"source": f"session {prepared.subject}", "command": _command(job.session, output, job.seed)}
-    if setup.attribution:
-        origin["attribution"] = setup.attribution
-    fitted = fit_session(
-        prepared,
-        setup,
-        profile_id=output.name,
-        origin=origin,
-        standard=load_profile(STANDARD),
-        face_fapu=load_built(HeadStyle()).fapu,
-        options=job.options,
-        rng=rng,
-        on_step=on_step,
-        warnings=warnings,
-    )
+    sessions = [
+        load_session(
+            job.session, units=job.units, up=job.up, on_take=on_take,
+            pronounce=lambda track: pronounced(track, job.voice),
+        )
+    ]  # fmt: skip
+    fitted = _fit(sessions, output.name, _command(job), job.options, job.seed, on_step)
     adapted = _adapt(fitted, job) if job.adapt else None
     _write(output, fitted, adapted, report=job.report, faps=job.faps)
     return fitted, None if adapted is None else adapted[1]
 
 
-def _read(
-    job: FitJob, rng: np.random.Generator, on_take: Callable[[str, int], None], on_step: Callable[[str], None]
-) -> tuple[Prepared, Setup, tuple[str, ...]]:
-    """Read and prepare; the recordings themselves are freed at the end."""
-    head = load_built(HeadStyle())
+@checked
+def fit(session: LoadedSession, *, name: str = "profile", options: FitOptions | None = None, seed: int = 1) -> Fitted:
+    """Learn a face model from a session: marker subset, viseme space, phones, dense face.
+
+    Parameters
+    ----------
+    session : LoadedSession
+        From :func:`fapengine.lab.read`, or made of arrays: ``LoadedSession(Session("S03", takes), Setup(head=(...)))``.
+    name : str
+        Name of the profile.
+    options : FitOptions, optional
+        Number of components, size of the marker subset, fraction of takes that is held out.
+    seed : int
+        Splits the takes, hides entries, draws random subsets; the same seed gives the same result.
+
+    Returns
+    -------
+    Fitted
+        ``profile`` speaks like any other; ``space.space.modes_mm`` is (K, P, 3) mm; :func:`fapengine.lab.tables_of`
+        makes the tables, :func:`fapengine.lab.weights_of_takes` the weights of each take.
+
+    Raises
+    ------
+    DataError
+        If the recordings do not suffice; the message says what is missing.
+    UsageError
+        If an option is out of range.
+    """
+    return _fit([session], name, f"fapengine.lab.fit(..., seed={seed})", options or FitOptions(), seed)
+
+
+def _fit(
+    sessions: list[LoadedSession],
+    name: str,
+    command: str,
+    options: FitOptions,
+    seed: int,
+    on_step: Callable[[str], None] = lambda step: None,
+) -> Fitted:
+    """Learn from the one session, which is taken out of its list, so that its recordings are freed early."""
+    loaded, rng, head = sessions.pop(), np.random.default_rng(seed), load_built(HeadStyle())
+    setup, warnings, inputs = loaded.setup, loaded.warnings, dict(loaded.inputs)
     face_mm = {name: np.asarray(head.point_mm(name), np.float64) for name in head.feature_points}
-    loaded = load_session(
-        job.session, units=job.units, up=job.up, on_take=on_take, pronounce=lambda track: pronounced(track, job.voice)
-    )
     on_step(STEPS[0])
-    return prepare(loaded.session, loaded.setup, face_mm, rng=rng), loaded.setup, loaded.warnings
+    prepared = prepare(loaded.session, setup, face_mm, rng=rng)
+    del loaded
+    _return_memory()
+    origin = {"source": f"session {prepared.subject}", "command": command}
+    if setup.attribution:
+        origin["attribution"] = setup.attribution
+    fitted = fit_session(
+        prepared,
+        setup,
+        profile_id=name,
+        origin=origin,
+        standard=load_profile(STANDARD),
+        face_fapu=head.fapu,
+        options=options,
+        rng=rng,
+        on_step=on_step,
+        warnings=warnings,
+    )
+    record = Record(version=fapengine.__version__, seed=seed, held_out=fitted.held_out, inputs=inputs)
+    return replace(fitted, profile=replace(fitted.profile, record=record))
 
 
 def _return_memory() -> None:
@@ -130,8 +177,16 @@ def check_folder(output: Path) -> None:
         raise UsageError(f"{output}: is not a profile; expected a new folder, or that of a profile")
 
 
-def _command(session: Path, output: Path, seed: int) -> str:
-    return f"fapengine fit {session.resolve().name} -o {output.name} --seed {seed}"
+def _command(job: FitJob) -> str:
+    """Spell the command that makes the same profile."""
+    asked, usual = job.options, FitOptions()
+    values = {
+        "modes": (asked.modes, usual.modes), "subset": (asked.k, usual.k),
+        "tolerance": (asked.tolerance_mm, usual.tolerance_mm), "held-out": (asked.held_out, usual.held_out),
+        "units": (job.units, None), "up": (job.up, None), "voice": (job.voice, None),
+    }  # fmt: skip
+    changed = "".join(f" --{name} {value}" for name, (value, default) in values.items() if value != default)
+    return f"fapengine fit {job.session.resolve().name} -o {job.output.name} --seed {job.seed}{changed}"
 
 
 def _adapt(fitted: Fitted, job: FitJob) -> tuple[FaceMesh, Nearness]:
@@ -158,6 +213,10 @@ def _write(
         put_profile(folder, fitted.profile)
         if page is not None:
             (folder / REPORT_NAME).write_bytes(page)
+        for kind, tables in (("tables", tables_of(fitted)), ("weights", weights_of_takes(fitted))):
+            (folder / kind).mkdir()
+            for name, table in tables.items():
+                (folder / kind / f"{name}.csv").write_bytes(table.to_csv())
         if fitted.dense is not None:
             for name, data in format_dense(fitted.dense.face).items():
                 (folder / name).write_bytes(data)
@@ -190,8 +249,11 @@ def describe(fitted: Fitted, nearness: Nearness | None = None) -> dict[str, obje
             "error_mm": {name: round(value, 4) for name, value in selection.held_out_mm.items()},
         },
         "phones": {name: study.tokens for name, study in fitted.phones.items()},
-        "lips_mm": None if prediction is None else round(prediction.lips_mm, 3),
-        "opening_r": None if prediction is None else round(prediction.opening_r, 3),
+        "lips_mm": None if prediction is None else round(prediction.whole.lips_mm.value, 3),
+        "lips_interval_mm": None
+        if prediction is None
+        else [round(prediction.whole.lips_mm.low, 3), round(prediction.whole.lips_mm.high, 3)],
+        "opening_r": None if prediction is None else round(prediction.whole.opening_r.value, 3),
         "dense_left_out_mm": None if fitted.dense is None else round(fitted.dense.face.left_out_mm[0], 3),
         "adapted": None if nearness is None else asdict(nearness),
         "warnings": list(fitted.warnings),

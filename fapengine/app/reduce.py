@@ -18,7 +18,9 @@ CURVE = (0.5, 1.0, 2.0, 4.0)
 def reduce_take(
     take: Path, bound_mm: float, output: Path, *, back: Path | None = None, rate_hz: float | None = None
 ) -> list[Reduction]:
-    """Find the via points of a recording, and write them: ``times_s``, ``via_mm``, ``labels``, and the reduction curve.
+    """Find the via points of a recording, and write them; the file is a recording, too.
+
+    It has ``times_s`` (N,), ``via_mm`` (N, M, 3), ``labels`` (M,), ``rate_hz``, and the reduction curve.
 
     Parameters
     ----------
@@ -49,12 +51,12 @@ def reduce_take(
     buffer = io.BytesIO()
     np.savez_compressed(
         buffer, times_s=points.times_s, via_mm=points.positions_mm, labels=np.array(track.labels),
+        rate_hz=track.rate_hz,
         bound_mm=[row.tolerance_mm for row in curve], share=[row.share for row in curve],
         mean_mm=[row.mean_mm for row in curve], max_mm=[row.max_mm for row in curve],
     )  # fmt: skip
     write_bytes(output, buffer.getvalue())
     if back is not None:
         rate_hz = rate_hz or track.rate_hz
-        times_s = np.arange(int(points.times_s[-1] * rate_hz + 1e-9) + 1) / rate_hz
-        save_markers(back, MarkerTrack(positions_mm=points.sample(times_s), labels=track.labels, rate_hz=rate_hz))
+        save_markers(back, MarkerTrack(positions_mm=points.frames(rate_hz), labels=track.labels, rate_hz=rate_hz))
     return curve

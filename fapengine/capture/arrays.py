@@ -1,4 +1,7 @@
-"""Recordings as NumPy archives: ``positions`` (T, M, 3), ``labels``; if known ``rate_hz``, ``units``, ``valid``."""
+"""Recordings as NumPy archives: ``positions`` (T, M, 3), ``labels``; if known ``rate_hz``, ``units``, ``valid``.
+
+Via points of ``fapengine reduce`` have ``via_mm`` (N, M, 3) and ``times_s`` (N,) instead of positions.
+"""
 
 import io
 import math
@@ -12,7 +15,7 @@ from fapengine._arrays import DAMAGE
 from fapengine.capture.marker_track import MarkerTrack, RawTrack
 from fapengine.errors import DataError
 
-POSITION_NAMES = ("positions", "positions_mm", "markers", "points")
+POSITION_NAMES = ("positions", "positions_mm", "markers", "points", "via_mm")
 MAX_FREE_BYTES, MAX_RATIO = 1 << 26, 100
 """Bounds for the unpacked size as float64: in bytes for any archive, and as a multiple of the archive.
 
@@ -28,16 +31,7 @@ def parse_npz(data: bytes) -> RawTrack:
     DataError
         If the archive is damaged, has no positions or labels, or their shapes do not fit; ``where`` is the array.
     """
-    try:
-        size, most = _unpacked_bytes(data), max(MAX_FREE_BYTES, MAX_RATIO * len(data))
-        if size > most:
-            raise DataError(f"NPZ: {size} bytes of numbers in an archive of {len(data)}; must be at most {most}")
-        with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-            arrays_by_name = {name: arrays[name] for name in arrays.files}
-    except DataError:
-        raise
-    except (*DAMAGE, MemoryError) as error:  # a header may claim any shape
-        raise DataError(f"NPZ: damaged, or contains Python objects: {error}") from error
+    arrays_by_name = unpack_npz(data)
     name = next((name for name in POSITION_NAMES if name in arrays_by_name), None)
     if name is None:
         raise DataError(f"NPZ: needs {' or '.join(POSITION_NAMES)}, has {sorted(arrays_by_name)}")
@@ -57,7 +51,9 @@ def parse_npz(data: bytes) -> RawTrack:
         positions[~valid.astype(bool)] = np.nan
     positions[~np.isfinite(positions).all(axis=-1)] = np.nan
     units = arrays_by_name.get("units")
+    times_s = arrays_by_name["times_s"] if name == "via_mm" and "times_s" in arrays_by_name else None
     return RawTrack(
+        times_s=times_s,
         positions=positions,
         labels=tuple(str(label) for label in labels.astype(str)),
         rate_hz=_rate(arrays_by_name),
@@ -65,6 +61,26 @@ def parse_npz(data: bytes) -> RawTrack:
         if name.endswith("_mm")
         else (str(units) if units is not None and units.dtype.kind in "US" else None),
     )
+
+
+def unpack_npz(data: bytes) -> dict[str, NDArray[Any]]:
+    """Read the arrays of an archive.
+
+    Raises
+    ------
+    DataError
+        If it is damaged, contains Python objects, or is far smaller than what it unpacks to.
+    """
+    try:
+        size, most = _unpacked_bytes(data), max(MAX_FREE_BYTES, MAX_RATIO * len(data))
+        if size > most:
+            raise DataError(f"NPZ: {size} bytes of numbers in an archive of {len(data)}; must be at most {most}")
+        with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+            return {name: arrays[name] for name in arrays.files}
+    except DataError:
+        raise
+    except (*DAMAGE, MemoryError) as error:  # a header may claim any shape
+        raise DataError(f"NPZ: damaged, or contains Python objects: {error}") from error
 
 
 def _unpacked_bytes(data: bytes) -> int:

@@ -94,6 +94,8 @@ class RawTrack:
     labels: tuple[str, ...]
     """(M,), as written in the file; may be empty or repeat."""
     rate_hz: float | None = None
+    times_s: NDArray[np.float64] | None = None
+    """(T,): times of via points, between which a minimum-jerk spline is the motion; None for frames."""
     units: str | None = None
     up: str | None = None
     """Axis that points up, such as ``"+z"``, if the file says so."""

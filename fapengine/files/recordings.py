@@ -4,7 +4,7 @@ import logging
 import mmap
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from fapengine.files.paths import MAX_BYTES, locating, open_file, read_bytes, wr
 from fapengine.files.pictures import linear_rgb
 from fapengine.geometry.surface import Surface
 from fapengine.laboratory.setup import Paint
+from fapengine.models.via_points import ViaPoints
 
 RECORDINGS = (".c3d", ".trc", ".csv", ".tsv", ".npz", ".json", ".jsonl")
 """Endings of recordings; a folder of meshes is also a recording."""
@@ -36,6 +37,8 @@ class Recording:
 
     markers: MarkerTrack
     warnings: tuple[str, ...]
+    via_points: int = 0
+    """Number of via points from which the frames were interpolated; 0 for recorded frames."""
 
 
 def load_markers(
@@ -67,8 +70,23 @@ def load_markers(
     """
     with locating(path):
         raw = _meshes(path) if path.is_dir() else _parse(path, picture)
+        via_points = 0 if raw.times_s is None else len(raw.times_s)
+        if raw.times_s is not None:
+            raw, rate_hz = _recovered(raw, raw.times_s, rate_hz), None
         track, notes = understand(raw, units=units, up=up, rate_hz=rate_hz)
-    return Recording(track, (*notes, *check_track(track)))
+    return Recording(track, (*notes, *check_track(track)), via_points)
+
+
+def _recovered(raw: RawTrack, times_s: NDArray[np.float64], rate_hz: float | None) -> RawTrack:
+    """Sample the motion through via points: at the rate that is asked for, or that of the reduced take."""
+    rate_hz = rate_hz or raw.rate_hz
+    if rate_hz is None:
+        raise DataError("via points: the file does not state the take's rate; give one, or reduce the take again")
+    try:
+        points = ViaPoints(times_s=times_s, positions_mm=raw.positions)
+    except UsageError as error:
+        raise DataError(f"via points: {error}") from error
+    return replace(raw, positions=points.frames(rate_hz), rate_hz=rate_hz, times_s=None)
 
 
 def _parse(path: Path, picture: Picture | None) -> RawTrack:

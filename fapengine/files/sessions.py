@@ -28,18 +28,21 @@ else is in ``session.toml``, whose keys are all optional::
     start_s = 1.2
     end_s = 1.6
 
-    [[scan]]                               # a dense face; the first one is the neutral
-    file = "scans/neutral.ply"             # in a folder of its own, mm
+    [[scan]]                               # a dense face
+    file = "scans/a.ply"                   # in a folder of its own, mm
+    reference = true                       # the others get its vertices; lips apart; otherwise the first scan
     landmarks = { "8.1" = [0.1, -20.4, 92.0], "8.2" = [0.0, -31.5, 90.3], "2.1" = [0.2, -70.1, 80.0] }
 """
 
-from collections.abc import Callable
+import hashlib
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
+from glob import escape
 from pathlib import Path
 
 import numpy as np
 
-from fapengine._strict_toml import MAX_BYTES, parse_toml, spell_path
+from fapengine._strict_toml import MAX_BYTES, checked, parse_toml, spell_path
 from fapengine.capture.landmarks import Picture
 from fapengine.capture.marker_track import Interval, Session, Take
 from fapengine.errors import DataError, UsageError
@@ -62,8 +65,49 @@ class LoadedSession:
     """A session read from its folder."""
 
     session: Session
-    setup: Setup
-    warnings: tuple[str, ...]
+    setup: Setup = Setup()  # noqa: RUF009  frozen
+    warnings: tuple[str, ...] = ()
+    inputs: Mapping[str, str] = field(default_factory=dict)
+    """SHA-256 of each file that was read, by its path within the folder."""
+
+    @property
+    def takes(self) -> tuple[Take, ...]:
+        """Its recordings."""
+        return self.session.takes
+
+
+@checked
+def read(path: str | Path, *, rate_hz: float | None = None) -> LoadedSession:
+    """Read a session, or one recording as a session of one take.
+
+    Parameters
+    ----------
+    path : str or Path
+        A folder of recordings with phone timings and ``session.toml``; a recording (.c3d, .trc, .csv, .tsv, .npz); via
+        points of ``fapengine reduce`` (.npz), as the motion through them; or a folder of meshes.
+    rate_hz : float, optional
+        Frame rate of a folder of meshes, or of the motion through via points.
+
+    Returns
+    -------
+    LoadedSession
+        ``takes[0].markers`` has ``positions_mm`` (T, M, 3) float64 in mm, +y up, NaN where a marker was not seen,
+        ``labels`` (M,) and ``rate_hz``; ``takes[0].phones`` are the phones, with times in s.
+
+    Raises
+    ------
+    UsageError
+        If there is no such file or folder, or it contains no recording.
+    DataError
+        If a file is wrong; ``where`` says which.
+    """
+    path = Path(path)
+    if path.is_dir() and not mesh_files(path):
+        return load_session(path)
+    recording = load_markers(path, rate_hz=rate_hz)
+    warnings: list[str] = list(recording.warnings)
+    phones = _phones(path, recording.markers.duration_s, None, warnings)
+    return LoadedSession(Session(path.stem, (Take(path.stem, recording.markers, phones),)), warnings=tuple(warnings))
 
 
 def load_session(
@@ -94,11 +138,13 @@ def load_session(
         If a recording, timing file or ``session.toml`` is wrong; ``where`` says which.
     """
     if not folder.is_dir():
-        raise UsageError(f"{folder}: got no folder, expected one with recordings ({', '.join(RECORDINGS)})")
+        raise UsageError(f"{folder}: not a folder; expected one with recordings ({', '.join(RECORDINGS)})")
     path = folder / SETUP_NAME
     document = parse_toml(read_bytes(path, MAX_BYTES) if path.is_file() else b"", _Document, str(path))
     picture = _picture(document, str(path))
     setup, units, up = _setup(document, folder), units or document.units, up or document.up
+    used = {SETUP_NAME: path} if path.is_file() else {}
+    used |= {scan.file: folder / scan.file for scan in document.scan}
     paths = _recordings(folder, {(folder / scan.name).parent for scan in setup.scans})
     if not paths:
         raise UsageError(f"{folder}: contains none of {', '.join(RECORDINGS)}")
@@ -109,8 +155,17 @@ def load_session(
         warnings += [f"take {path.stem}: {text}" for text in recording.warnings]
         phones = _phones(path, recording.markers.duration_s, pronounce, warnings)
         takes.append(Take(path.stem, recording.markers, phones))
+        files = (*(mesh_files(path) if path.is_dir() else [path]), _timing_of(path))
+        used |= {file.relative_to(folder).as_posix(): file for file in files if file is not None}
+    inputs = {name: _digest(used[name]) for name in sorted(used)}
     with locating(folder):
-        return LoadedSession(Session(document.subject or folder.resolve().name, tuple(takes)), setup, tuple(warnings))
+        session = Session(document.subject or folder.resolve().name, tuple(takes))
+    return LoadedSession(session, setup, tuple(warnings), inputs)
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _recordings(folder: Path, scans: set[Path]) -> list[Path]:
@@ -141,11 +196,15 @@ def _is_timing(path: Path) -> bool:
     )
 
 
+def _timing_of(path: Path) -> Path | None:
+    beside = {other.suffix.lower(): other for other in path.parent.glob(f"{escape(path.stem)}.*") if other != path}
+    return next((beside[ending] for ending in TIMINGS if ending in beside), None)
+
+
 def _phones(
     path: Path, duration_s: float, pronounce: Callable[[PhoneTrack], PhoneTrack] | None, warnings: list[str]
 ) -> tuple[Interval, ...]:
-    beside = {other.suffix.lower(): other for other in path.parent.glob(f"{path.stem}.*") if other != path}
-    timing = next((beside[ending] for ending in TIMINGS if ending in beside), None)
+    timing = _timing_of(path)
     if timing is None:
         return ()
     track = load_timings(timing)
@@ -182,6 +241,7 @@ class _Pose:
 class _Scan:
     file: str
     landmarks: dict[str, tuple[float, float, float]]
+    reference: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -231,12 +291,15 @@ def _setup(document: _Document, folder: Path) -> Setup:
         for name, place_mm in scan.landmarks.items():
             if not np.isfinite(place_mm).all():
                 raise wrong(f"got {place_mm}, expected finite numbers", "scan", index, "landmarks", name)
+    if sum(scan.reference for scan in document.scan) > 1:
+        raise wrong("got reference = true more than once, expected one reference", "scan")
     scans = []
-    for scan in document.scan:
+    for scan in sorted(document.scan, key=lambda scan: not scan.reference):
         surface, paint = load_painted(folder / scan.file)
         scans.append(Scan(scan.file, surface, scan.landmarks, paint))
     return Setup(
         points=document.points, head=document.head, neutral=document.neutral, fapu_mm=document.fapu_mm,
         poses=tuple(poses), held_phones=tuple(held_phones), scans=tuple(scans),
         language=document.language, licence=document.licence, attribution=document.attribution,
+        tracked=document.landmarks is not None,
     )  # fmt: skip

@@ -72,7 +72,7 @@ def displacements(track: MarkerTrack, labels: Sequence[str], reference: HeadRefe
 
 
 def choose_markers(
-    moved_mm: Array,
+    takes_mm: Sequence[Array],
     rest_mm: Array,
     wanted: int | Sequence[int] | None,
     *,
@@ -83,36 +83,78 @@ def choose_markers(
 
     Parameters
     ----------
-    moved_mm : (T, M, 3) mm
-        Displacements to learn from.
+    takes_mm : sequence of (T, M, 3) mm
+        Displacements of the takes to learn from.
     rest_mm : (M, 3) mm
     wanted : int or sequence of int, optional
         Their number (QR with swaps chooses them), or themselves; by default the cross-validated error sets the number.
     tolerance_mm : float
         Mean error that the choice of their number may leave.
     """
-    count = moved_mm.shape[1]
+    count = len(rest_mm)
     spread = spread_out(rest_mm, MAX_CANDIDATES, [0]) if count > MAX_CANDIDATES else np.arange(count)
-    candidates = moved_mm[:, spread]
-    square = gram(candidates)
+    candidates = [take[:, spread] for take in takes_mm]
+    square = np.sum([gram(take) for take in candidates], axis=0)
     if isinstance(wanted, Sequence):
         chosen, reason = np.array(wanted, np.intp), "asked for"
     else:
         factor = factorise_gram(square)
         k, reason = wanted, "asked for"
         if k is None:
-            parts = np.array_split(candidates, min(PIECES, max(2, len(candidates) // PIECES)))
+            parts = candidates
+            if len(parts) == 1:
+                parts = np.array_split(parts[0], min(PIECES, max(2, len(parts[0]) // PIECES)))
             sizes = range(1, min(MAX_K, len(spread) - 1, factor.rank()) + 1)
             k, reason = error_curve(parts, sizes, folds=min(FOLDS, len(parts)), rng=rng).choose_within(tolerance_mm)
         if not 1 <= k < len(spread):
             raise UsageError(f"markers: must be 1 to {len(spread) - 1} (fewer than the face has), got {k}")
         chosen = spread[search_swaps(square, select(factor, k)).primary]
-    return Choice(fit_weights(square, chosen) if len(spread) == count else _weights_of_all(moved_mm, chosen), reason)
+    return Choice(fit_weights(square, chosen) if len(spread) == count else _weights_of_all(takes_mm, chosen), reason)
 
 
-def _weights_of_all(moved_mm: Array, chosen: NDArray[np.intp]) -> MarkerSubset:
+def edit(
+    driving_mm: Array,
+    names: Sequence[str],
+    rate_hz: float,
+    *,
+    scale: Mapping[str, float] | None = None,
+    delay_s: Mapping[str, float] | None = None,
+) -> Array:
+    """Scale or delay single driving markers, as experiments on perception do.
+
+    Parameters
+    ----------
+    driving_mm : (T, k, 3) mm
+        Displacements from rest.
+    names : sequence of str
+        (k,).
+    scale : mapping of str to float, optional
+        Factor of a marker's displacement; 0 removes its motion.
+    delay_s : mapping of str to float, optional
+        A marker repeats its motion so much later, negative: earlier; its first or last position fills the rest.
+
+    Raises
+    ------
+    UsageError
+        If a marker does not drive the face.
+    """
+    edited, frames = driving_mm.copy(), np.arange(len(driving_mm), dtype=np.float64)
+    for option, values in (("scale", scale or {}), ("delay", delay_s or {})):
+        for name, value in values.items():
+            if name not in names:
+                raise UsageError(f"{option}: {name!r} does not drive the face; use one of {', '.join(names)}")
+            column = edited[:, names.index(name)]
+            if option == "scale":
+                column *= value
+            else:
+                at = frames - value * rate_hz
+                column[:] = np.stack([np.interp(at, frames, axis) for axis in column.T.copy()], axis=1)
+    return edited
+
+
+def _weights_of_all(takes_mm: Sequence[Array], chosen: NDArray[np.intp]) -> MarkerSubset:
     """Least-squares weights without the Gram matrix of all points, which may be thousands."""
-    flat = np.swapaxes(moved_mm, 1, 2).reshape(-1, moved_mm.shape[1])
+    flat = np.concatenate([np.swapaxes(take, 1, 2).reshape(-1, take.shape[1]) for take in takes_mm])
     driving = flat[:, chosen]
     weights = np.asarray(np.linalg.lstsq(driving, flat, rcond=None)[0], np.float64)
     weights[:, chosen] = np.eye(len(chosen))

@@ -7,29 +7,25 @@ from types import MappingProxyType
 import numpy as np
 
 from fapengine._arrays import Array
-from fapengine.errors import DataError, UsageError
-from fapengine.expressions import EXPRESSIONS, Expression
+from fapengine.errors import UsageError
+from fapengine.expressions import Expression
 from fapengine.geometry.smooth import low_pass
 from fapengine.laboratory.densify import DenseStudy, densify
-from fapengine.laboratory.phones import PhoneStudy, learn_context, spoken, study_phones
-from fapengine.laboratory.prepare import Displacements, Prepared
+from fapengine.laboratory.phones import PhoneStudy, learn_context, study_phones
+from fapengine.laboratory.predict import Prediction, Sentence, Takes, judge, say_sentence, targets_of
+from fapengine.laboratory.prepare import Prepared
 from fapengine.laboratory.selection import Selection, study_selection
 from fapengine.laboratory.setup import Setup
 from fapengine.laboratory.space import SpaceStudy, find_expressions, measure_fapu, study_space
-from fapengine.models.via_points import Reduction, reduction_curve
+from fapengine.models.via_points import Reduction, ViaPoints, extract_via_points, reduction_curve
 from fapengine.mpeg4.fapu import Fapu
-from fapengine.profiles import PhoneTarget, Profile
-from fapengine.trajectory.expression import Mood, mood_ramps
-from fapengine.trajectory.ramps import sample_ramps
-from fapengine.trajectory.targets import weights_of
+from fapengine.profiles import Profile
 
 TAKES_TO_SPLIT = 5
 """Number of takes below which none is held out."""
 VIA_TOLERANCES_MM = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0)
-VIA_FRAMES = 600
-LIPS = (*(f"8.{n}" for n in range(1, 9)), *(f"2.{n}" for n in range(2, 10)))
-MIDDLE_OF_LIPS = (("2.2", "2.3"), ("8.1", "8.2"))
-"""Middle of the upper and the lower lip; the inner contour is preferred."""
+VIA_FRAMES, VIA_SHOWN_MM = 600, 0.5
+"""Frames of a take that are reduced at most, and the bound of the via points that the report shows."""
 
 STEPS = (
     "head motion and gaps",
@@ -42,9 +38,6 @@ STEPS = (
     "profile",
 )
 """Steps of :func:`fit_session`, in order."""
-
-MOOD = Mood(Expression.JOY, 0.6)
-"""Expression in the report's figure of components."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,22 +62,15 @@ class FitOptions:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Prediction:
-    """Prediction of held-out takes from their phones alone, by a profile of the other takes."""
+class ViaStudy:
+    """A take as via points: paper 004, "Interpolation"."""
 
-    lips_mm: float
-    """Mean distance of the lip points from the recorded ones."""
-    mean_pose_mm: float
-    """The same for the mean pose: the score of a face that does not move."""
-    opening_r: float
-    opening_slope: float
-    opening_mm: tuple[Array, Array]
-    """Captured and predicted opening of the first take."""
-    components: tuple[Array, Array, Array]
-    """Weights of the space in the first take, (T, K) each: captured, predicted, predicted with :data:`MOOD`."""
     take: str
-    context: bool = False
-    """True if targets depend on neighbours, which predicted better than one target for each phone."""
+    motion_mm: Array
+    """(T, M, 3): displacements, low-passed at 12 Hz."""
+    points: ViaPoints
+    """Via points of the motion with a bound of :data:`VIA_SHOWN_MM`."""
+    curve: tuple[Reduction, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -98,12 +84,16 @@ class Fitted:
     space: SpaceStudy
     phones: Mapping[str, PhoneStudy]
     prediction: Prediction | None
-    reduction: tuple[Reduction, ...]
+    sentence: Sentence
+    via: ViaStudy | None
+    """None if all takes are too short."""
     dense: DenseStudy | None
     borrowed: tuple[Expression, ...]
     """Expressions that come from the standard profile."""
     profile: Profile
     warnings: tuple[str, ...]
+    tracked: bool
+    """True if the points were tracked in videos."""
 
 
 def fit_session(
@@ -153,6 +143,7 @@ def fit_session(
     space = replace(
         study_space(prepared, prepared.takes, (), modes=judged.space.mode_count, variance=1.0),
         error_mm=judged.error_mm,
+        error_by_take_mm=judged.error_by_take_mm,
         error_from_mean_mm=judged.error_from_mean_mm,
     )
     fapu, guessed = measure_fapu(prepared, setup, face_fapu)
@@ -162,26 +153,25 @@ def fit_session(
     notes += _notes(space, guessed, phones, strange, [expression.label for expression in borrowed], standard.id)
     profile = Profile(
         id=profile_id, language=setup.language, licence=setup.licence, origin=origin, fapu=fapu,
-        space=space.space, phones=_targets(phones), expressions=MappingProxyType(dict(expressions)),
+        space=space.space, phones=targets_of(phones), expressions=MappingProxyType(dict(expressions)),
     )  # fmt: skip
     on_step(STEPS[4])
-    prediction = _judge(training, held_out, prepared, setup, replace(profile, space=judged.space))
+    prediction = judge(training, held_out, prepared, setup, replace(profile, space=judged.space))
     on_step(STEPS[5])
-    reduction = _reduce(held_out or training, prepared)
+    via = _reduce(held_out or training, prepared)
     on_step(STEPS[6])
     dense = densify(prepared, setup, modes=min(8, space.space.mode_count)) if setup.scans else None
+    notes += dense.warnings if dense else []
     on_step(STEPS[7])
     if prediction is not None and prediction.context:
         profile = replace(profile, context=learn_context(prepared.takes, prepared, space.space, profile.phones))
     evidence = _evidence(prepared, space, prediction, len(training), len(held_out))
     return Fitted(
         prepared=prepared, held_out=tuple(take.name for take in held_out), selection=selection, space=space,
-        phones=phones, prediction=prediction, reduction=reduction, dense=dense, borrowed=borrowed,
+        phones=phones, prediction=prediction, sentence=say_sentence(profile), via=via, dense=dense, borrowed=borrowed,
         profile=replace(profile, origin=MappingProxyType({**origin, **evidence})), warnings=tuple(notes),
+        tracked=setup.tracked,
     )  # fmt: skip
-
-
-Takes = tuple[Displacements, ...]
 
 
 def _split(
@@ -227,67 +217,14 @@ def _notes(
     return notes
 
 
-def _judge(training: Takes, held_out: Takes, prepared: Prepared, setup: Setup, profile: Profile) -> Prediction | None:
-    """Predict held-out takes with phones of the others in a profile's space, with a context model if that is better."""
-    if not any(take.phones for take in held_out):
-        return None
-    studies, _ = study_phones(training, prepared, profile.space, setup.held_phones)
-    profile = replace(profile, phones=_targets(studies))
-    prediction = _predict(held_out, prepared, profile)
-    context = learn_context(training, prepared, profile.space, profile.phones)
-    if context is None:
-        return prediction
-    better = _predict(held_out, prepared, replace(profile, context=context))
-    return replace(better, context=True) if better.lips_mm < prediction.lips_mm else prediction
-
-
-def _predict(takes: Takes, prepared: Prepared, profile: Profile) -> Prediction:
-    lips = tuple(point for point in LIPS if point in prepared.named)
-    columns = [profile.space.points.index(point) for point in lips]
-    guesses, truths, planned = [], [], []
-    for take in takes:
-        times = np.arange(len(take.moved_mm)) / prepared.rate_hz
-        phones = spoken(take)
-        planned.append(weights_of(phones, profile, times))
-        guesses.append(profile.space.to_points_mm(planned[-1])[:, columns])
-        truths.append(prepared.pick(lips, take))
-    guess, truth = np.concatenate(guesses), np.concatenate(truths)
-    middle = next((pair for pair in MIDDLE_OF_LIPS if set(pair) <= set(lips)), None)
-    if middle is None:
-        raise DataError("lips: middle points are missing; requires markers 8.1 and 8.2, or 2.2 and 2.3")
-    upper, lower = (lips.index(point) for point in middle)
-    captured, predicted = (a[:, upper, 1] - a[:, lower, 1] for a in (truth, guess))
-    first = len(truths[0])
-    times_s = np.arange(first) / prepared.rate_hz
-    ramps = mood_ramps([MOOD], profile, first / prepared.rate_hz)  # as figures 6 and 7 of paper 001
-    level = sample_ramps(np.zeros(len(EXPRESSIONS)), ramps, times_s)[EXPRESSIONS.index(MOOD.expression)]
-    is_moving = np.ptp(captured) > 0 and np.ptp(predicted) > 0
-    return Prediction(
-        lips_mm=float(np.linalg.norm(guess - truth, axis=-1).mean()),
-        mean_pose_mm=float(np.linalg.norm(truth - truth.mean(axis=0), axis=-1).mean()),
-        opening_r=float(np.corrcoef(captured, predicted)[0, 1]) if is_moving else 0.0,
-        opening_slope=float(np.polyfit(captured, predicted, 1)[0]) if is_moving else 0.0,
-        opening_mm=(captured[:first], predicted[:first]),
-        components=(
-            profile.space.to_space(prepared.pick(profile.space.markers, takes[0])),
-            planned[0],
-            planned[0] + level[:, None] * profile.expressions[MOOD.expression].target,
-        ),
-        take=takes[0].name,
-    )
-
-
-def _reduce(takes: Takes, prepared: Prepared) -> tuple[Reduction, ...]:
+def _reduce(takes: Takes, prepared: Prepared) -> ViaStudy | None:
     longest = max(takes, key=lambda take: len(take.moved_mm))
     frames = longest.moved_mm[:VIA_FRAMES]
     if len(frames) < 16:
-        return ()
+        return None
     smooth = low_pass(frames.astype(np.float64), prepared.rate_hz, min(12.0, 0.45 * prepared.rate_hz))
-    return tuple(reduction_curve(smooth, prepared.rate_hz, VIA_TOLERANCES_MM))
-
-
-def _targets(studies: Mapping[str, PhoneStudy]) -> Mapping[str, PhoneTarget]:
-    return MappingProxyType({name: study.target for name, study in studies.items()})
+    curve = tuple(reduction_curve(smooth, prepared.rate_hz, VIA_TOLERANCES_MM))
+    return ViaStudy(longest.name, smooth, extract_via_points(smooth, prepared.rate_hz, VIA_SHOWN_MM), curve)
 
 
 def _evidence(
@@ -303,9 +240,10 @@ def _evidence(
         f" {space.space.marker_count} markers",
     }
     if prediction is not None:
+        score = prediction.whole
         entries["held_out"] = (
-            f"lips {prediction.lips_mm:.2f} mm (mean pose {prediction.mean_pose_mm:.2f}),"
-            f" opening r {prediction.opening_r:.2f}, slope {prediction.opening_slope:.2f};"
+            f"lips {score.lips_mm.value:.2f} mm (mean pose {score.mean_pose_mm.value:.2f}),"
+            f" opening r {score.opening_r.value:.2f}, slope {score.opening_slope.value:.2f};"
             f" {'targets depend on neighbours' if prediction.context else 'one look for each phone'}"
         )
     return entries

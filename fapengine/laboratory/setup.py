@@ -69,7 +69,7 @@ class Scan:
     landmarks: Mapping[str, tuple[float, float, float]]
     """Positions of markers (by label or feature point) on it, mm, in the scan's own space."""
     paint: Paint | None = None
-    """Its colours, where the file has any; only the first scan's are kept."""
+    """Its colours, where the file has any; only the reference's are kept."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,6 +78,8 @@ class Setup:
 
     points: Mapping[str, str] = field(default_factory=dict)
     """Marker label to feature point; markers that bear a feature point's name need no entry."""
+    tracked: bool = False
+    """True if the markers are landmarks of a video tracker."""
     head: tuple[str, ...] = ()
     """Markers that only follow the skull (head band, forehead, nose bridge); empty: head motion is already removed."""
     neutral: Moment | None = None
@@ -88,7 +90,7 @@ class Setup:
     held_phones: tuple[HeldPhone, ...] = ()
     """Used for phones with too few tokens for a median."""
     scans: tuple[Scan, ...] = ()
-    """The first is the reference, whose vertices all others get; preferably the neutral pose."""
+    """The first is the reference, whose vertices all others get; best with lips apart, as the paper's /a/."""
     language: str = "und"
     licence: str = ""
     attribution: str = ""

@@ -43,6 +43,8 @@ class SpaceStudy:
     error_mm: Array
     """(3M,): mean marker distance of takes that the components were not learned from, with 1, 2, ... of them; empty if
     no take was left out."""
+    error_by_take_mm: Mapping[str, Array]
+    """The same of each of these takes."""
     error_from_mean_mm: Array
     """(3M,): the same, with components about the mean pose, as in other tools, not the neutral one."""
     dimensions: int
@@ -81,11 +83,12 @@ def study_space(
     if not 1 <= kept <= 3 * count:
         raise DataError(f"modes: must be 1 to {3 * count} (three for each marker), got {kept}", where=prepared.subject)
     deviations = whole.to_space(frames[:, :count]).std(axis=0)
-    error = from_mean = np.zeros(0)
+    error, from_mean, by_take = np.zeros(0), np.zeros(0), {}
     if held_out:
         truth = prepared.pick(markers, *held_out)
         vectors = whole.modes_mm[:, :count].reshape(3 * count, -1)
         error, from_mean = _errors(vectors, truth), _errors(vectors, truth - frames[:, :count].mean(axis=0))
+        by_take = {take.name: _errors(vectors, prepared.pick(markers, take)) for take in held_out}
     space, borrowed = _complete(replace(whole, modes_mm=whole.modes_mm[:kept]), prepared.subject)
     return SpaceStudy(
         space=space,
@@ -93,6 +96,7 @@ def study_space(
         spread_mm=deviations[:kept],
         names=tuple(name_components(space.modes_mm[:, :count], markers)),
         error_mm=error,
+        error_by_take_mm=by_take,
         error_from_mean_mm=from_mean,
         dimensions=int((deviations > 1e-3 * deviations[0]).sum()),
         borrowed=borrowed,

@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fapengine._arrays import Array, Indices, Mask, freeze, frozen
+from fapengine._strict_toml import checked
 from fapengine.errors import UsageError
 
 if TYPE_CHECKING:
@@ -49,6 +50,9 @@ class ViaPoints:
     positions_mm: Array
     """(N, M, 3)."""
 
+    def __len__(self) -> int:
+        return len(self.times_s)
+
     def __post_init__(self) -> None:
         freeze(self, times_s=("N",), positions_mm=("N", "M", 3))
         if len(self.times_s) < MIN_POINTS or (np.diff(self.times_s) <= 0).any():
@@ -59,6 +63,10 @@ class ViaPoints:
         times = np.clip(np.asarray(times_s, dtype=np.float64), self.times_s[0], self.times_s[-1])
         flat = self.positions_mm.reshape(len(self.times_s), -1)
         return natural_spline(self.times_s, flat)(times).reshape(len(times), -1, 3)
+
+    def frames(self, rate_hz: float) -> Array:
+        """(T, M, 3) mm: the curve at a frame rate, from 0 s to the last point."""
+        return self.sample(np.arange(int(self.times_s[-1] * rate_hz + 1e-9) + 1) / rate_hz)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,6 +82,7 @@ class Reduction:
     max_mm: float
 
 
+@checked
 def extract_via_points(positions_mm: ArrayLike, rate_hz: float, tolerance_mm: float) -> ViaPoints:
     """Find few frames with a minimum-jerk curve that keeps every marker of every frame within ``tolerance_mm``.
 
@@ -85,6 +94,16 @@ def extract_via_points(positions_mm: ArrayLike, rate_hz: float, tolerance_mm: fl
         Frame rate; the first frame is at 0 s.
     tolerance_mm : float
         The paper's error criterion: largest distance.
+
+    Returns
+    -------
+    ViaPoints
+        ``times_s`` (N,) s and ``positions_mm`` (N, M, 3); ``frames(rate_hz)`` gives the motion at any rate.
+
+    Raises
+    ------
+    UsageError
+        If the frames are too few, or rate or tolerance not positive.
     """
     positions = frozen(positions_mm, "positions_mm", ("T", "M", 3), np.float64)
     if len(positions) < MIN_POINTS:

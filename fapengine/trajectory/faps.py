@@ -101,6 +101,6 @@ class Composer:
         faps = (self._lift @ weights).T
         faps += give_way(overlay.expression, layer[ROUND]).T
         held[2] *= np.minimum(1.0, self._style.jaw_gain * overlay.jaw)
-        settled = settle(faps, held)
+        settled = faps if self._style.method == "published" else settle(faps, held)
         settled += overlay.gestures.T
         return settled

@@ -4,7 +4,8 @@
 segments. ``paper`` is paper 001: a phone's median at 30 % and a cubic spline. ``minimum-jerk`` puts the spline of paper
 004 through the same keyframes: degree 5, C4, the least squared jerk. Such splines swing far beyond their keys where a
 long phone is next to short ones, so both are bounded (:func:`_bounded`); between 0.25 and 0.75 of a range the bound
-is soft, and C2.
+is soft, and C2. ``published`` is paper 001 without what we added: one key for each phone (:func:`as_published`), no
+bound, no phonetic layer, and no contacts (:meth:`.faps.Composer.faps`). It is for comparison: lips may stay open.
 
 ``dominance`` is Cohen and Massaro's coarticulation (Models and Techniques in Computer Animation, 1993; here with one
 rate for all): the path is the mean of all targets, weighted by dominances ``exp(-rate |t - centre|)``. For comparison:
@@ -13,12 +14,15 @@ before and after a moment are recursions, so the work is linear in the length.
 """
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import lru_cache
 from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.geometry.smooth import soft_positive
+from fapengine.profiles import Profile
 from fapengine.speaking import Method
 from fapengine.trajectory import hermite
 from fapengine.trajectory.phonetics import WIDTH
@@ -70,11 +74,15 @@ def _quintic(keys: Keyframes, times_s: Array) -> Array:
     return hermite.paths(*keys, 1)[0].sample(times_s)
 
 
-def _paper(keys: Keyframes, times_s: Array) -> Array:
+def _published(keys: Keyframes, times_s: Array) -> Array:
     from scipy.interpolate import CubicSpline
 
     spline = CubicSpline(keys.times_s, keys.weights, bc_type="clamped")
-    return _bounded(spline(np.clip(times_s, keys.times_s[0], keys.times_s[-1])), keys, times_s)
+    return spline(np.clip(times_s, keys.times_s[0], keys.times_s[-1]))
+
+
+def _paper(keys: Keyframes, times_s: Array) -> Array:
+    return _bounded(_published(keys, times_s), keys, times_s)
 
 
 def _minimum_jerk(keys: Keyframes, times_s: Array) -> Array:
@@ -100,9 +108,19 @@ def _bounded(path: Array, keys: Keyframes, times_s: Array) -> Array:
 
 
 SPLINES: Mapping[Method, Callable[[Keyframes, Array], Array]] = MappingProxyType(
-    {"context": _quintic, "paper": _paper, "minimum-jerk": _minimum_jerk}
+    {"context": _quintic, "paper": _paper, "published": _published, "minimum-jerk": _minimum_jerk}
 )
 """Keyframes of one track, times in s (T,) -> weights (T, K)."""
+
+
+@lru_cache(maxsize=16)
+def as_published(profile: Profile) -> Profile:
+    """Keep the first key of each phone, and no context model."""
+    phones = {
+        name: replace(phone, fractions=phone.fractions[:1], targets=phone.targets[:1])
+        for name, phone in profile.phones.items()
+    }
+    return replace(profile, phones=MappingProxyType(phones), context=None)
 
 
 def sample_path(method: Method, keys: SpeechKeys, times_s: Array) -> Array:
@@ -112,8 +130,11 @@ def sample_path(method: Method, keys: SpeechKeys, times_s: Array) -> Array:
     """
     if not keys.rests:
         return np.zeros((len(times_s), keys.targets.shape[1]))
-    if method != "dominance":
-        return SPLINES[method](keys.keyframes(), times_s)
-    path = dominance(keys, times_s)
-    path[:, -WIDTH:] = dominance(keys, times_s, PHONETIC_RATE_HZ)[:, -WIDTH:]
+    if method == "dominance":
+        path = dominance(keys, times_s)
+        path[:, -WIDTH:] = dominance(keys, times_s, PHONETIC_RATE_HZ)[:, -WIDTH:]
+        return path
+    path = SPLINES[method](keys.keyframes(), times_s)
+    if method == "published":
+        path[:, -WIDTH:] = 0.0
     return path

@@ -32,7 +32,7 @@ from fapengine.trajectory.closures import Holds, held, holds_of
 from fapengine.trajectory.expression import Mood, expression_faps, mood_ramps
 from fapengine.trajectory.faps import Composer, Overlay
 from fapengine.trajectory.gestures import gestures_of
-from fapengine.trajectory.methods import sample_path
+from fapengine.trajectory.methods import as_published, sample_path
 from fapengine.trajectory.ramps import Ramp, sample_ramps
 from fapengine.trajectory.style import Style as Style
 from fapengine.trajectory.targets import REST_MARGIN_S, keys_of
@@ -90,7 +90,8 @@ def plan(
     times_s = np.arange(max(1, round(end_s * rate_hz))) / rate_hz
     moods = [Mood(*item) for item in expressions.items()] if isinstance(expressions, Mapping) else expressions
 
-    keys = keys_of(phones, profile, context=style.context)
+    spoken = as_published(profile) if style.method == "published" else profile
+    keys = keys_of(phones, spoken, context=style.context)
     path = sample_path(style.method, keys, times_s)
     levels = sample_ramps(np.zeros(len(EXPRESSIONS)), mood_ramps(moods, profile, end_s), times_s)
     holds, composer = Holds(holds_of(keys.said[0])), Composer(profile, style)

@@ -1,13 +1,16 @@
 """The figures of a fit's report, drawn with matplotlib; each function returns one as SVG."""
 
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.files.report.parts import COOL, FAINT, GREEN, INK, WARM, name_phones, new_figure, to_svg
+from fapengine.files.report.sliders import INNER, OUTER
 from fapengine.laboratory.densify import DenseStudy
-from fapengine.laboratory.fit import MOOD, Fitted
+from fapengine.laboratory.fit import Fitted, ViaStudy
+from fapengine.laboratory.predict import SENTENCE_RATE_HZ
 from fapengine.laboratory.prepare import Prepared
 from fapengine.laboratory.selection import Selection
 
@@ -16,7 +19,9 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 COMPONENTS = 4
-"""Components that the figure of a sentence shows."""
+"""Components that figures over time show."""
+VIA_S = 1.5
+"""Length of the path that the figure of via points shows, as in paper 004."""
 
 MODES_SHOWN, ARROW_MM = 8, 14.0
 """Components that the figure of components shows, and the length of its longest arrow."""
@@ -86,7 +91,7 @@ def regions(prepared: Prepared, selection: Selection) -> bytes:
         plot.imshow(seen, origin="lower", extent=extent, cmap="RdBu_r", vmin=-1, vmax=1)
         plot.scatter(x, y, s=2, color=INK)
         plot.scatter(x[marker], y[marker], s=40, facecolors="none", edgecolors="black")
-        plot.set_title(prepared.points[marker] or prepared.labels[marker], fontsize=8)
+        plot.set_title(_name(prepared, marker), fontsize=8)
     for plot in axes:
         _bare(plot)
     return to_svg(figure)
@@ -166,39 +171,112 @@ def prediction(fitted: Fitted) -> bytes:
     times = np.arange(len(captured)) / fitted.prepared.rate_hz
     axes.plot(times, captured, color=INK, label="captured")
     axes.plot(times, predicted, color=WARM, label="from its phones alone")
-    take = next(take for take in fitted.prepared.takes if take.name == fitted.prediction.take)
+    take = next(take for take in fitted.prepared.takes if take.name == fitted.prediction.by_take[0].take)
     name_phones(axes, [(p.label, p.start_s, p.end_s) for p in take.phones if p.label != "_"], fontsize=8)
     axes.set(xlabel="s", ylabel="opening against rest, mm")
     axes.legend(frameon=False, fontsize=8)
     return to_svg(figure)
 
 
-def sentence(fitted: Fitted) -> bytes:
-    """Draw the first components of one held-out take: captured, planned, and planned with an expression."""
+def components_of_take(fitted: Fitted) -> bytes:
+    """Draw the first components of one held-out take: captured, and planned from its phones."""
     assert fitted.prediction is not None
-    captured, planned, moody = fitted.prediction.components
+    captured, planned = fitted.prediction.components
     shown = min(COMPONENTS, captured.shape[1])
-    figure, plots = new_figure(9.0, 1.5 * shown, rows=shown, sharex=True)
-    times = np.arange(len(captured)) / fitted.prepared.rate_hz
-    for number, axes in enumerate(plots):
-        axes.plot(times, captured[:, number], color=INK, label="captured")
-        axes.plot(times, planned[:, number], color=WARM, label="from its phones alone")
-        axes.plot(times, moody[:, number], color=COOL, label=f"with {MOOD.expression.name.lower()} {MOOD.strength:g}")
-        axes.set(ylabel=f"component {number + 1}")
-    plots[0].legend(frameon=False, fontsize=8, ncols=3)
+    lines = {"captured": (captured, INK), "from its phones alone": (planned, WARM)}
+    return _components_over_time(lines, range(shown), fitted.prepared.rate_hz)
+
+
+def sentence(fitted: Fitted) -> bytes:
+    """Draw the components of the paper's own sentence, with joy and with sadness: figures 5 to 7 of paper 001."""
+    study = fitted.sentence
+    colours = dict(zip(study.moods, (WARM, COOL), strict=False))
+    lines = {"no expression": (study.plain, INK)}
+    lines |= {f"with {mood.label}": (path, colours[mood]) for mood, path in study.moods.items()}
+    shown = sorted({*range(min(COMPONENTS, study.plain.shape[1])), *study.dominant.values()})
+    phones = [(phone.label, phone.start_s, phone.end_s) for phone in study.phones.phones if not phone.is_silence]
+    return _components_over_time(lines, shown, SENTENCE_RATE_HZ, phones)
+
+
+def _components_over_time(
+    lines: Mapping[str, tuple[Array, str]],
+    shown: Iterable[int],
+    rate_hz: float,
+    phones: Sequence[tuple[str, float, float]] = (),
+) -> bytes:
+    """Draw some components of paths, (T, K) and a colour each, one above the other."""
+    shown = list(shown)
+    figure, plots = new_figure(9.0, 1.5 * len(shown), rows=len(shown), sharex=True)
+    for component, axes in zip(shown, plots, strict=True):
+        for label, (path, colour) in lines.items():
+            axes.plot(np.arange(len(path)) / rate_hz, path[:, component], color=colour, label=label)
+        axes.set(ylabel=f"PC {component + 1}, mm")
+    name_phones(plots[0], phones, fontsize=8)
+    figure.legend(*plots[0].get_legend_handles_labels(), loc="outside upper left", frameon=False, fontsize=8, ncols=3)
     plots[-1].set(xlabel="s")
     return to_svg(figure)
 
 
-def reduction(fitted: Fitted) -> bytes:
+def reduction(via: ViaStudy) -> bytes:
     """Draw the error of via points by their number per frame."""
     figure, (axes,) = new_figure(4.6, 3.0)
-    x, largest, mean = np.array([(100 * trial.share, trial.max_mm, trial.mean_mm) for trial in fitted.reduction]).T
+    x, largest, mean = np.array([(100 * trial.share, trial.max_mm, trial.mean_mm) for trial in via.curve]).T
     axes.plot(x, largest, "o-", color=WARM, label="largest")
     axes.plot(x, mean, "o-", color=COOL, label="mean")
     axes.set(xlabel="via points, % of frames", ylabel="error, mm", ylim=(0, None))
     axes.legend(frameon=False)
     return to_svg(figure)
+
+
+def via_path(prepared: Prepared, via: ViaStudy) -> bytes:
+    """Draw two coordinates of the marker that moves most, and its path through via points: figure 4 of paper 004."""
+    last = min(len(via.motion_mm), round(VIA_S * prepared.rate_hz))
+    marker = int(via.motion_mm.std(axis=0).sum(axis=-1).argmax())
+    fine = np.arange(0.0, (last - 1) / prepared.rate_hz, 0.005)
+    inside = via.points.times_s <= fine[-1]
+    figure, plots = new_figure(9.0, 4.0, rows=2, sharex=True)
+    for axis, plot in zip((1, 2), plots, strict=True):
+        plot.plot(
+            np.arange(last) / prepared.rate_hz, via.motion_mm[:last, marker, axis], ".", color=FAINT, markersize=4
+        )
+        plot.plot(fine, via.points.sample(fine)[:, marker, axis], color=COOL, linewidth=1.2)
+        plot.plot(
+            via.points.times_s[inside], via.points.positions_mm[inside, marker, axis], "o", color=WARM, markersize=5
+        )
+        plot.set(ylabel=f"{'up' if axis == 1 else 'forward'}, mm")
+    names = ("captured frames", "recovered path", "via points")
+    figure.legend(plots[0].lines, names, loc="outside upper left", frameon=False, fontsize=8, ncols=3)
+    plots[0].set_title(f"marker {_name(prepared, marker)}, take {via.take}", fontsize=9)
+    plots[1].set(xlabel="s")
+    return to_svg(figure)
+
+
+def via_faces(prepared: Prepared, via: ViaStudy) -> bytes:
+    """Draw three via points in a row, and the faces half-way between them: figure 5 of paper 004."""
+    times, keyed = via.points.times_s, via.points.positions_mm
+    first = int(np.linalg.norm(keyed[2:] - keyed[:-2], axis=-1).sum(axis=1).argmax())
+    one, two, three = times[first : first + 3]
+    shown = (one, (one + two) / 2, two, (two + three) / 2, three)
+    places = prepared.neutral_mm + via.points.sample(shown)
+    rings = [
+        [prepared.points.index(point) for point in (*ring, ring[0])]
+        for ring in (OUTER, INNER)
+        if set(ring) <= set(prepared.points)
+    ]
+    figure, plots = new_figure(2.0 * len(shown), 2.9, 1, len(shown), sharex=True, sharey=True)
+    for number, (plot, face, time_s) in enumerate(zip(plots, places, shown, strict=True)):
+        colour = COOL if number % 2 else WARM
+        plot.scatter(places[0, :, 0], places[0, :, 1], s=6, color=FAINT)
+        plot.scatter(face[:, 0], face[:, 1], s=8, color=colour)
+        for ring in rings:
+            plot.plot(face[ring, 0], face[ring, 1], color=colour, linewidth=1)
+        plot.set_title(f"{'via point, ' if colour == WARM else ''}{time_s:.3f} s", fontsize=8, color=colour)
+        _bare(plot)
+    return to_svg(figure)
+
+
+def _name(prepared: Prepared, marker: int) -> str:
+    return prepared.points[marker] or prepared.labels[marker]
 
 
 def gaps(prepared: Prepared) -> bytes:

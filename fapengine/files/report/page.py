@@ -7,7 +7,8 @@ import numpy as np
 
 from fapengine.files.report import figures
 from fapengine.files.report.parts import Grade, page, picture, table, verdict
-from fapengine.laboratory.fit import Fitted
+from fapengine.laboratory.fit import VIA_SHOWN_MM, Fitted
+from fapengine.laboratory.predict import PIECE_S, SENTENCE, Estimate
 
 UNCERTAINTY = (
     "Points from a video tracker are themselves uncertain by about 0.7 mm on the lips, and their depth is inferred:"
@@ -48,7 +49,7 @@ def write_report(fitted: Fitted) -> bytes:
             + [("phones", str(len(profile.phones))), ("expressions", ", ".join(expressions) or "none")],
         ),
         _warnings(fitted.warnings),
-        f'<p class="note">{UNCERTAINTY}</p>',
+        f'<p class="note">{UNCERTAINTY}</p>' if fitted.tracked else "",
         "<h2>Markers</h2>",
         picture(figures.markers(studied, fitted.selection), "The neutral pose, seen from the front."),
         *_gaps(fitted),
@@ -66,13 +67,14 @@ def _verdict(fitted: Fitted) -> str:
     told = f" There {'is 1 warning' if warnings == 1 else f'are {warnings} warnings'} below." if warnings else ""
     if study is None:
         return verdict("", f"No take with phones was held out, so nothing says how well it speaks.{told}")
-    share = study.lips_mm / study.mean_pose_mm if study.mean_pose_mm else 1.0
+    lips, still, opening = study.whole.lips_mm, study.whole.mean_pose_mm, study.whole.opening_r
+    share = lips.value / still.value if still.value else 1.0
     grades: tuple[tuple[Grade, float, float], ...] = (("good", *GOOD), ("fair", *FAIR))
-    grade: Grade = next((name for name, r, most in grades if study.opening_r >= r and share <= most), "poor")
+    grade: Grade = next((name for name, r, most in grades if opening.value >= r and share <= most), "poor")
     return verdict(
         grade,
-        f"From the phones of takes that it never saw, its lips come within {study.lips_mm:.2f} mm (a face that keeps"
-        f" its mean pose: {study.mean_pose_mm:.2f} mm), and their opening follows with r = {study.opening_r:.2f}. The"
+        f"From the phones of takes that it never saw, its lips come within {lips.value:.2f} mm (a face that keeps"
+        f" its mean pose: {still.value:.2f} mm), and their opening follows with r = {opening.value:.2f}. The"
         f" profile that comes with fapengine: {SHIPPED[study.context]}.{told}",
     )
 
@@ -179,33 +181,63 @@ def _prediction(fitted: Fitted) -> list[str]:
     if study is None:
         parts.append("<p>Not judged: no take with phones was held out.</p>")
     else:
-        parts += [
-            table(
-                ("held-out takes from their phones alone", ""),
-                [
-                    ("mean lip error, mm", study.lips_mm),
-                    ("the same for a face that keeps its mean pose, mm", study.mean_pose_mm),
-                    ("opening, correlation", study.opening_r),
-                    ("opening, slope", study.opening_slope),
-                ],
-                "s .2f",
-            ),
-            picture(figures.prediction(fitted), f"Take {escape(study.take)}."),
-            picture(figures.sentence(fitted), "The same take in the space; an expression is added to its path."),
-        ]
-    if fitted.reduction:
         rows = [
-            (trial.tolerance_mm, trial.point_count, 100 * trial.share, trial.mean_mm, trial.max_mm)
-            for trial in fitted.reduction
+            (score.take, *map(_spell, (score.lips_mm, score.mean_pose_mm, score.opening_r, score.opening_slope)))
+            for score in (study.whole, *study.by_take)
         ]
+        header = ("held-out take", "lips, mm", "mean pose, mm", "opening, r", "opening, slope")
+        first = escape(study.by_take[0].take)
         parts += [
-            "<h2>Via points</h2>",
-            picture(
-                figures.reduction(fitted), "The longest held-out take, low-passed at 12 Hz, as minimum-jerk splines."
-            ),
-            table(("bound, mm", "points", "% of frames", "mean, mm", "largest, mm"), rows, "g d .0f .2f .2f"),
+            table(header, rows, marked="all"),
+            f"<p>In brackets: 95 % intervals by bootstrap over pieces of {PIECE_S:g} s of a take, and over takes.</p>",
+            picture(figures.prediction(fitted), f"Take {first}. Contacts are made later, on FAPs: this path has none."),
+            picture(figures.components_of_take(fitted), "The same take in the space."),
         ]
-    return parts
+    return [*parts, *_sentence(fitted), *_via(fitted)]
+
+
+def _spell(estimate: Estimate) -> str:
+    return f"{estimate.value:.2f} ({estimate.low:.2f} to {estimate.high:.2f})"
+
+
+def _sentence(fitted: Fitted) -> list[str]:
+    study, names = fitted.sentence, fitted.space.names
+    moved = [
+        f"{mood.label} moves component {index + 1} ({names[index].name}) most"
+        f"{', as borrowed from the standard profile' if mood in fitted.borrowed else ''}"
+        for mood, index in study.dominant.items()
+    ]
+    return [
+        "<h2>A sentence with expressions</h2>",
+        picture(
+            figures.sentence(fitted),
+            f"“{SENTENCE}” as paper 001 plans it: one key for each phone, a cubic spline, no contacts; expressions at"
+            f" full strength are added. Of them, {escape('; '.join(moved))}.",
+        ),
+    ]
+
+
+def _via(fitted: Fitted) -> list[str]:
+    via = fitted.via
+    if via is None:
+        return []
+    rows = [
+        (trial.tolerance_mm, trial.point_count, 100 * trial.share, trial.mean_mm, trial.max_mm) for trial in via.curve
+    ]
+    count, frames = len(via.points.times_s), len(via.motion_mm)
+    return [
+        "<h2>Via points</h2>",
+        picture(
+            figures.via_path(fitted.prepared, via),
+            f"The first {figures.VIA_S:g} s; {count} of {frames} frames keep every marker within {VIA_SHOWN_MM:g} mm.",
+        ),
+        picture(
+            figures.via_faces(fitted.prepared, via),
+            "The three via points that differ most, and the faces half-way between them; grey: the first.",
+        ),
+        picture(figures.reduction(via), "Low-passed at 12 Hz, as minimum-jerk splines."),
+        table(("bound, mm", "points", "% of frames", "mean, mm", "largest, mm"), rows, "g d .0f .2f .2f"),
+    ]
 
 
 def _dense(fitted: Fitted) -> list[str]:

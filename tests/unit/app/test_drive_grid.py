@@ -8,6 +8,7 @@ import pytest
 import trimesh
 from typer.testing import CliRunner
 
+from fapengine import lab
 from fapengine.capture.marker_track import MarkerTrack
 from fapengine.cli.main import app
 from fapengine.errors import DataError, UsageError
@@ -105,6 +106,36 @@ def test_a_mesh_is_moved_vertex_by_vertex(tmp_path):
     found = json.loads(run(*words))
     assert found["points"] == 400
     assert found["mean_mm"] < 0.02 * found["still_mm"]
+
+
+def test_a_session_drives_and_its_markers_are_edited(talk, tmp_path):
+    """Of four takes the last is driven; a marker is scaled, delayed or removed, and no other."""
+    folder = tmp_path / "S"
+    folder.mkdir()
+    for number in range(4):
+        moved = mask(6, 7) + motion(mask(6, 7), 60, number)
+        save_markers(
+            folder / f"t{number}.npz",
+            MarkerTrack(positions_mm=moved, labels=tuple(f"m{n}" for n in range(42)), rate_hz=RATE_HZ),
+        )
+    words = ("drive", folder, "--markers", "m8,m1,m4", "-o", tmp_path / "out.npz", "--json")
+    found = json.loads(run(*words))
+    assert (found["learned_takes"], found["learned_frames"], found["driven_frames"]) == (3, 180, 60)
+    plain = load_markers(tmp_path / "out.npz").markers
+    run(*words, "--scale", "m8=1.5", "--delay", "m1=40ms", "--remove", "m4")
+    edited = load_markers(tmp_path / "out.npz").markers
+    moved, changed = (track.positions_mm - plain.positions_mm[:1] for track in (plain, edited))
+    np.testing.assert_allclose(changed[:, 8], 1.5 * moved[:, 8], atol=1e-4)
+    np.testing.assert_allclose(changed[2:, 1], moved[:-2, 1], atol=1e-4)
+    np.testing.assert_allclose(changed[:, 4], 0.0, atol=1e-4)
+    driven = lab.drive(lab.read(folder), options=lab.DriveOptions(markers=("m8", "m1", "m4"), scale={"m8": 1.5}))
+    assert driven.driving == ("m8", "m1", "m4")
+    np.testing.assert_allclose(driven.driving_mm[:, 0], 1.5 * driven.recorded_mm[:, 8], atol=1e-9)
+    for option, text, message in (
+        ("--scale", "m5=2", "'m5' does not drive the face"), ("--delay", "m8=soon", "must be NAME=NUMBERms"),
+    ):  # fmt: skip
+        with pytest.raises(UsageError, match=message):
+            run(*words, option, text)
 
 
 def test_what_cannot_drive_is_told(talk, tmp_path):

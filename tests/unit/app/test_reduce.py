@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+from fapengine import lab
 from fapengine.capture.marker_track import MarkerTrack
 from fapengine.cli.main import app
 from fapengine.errors import DataError, UsageError
@@ -53,3 +54,30 @@ def test_what_cannot_be_reduced_is_told(take, tmp_path):
     places[5:9, 2] = np.nan
     save_markers(take, MarkerTrack(positions_mm=places, labels=track.labels, rate_hz=track.rate_hz))
     refused(DataError, "got gaps, most in marker C", take, "-o", tmp_path / "via.npz")
+
+
+def test_via_points_are_a_recording_for_every_reader(take, capsys):
+    via, back = take.with_name("via.npz"), take.with_name("back.trc")
+
+    def run(*words):
+        app([*map(str, words)], standalone_mode=False)
+        return capsys.readouterr().out
+
+    run("reduce", take, "--bound", "0.5mm", "-o", via)
+    told = run("inspect", via)
+    assert "200 frames at 100 Hz" in told
+    assert "via points" in told
+    recorded = load_markers(take).markers
+    for read in (load_markers(via).markers, lab.read(via).takes[0].markers):
+        assert read.rate_hz == 100.0
+        assert np.linalg.norm(read.positions_mm - recorded.positions_mm, axis=-1).max() <= 0.5
+    assert lab.read(via, rate_hz=25.0).takes[0].markers.frame_count == 50
+    run("convert", via, "-o", back)
+    np.testing.assert_allclose(load_markers(back).markers.positions_mm, read.positions_mm, atol=0.01)
+    with np.load(via) as arrays:
+        kept = {name: arrays[name] for name in arrays.files}
+    for wrong, message in (({"rate_hz": None}, "rate"), ({"times_s": kept["times_s"][::-1]}, "strictly rising")):
+        changed = {name: value for name, value in (kept | wrong).items() if value is not None}
+        np.savez(via, **changed)
+        with pytest.raises(DataError, match=message):
+            load_markers(via)

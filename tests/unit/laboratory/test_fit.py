@@ -72,7 +72,7 @@ def test_it_is_a_profile_like_any_other(fitted):
 def test_the_errors_are_those_of_takes_that_were_held_out(fitted):
     found, _ = fitted
     assert found.prediction is not None
-    assert found.prediction.lips_mm < 0.5 * found.prediction.mean_pose_mm
+    assert found.prediction.whole.lips_mm.value < 0.5 * found.prediction.whole.mean_pose_mm.value
     assert found.prediction.opening_r > 0.95
     kept = found.space.space.mode_count
     assert 0.1 < found.space.error_mm[kept - 1] < 0.35  # 0.1 mm of noise in three coordinates, and the last modes

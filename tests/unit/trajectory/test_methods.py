@@ -9,10 +9,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
+from fapengine.files.profiles import load_profile
+from fapengine.mpeg4 import fap
 from fapengine.speaking import Method
-from fapengine.speech.phone_track import Phone
-from fapengine.trajectory.methods import OVERSHOOT, SPLINES, dominance
-from fapengine.trajectory.targets import Keyframes, SpeechKeys
+from fapengine.speech.phone_track import Phone, PhoneTrack
+from fapengine.trajectory.faps import displacements_to_faps
+from fapengine.trajectory.methods import OVERSHOOT, SPLINES, as_published, dominance
+from fapengine.trajectory.planner import plan
+from fapengine.trajectory.style import Style
+from fapengine.trajectory.targets import Keyframes, SpeechKeys, keys_of
 
 KEYS = st.lists(
     st.tuples(st.sampled_from([0.012, 0.03, 0.1, 0.3, 2.0, 60.0]), st.floats(-5, 5)), min_size=2, max_size=9
@@ -74,3 +79,25 @@ def test_dominance_survives_a_phone_of_minutes() -> None:
     path = dominance(keys, np.linspace(0, 301, 2000))
     assert np.isfinite(path).all()
     np.testing.assert_allclose(dominance(keys, np.array([150.3])), keys.targets[1:2], atol=1e-9)
+
+
+def test_paper_001_as_published_meets_one_key_per_phone_and_closes_no_lips() -> None:
+    """At 30 % of each phone the face is the phone's median, whatever the lips do; ``paper`` closes them in b and p."""
+    profile = load_profile("grid_s1_en")
+    labels = ["b", "aɪ", "p", "oʊ", "m", "i"]
+    phones = PhoneTrack.of([Phone(label, 0.2 + 0.1 * n, 0.3 + 0.1 * n) for n, label in enumerate(labels)])
+    assert len(keys_of(phones, as_published(profile)).times_s) == len(labels)
+    faps = {
+        method: plan(phones, profile, rng=np.random.default_rng(0), rate_hz=100.0, style=Style.still(method=method))
+        for method in ("published", "paper")
+    }
+    at_keys = [round(100 * (0.2 + 0.1 * n + 0.03)) for n in range(len(labels))]
+    medians = np.stack([profile.phones[label].targets[0] for label in labels])
+    space = profile.space
+    expected = displacements_to_faps(space.to_points_mm(medians), space.points, profile.fapu)
+    jaw, upper, lower = (fap.column(number) for number in (3, 4, 5))
+    shown = faps["published"].track.values[at_keys]
+    np.testing.assert_allclose(shown[:, [jaw, upper, lower]], expected[:, [jaw, upper, lower]], atol=1.0)
+    opening = {method: -plan.track.values[at_keys][:, [upper, lower]].sum(axis=1) for method, plan in faps.items()}
+    assert opening["published"][[0, 2, 4]].max() > 30  # FAPU: over 1 mm
+    assert opening["paper"][[0, 2, 4]].max() <= 1
