@@ -3,6 +3,8 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+# Hundreds of processes of tests would each compile all modules again.
+unexport PYTHONDONTWRITEBYTECODE
 # A run of fewer tests than this fails: raise it when tests are added.
 TESTS_AT_LEAST := 8500
 # Of make nightly.

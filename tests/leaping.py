@@ -7,17 +7,14 @@ import time
 from collections.abc import Callable, Coroutine, Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
-from pathlib import Path
 from threading import Lock
 from typing import Any, TypeVar
 
 import pytest
 
+from tests.patient import packets_under_way
+
 Result = TypeVar("Result")
-SOFTNET = Path("/proc/net/softnet_stat")
-"""Of each processor a line of hexadecimal numbers."""
-BACKLOG = 11
-"""Column of the packets that were sent on this machine and not yet received; absent before Linux 5.10."""
 
 
 def run_leaping(work: Coroutine[Any, Any, Result]) -> Result:
@@ -33,15 +30,6 @@ async def until(is_so: Callable[[], object]) -> None:
     """Wait until something is so that needs no time but the machine's: time stands still meanwhile."""
     while not is_so():
         await asyncio.sleep(0)
-
-
-def packets_under_way() -> bool:
-    """Whether the kernel holds packets that it has yet to deliver: on a busy machine it is late."""
-    try:
-        lines = SOFTNET.read_text().splitlines()
-    except OSError:  # another system
-        return False
-    return any(int(number, 16) for line in lines for number in line.split()[BACKLOG : BACKLOG + 1])
 
 
 class LeapingLoop(asyncio.SelectorEventLoop):

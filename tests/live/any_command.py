@@ -43,7 +43,9 @@ PACKET_PHONES = 12
 DAMAGED = 0.05
 """Share of the messages to every second face that have a byte changed."""
 SETTLE_S = 11.5
-"""The slowest fade and its closures."""
+"""The slowest fade and its closures, in the server's time, which its frames tell."""
+LIMIT_S = 100.0
+"""Time on the wall in which a server shows so many seconds: only one that hangs takes longer."""
 GROWTH_MB = 8.0
 
 
@@ -56,6 +58,8 @@ class WireTrial(Trial):
     seen: dict[str, int] = field(default_factory=dict)
     rows: dict[str, np.ndarray] = field(default_factory=dict)
     """The last frame of each."""
+    shown_s: float = 0.0
+    """Time of the latest frame, on the server's clock."""
 
     def __post_init__(self) -> None:
         self.rng = np.random.default_rng(self.seed)
@@ -94,6 +98,7 @@ class WireTrial(Trial):
                 continue
             row, before = np.asarray(frame.values), self.seen.get(frame.session, frame.number - 9)
             self.seen[frame.session], self.rows[frame.session] = frame.number, row
+            self.shown_s = max(self.shown_s, frame.time_us * 1e-6)
             self.frames += 1
             self.look_at(face, row, 1 / 60 if frame.number == before + 1 else 0.0)
 
@@ -166,9 +171,9 @@ def _come_to_rest(trial: WireTrial, start_s: float) -> None:
         trial.tell(face, Cancel(fade_s=0.2))
         for expression in () if face.is_natural else EXPRESSIONS:
             trial.tell(face, Express(expression, 0.0, attack_s=0.3))
-    until_s = time.monotonic() + SETTLE_S
+    limit_s, until_s = time.monotonic() + LIMIT_S, trial.shown_s + SETTLE_S
     restless = dict(trial.rows)
-    while restless and time.monotonic() < until_s:
+    while restless and trial.shown_s < until_s and time.monotonic() < limit_s:
         time.sleep(0.05)
         trial.now_s = time.monotonic() - start_s
         trial.listen()

@@ -18,8 +18,8 @@ FLOOD = """
 import socket, sys, time
 out = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 out.connect(("127.0.0.1", int(sys.argv[1])))
-stop, kinds = time.monotonic() + float(sys.argv[2]), [bytes.fromhex(data) for data in sys.argv[3:]]
-while time.monotonic() < stop:
+kinds = [bytes.fromhex(data) for data in sys.argv[2:]]
+while True:
     for number in range(64):
         try:
             out.send(kinds[number % len(kinds)])
@@ -121,20 +121,18 @@ def test_a_flood_costs_only_its_sender() -> None:
             anna.tell("/fap/1/hello", "sissi", "anna", 1, "ipa", "", 1)
             await until(lambda: any("welcome" in message.address for message in anna.answers()))
             kinds = [b"/nobody/knows\0\0\0,\0\0\0", b"not osc at all", b"/blink\0\0,\0\0\0"]
-            words = [sys.executable, "-c", FLOOD, str(server.osc_address[1]), "2.5", *(kind.hex() for kind in kinds)]
-            flood = start(words)
-            await until(lambda: server.receiver.counts.packets > 100)
-            told, asked = Counter[str](), 0
-            stop_s = asyncio.get_running_loop().time() + 1.5
-            while asyncio.get_running_loop().time() < stop_s:
-                asked += 1
-                anna.tell("/fap/1/ping", "ih", asked, 0)
-                await asyncio.sleep(0.05)
-                told.update(message.address for message in anna.answers())
-            with contextlib.suppress(AssertionError):  # what waits in the network comes in the end, or was lost there
-                await until(lambda: told.update(m.address for m in anna.answers()) or told["/fap/1/pong"] == asked, 3.0)
-            assert told["/fap/1/pong"] > 0  # they find their way through
-            flood.wait()
+            words = [sys.executable, "-c", FLOOD, str(server.osc_address[1]), *(kind.hex() for kind in kinds)]
+            with start(words) as flood:
+                try:
+                    await until(lambda: server.receiver.counts.packets > 100)
+                    told, asked = Counter[str](), 0
+                    while told["/fap/1/pong"] < 10:  # they find their way through; some are lost in the network
+                        asked += 1
+                        anna.tell("/fap/1/ping", "ih", asked, 0)
+                        await asyncio.sleep(0.05)
+                        told.update(message.address for message in anna.answers())
+                finally:
+                    flood.kill()
             await until(lambda: len(server.ingress.queue) == 0)
             others_are_well(server, ear)
             anna.close()

@@ -28,6 +28,7 @@ from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.mpeg4 import fap
 from fapengine.server.web.messages import pack_frame, text_of
 from fapengine.wire.fap_osc import FapFrame, SessionFrames, encode_frame
+from tests.patient import until_delivered
 from tests.processes import start
 
 
@@ -431,7 +432,7 @@ class Sender:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
             for data in datagrams:
                 out.sendto(data, self._to)
-        time.sleep(0.02)
+        until_delivered()
 
 
 def test_frames_come_by_datagram() -> None:
