@@ -133,7 +133,7 @@ def as_sound(sound: SoundLike, name: str = "sound") -> Sound:
         ) from error
     low, high = SOUND_RATES_HZ
     if not (isinstance(rate_hz, Real) and low <= rate_hz <= high and float(rate_hz).is_integer()):
-        raise UsageError(f"{name}: got a rate of {rate_hz!s:.40} Hz, expected {low}..{high}, a whole number")
+        raise UsageError(f"{name}: got a rate of {rate_hz!s:.40} Hz, expected {low} to {high}, a whole number")
     try:
         values = np.asarray(samples)
     except ValueError as error:  # ragged nested lists
@@ -156,7 +156,7 @@ def as_sound(sound: SoundLike, name: str = "sound") -> Sound:
         raise UsageError(f"{name}: got {mono[at]} at {at}, expected finite numbers")
     peak = np.abs(values).max(initial=0) if kind[0] == "f" else 0.0
     if peak > MAX_OVERSHOOT:
-        raise UsageError(f"{name}: got {values.dtype} samples up to {peak:g}, expected -1..1; integers go in as int16")
+        raise UsageError(f"{name}: got {values.dtype} samples up to {peak:g}, expected -1 to 1; pass integers as int16")
     centre, full_scale = SAMPLE_KINDS[kind]
     scaled = np.clip(np.rint((mono - centre) * (2.0**15 / full_scale)), -(2**15), 2**15 - 1).astype(np.int16)
     scaled.flags.writeable = False

@@ -64,7 +64,7 @@ class AgentOptions:
     def __post_init__(self) -> None:
         parse_edges(self.edges)
         if not 1.0 <= self.frame_rate_hz <= 60.0:
-            raise UsageError(f"frame_rate_hz: got {self.frame_rate_hz:g}, expected 1..60")
+            raise UsageError(f"frame_rate_hz: got {self.frame_rate_hz:g}, expected 1 to 60")
 
 
 class AgentFace:
@@ -138,7 +138,7 @@ class AgentFace:
             If the number of channels is not 1 to 8.
         """
         if not 1 <= channels <= 8:
-            raise DataError(f"channels: got {channels}, expected 1..8")
+            raise DataError(f"channels: got {channels}, expected 1 to 8")
         data = self._half + data
         whole = len(data) // (2 * channels) * 2 * channels
         self._half = data[whole:]

@@ -151,7 +151,7 @@ def _held(landmarks: NDArray[np.float64], rate_hz: float, kind: str) -> Captured
 
 def _of_landmarks(data: bytes, job: CaptureJob) -> Captured:
     if job.size is None or job.rate_hz is None:
-        raise UsageError("landmarks: need both size and rate, which their file does not contain")
+        raise UsageError("landmarks: size and rate are required; the file contains neither")
     width, height = job.size
     raw = parse_landmarks(data, Picture(float(width), float(height), 90.0, job.rate_hz))
     return _held(raw.positions * (1.0, -1.0, -1.0), job.rate_hz, "landmarks")

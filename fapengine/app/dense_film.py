@@ -75,7 +75,7 @@ def takes_on_heads(
 
     other = next((path for path in takes if not is_take(path)), None)
     if other is not None:
-        raise UsageError(f"track: got {other} beside a recording of markers, expected recordings only")
+        raise UsageError(f"track: cannot show {other} together with a marker recording; use marker recordings only")
     loaded = {name: load_head_of_modes(name) for name in dict.fromkeys(heads)}
     moved = {name: moved_by_modes(mesh, rig) for name, (mesh, rig) in loaded.items()}
     count = max(len(takes), len(heads))

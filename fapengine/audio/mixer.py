@@ -187,5 +187,5 @@ class Mixer:
 
     def _find(self, number: int) -> _Sound | None:
         if not 1 <= number <= self._count:
-            raise UsageError(f"sound: got {number}, expected 1..{self._count}")
+            raise UsageError(f"sound: got {number}, expected 1 to {self._count}")
         return self._known.get(number)

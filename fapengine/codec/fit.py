@@ -100,11 +100,11 @@ class Fit:
             raise UsageError("FIT: got a node without FAPs, expected at least one")
         for number in (number for node in self.nodes for number in node):
             if not 1 <= number <= fap.FAP_COUNT:
-                raise UsageError(f"FIT: got FAP {number}, expected 1..{fap.FAP_COUNT}")
+                raise UsageError(f"FIT: got FAP {number}, expected 1 to {fap.FAP_COUNT}")
         for link in self.links:
             for end in (link.parent, link.child):
                 if not 0 <= end < len(self.nodes):
-                    raise UsageError(f"FIT: got a link to node {end}, expected 0..{len(self.nodes) - 1}")
+                    raise UsageError(f"FIT: got a link to node {end}, expected 0 to {len(self.nodes) - 1}")
             if len(link.quotients) != len(self.nodes[link.child]):
                 counts = f"{len(link.quotients)} quotients for {len(self.nodes[link.child])} FAPs"
                 raise UsageError(f"FIT: got {counts} of node {link.child}, expected one each")
@@ -198,7 +198,7 @@ class _Numbers:
         word = self._words[self._at]
         if not (word.isdigit() and len(word) <= len(str(MAX_NUMBER)) and low <= int(word) <= high):
             shown = word[:20].decode("ascii", "replace")
-            raise DataError(f"{what}: got {shown!r}, expected an integer {low}..{high}", where=self.where)
+            raise DataError(f"{what}: got {shown!r}, expected an integer {low} to {high}", where=self.where)
         self._at += 1
         return int(word)
 

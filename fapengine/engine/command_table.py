@@ -85,7 +85,7 @@ class FieldSpec:
         """
         if not self.low <= value <= self.high:
             name = self.json or self.osc or "value"
-            raise UsageError(f"{name}: got {value}, expected {self.low:g}..{self.high:g}")
+            raise UsageError(f"{name}: got {value}, expected {self.low:g} to {self.high:g}")
         return value
 
 
@@ -121,7 +121,7 @@ class Duration(FieldSpec):
     def checked(self, value: float) -> float:
         """Clamp to the range; NaN is rejected."""
         if isnan(value):
-            raise UsageError(f"{self.json or self.osc}: got {value}, expected {self.low:g}..{self.high:g}")
+            raise UsageError(f"{self.json or self.osc}: got {value}, expected {self.low:g} to {self.high:g}")
         return min(max(value, self.low), self.high)
 
 

@@ -136,7 +136,7 @@ class Engine:
             raise UsageError("sessions: got one more than this machine can show in time; ask again later")
         size, most = len(session.encode(errors="replace")), self._limits.name_bytes
         if most is not None and not (1 <= size <= most and session.isprintable()):
-            raise UsageError(f"session: got {session!r:.60}, expected 1..{most} bytes of printable letters")
+            raise UsageError(f"session: got {session!r:.60}, expected 1 to {most} bytes of printable characters")
         if len(self._rows) >= self._limits.sessions:
             raise UsageError(f"sessions: got one more than the limit of {self._limits.sessions}")
         number = self._batch.open(now_s)

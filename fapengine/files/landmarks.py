@@ -38,8 +38,8 @@ def detector_python() -> Path:
     path = Path(named) if named else Path(sys.prefix) / "detector" / "bin" / "python"
     if not path.is_file():
         raise ResourceError(
-            f"face detector: got none at {path}; mend it with: make detector (in a checkout), or {VARIABLE}=PYTHON, one"
-            " with mediapipe==0.10.21"
+            f"face detector: not found at {path}. Install it with: make detector (in a checkout). Or set {VARIABLE} to"
+            " a Python that has mediapipe==0.10.21"
         )
     return path
 
@@ -78,7 +78,7 @@ def landmarks_of(
         raise UsageError(f"{path}: cannot be read (no such file)")
     times, found = landmarks_of_pictures(stream_pictures(path, max_side=MAX_SIDE), model=model, on_frame=on_frame)
     if not len(found):
-        raise DataError(f"{path}: holds no picture")
+        raise DataError(f"{path}: contains no image")
     return times, found
 
 

@@ -97,7 +97,7 @@ def stream_sound(path: Path, *, rate_hz: int | None = None, channel: int | None 
     with _opened(path) as container:
         stream = container.streams.audio[0]
         if channel is not None and not 1 <= channel <= stream.channels:
-            raise UsageError(f"channel: got {channel}, expected 1..{stream.channels}, the channels of {path}")
+            raise UsageError(f"channel: got {channel}, expected 1 to {stream.channels}, the channels of {path}")
         most_s = MAX_S if os.environ.get(LONG_VARIABLE) else max(SHORT_S, path.stat().st_size / MIN_BYTES_PER_S)
         source_hz, target_hz = stream.rate, rate_hz or stream.rate
         resampler = None
@@ -227,7 +227,7 @@ def _check(container: Any, path: Path) -> None:
         raise DataError(f"{path}: holds sound of a codec that is not known")
     if not RATES_HZ[0] <= rate_hz <= RATES_HZ[1] or not stream.channels:
         raise DataError(
-            f"{path}: got {rate_hz} Hz and {stream.channels} channels, expected {RATES_HZ[0]}..{RATES_HZ[1]} Hz and 1"
+            f"{path}: got {rate_hz} Hz and {stream.channels} channels, expected {RATES_HZ[0]} to {RATES_HZ[1]} Hz and 1"
             " or more"
         )
 

@@ -177,7 +177,7 @@ def stream_pictures(path: Path, *, max_side: int) -> Iterator[tuple[float, Pictu
     """
     with reading(path, "decoded as video") as container:
         if not (streams := decodable(container)):
-            raise DataError(f"{path}: holds no picture")
+            raise DataError(f"{path}: contains no image")
         if streams[0].width * streams[0].height > MAX_PIXELS:
             got = f"{streams[0].width}x{streams[0].height} pixels"
             raise DataError(f"{path}: got {got}, expected at most {MAX_PIXELS} in all")
@@ -211,7 +211,7 @@ def camera_pictures(number: int, *, seconds: float, max_side: int = 640) -> Iter
                     return
                 yield time_s - first_s, _scaled(frame, _fitted(frame, max_side))
     except (av.FFmpegError, ValueError, OSError) as error:
-        raise ResourceError(f"camera: {device} gives no picture ({reason(error)})") from error
+        raise ResourceError(f"camera: {device} gives no image ({reason(error)})") from error
 
 
 def _fitted(source: Any, max_side: int) -> tuple[int, int]:

@@ -116,7 +116,7 @@ class Host:
             raise UsageError(f"utterance {number}: has ended, accepts no more phones")
         if phones and phones[0].start_s < utterance.last_s - WORDS_OVERLAP_S:
             raise UsageError(
-                f"utterance {number}: got {phones[0].label!r} at {phones[0].start_s:g} s, expected it behind"
+                f"utterance {number}: got {phones[0].label!r} at {phones[0].start_s:g} s, expected it after"
                 f" {utterance.last_s:g} s"
             )
         first = utterance.size

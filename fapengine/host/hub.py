@@ -79,7 +79,7 @@ class FramePacer:
 
     def __post_init__(self) -> None:
         if not 1 <= self.rate_hz <= MAX_RATE_HZ:
-            raise UsageError(f"rate_hz: got {self.rate_hz}, expected 1..{MAX_RATE_HZ:g}")
+            raise UsageError(f"rate_hz: got {self.rate_hz}, expected 1 to {MAX_RATE_HZ:g}")
 
     @property
     def next_s(self) -> float:

@@ -193,7 +193,7 @@ class StreamHost(Host, GestureMethods):
             If the samples have another form, or the rate is out of range.
         """
         if not 4_000 <= rate_hz <= 192_000:
-            raise UsageError(f"rate_hz: got {rate_hz}, expected 4000..192000")
+            raise UsageError(f"rate_hz: got {rate_hz}, expected 4000 to 192000")
         samples, rate_hz = as_sound((samples, rate_hz), "samples")
         if len(samples):
             utterance = self._open()
@@ -255,7 +255,7 @@ class StreamHost(Host, GestureMethods):
             If there is no such time.
         """
         if not 1e-3 <= dt_s <= 1.0:
-            raise UsageError(f"dt_s: got {dt_s:g} s, expected 0.001..1")
+            raise UsageError(f"dt_s: got {dt_s:g} s, expected 0.001 to 1")
         self._listen()
         sounds, begins_s = self._speak(dt_s), self._now_s
         self._now_s += dt_s

@@ -206,7 +206,7 @@ def error_curve(sentences: Sentences, ks: Sequence[int], *, folds: int = 10, rng
         raise UsageError(f"folds: must be 2 to {len(sentences)} (the number of sentences), got {folds}")
     sizes, count = sorted(set(ks)), sentences[0].shape[1]
     if not sizes or sizes[0] < 1 or sizes[-1] >= count:
-        raise UsageError(f"ks: got {sizes}, expected numbers 1..{count - 1}")
+        raise UsageError(f"ks: got {sizes}, expected numbers 1 to {count - 1}")
     dealt = rng.permutation(len(sentences))
     left_out = [dealt[fold::folds] for fold in range(folds)]
     grams = np.stack([sentence_grams([sentences[index] for index in out], at_most=1)[0] for out in left_out])

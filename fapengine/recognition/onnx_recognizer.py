@@ -153,7 +153,7 @@ class PhoneModel:
             raise DataError(f"{self.path}: got an answer {got}, expected {expected}")
         scores = answer.astype(np.float64)
         if not np.isfinite(scores.max(axis=2, initial=-np.inf)).all() or np.isnan(scores).any():
-            raise DataError(f"{self.path}: got scores that are no numbers, expected {expected}")
+            raise DataError(f"{self.path}: got scores that are not finite, expected {expected}")
         first: NDArray[np.float64] = scores[0]
         return first
 

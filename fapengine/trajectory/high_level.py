@@ -132,7 +132,7 @@ class HighLevelFaps:
 def _check_selects(what: str, selects: tuple[int, int], count: int) -> None:
     for select in selects:
         if not 0 <= select < count:
-            raise DataError(f"{what}_select: got {select}, expected 0..{count - 1}")
+            raise DataError(f"{what}_select: got {select}, expected 0 to {count - 1}")
 
 
 def has_high_level(track: FapTrack) -> bool:

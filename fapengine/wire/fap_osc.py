@@ -73,7 +73,7 @@ class FapFrame:
         if not (0 <= self.number < 2**31 and 0 <= self.time_us < 2**63):
             raise UsageError(f"frame: got number {self.number} at {self.time_us} us, expected both from 0 on")
         if not 0 <= self.epoch < 2**31:
-            raise UsageError(f"frame: got epoch {self.epoch}, expected 0..{2**31 - 1}")
+            raise UsageError(f"frame: got epoch {self.epoch}, expected 0 to {2**31 - 1}")
         for field, width, dtype in (
             ("values", fap.FAP_COUNT, np.int32),
             ("mask", fap.FAP_COUNT, np.bool_),
@@ -143,7 +143,7 @@ class SessionFrames:
         self, numbers: Sequence[int] = tuple(range(3, fap.FAP_COUNT + 1)), epochs: Mapping[str, int] | None = None
     ) -> None:
         if not numbers or not all(3 <= number <= fap.FAP_COUNT for number in numbers):
-            raise UsageError(f"numbers: got {list(numbers)!r:.60}, expected FAPs of 3..{fap.FAP_COUNT}")
+            raise UsageError(f"numbers: got {list(numbers)!r:.60}, expected FAPs of 3 to {fap.FAP_COUNT}")
         mask = np.zeros(fap.FAP_COUNT, np.bool_)
         mask[[fap.column(number) for number in numbers]] = True
         self._columns = np.flatnonzero(mask)
@@ -290,7 +290,7 @@ def _head(session: str, count: int, *, has_epoch: bool = False) -> bytes:
     """Encode address, type tags and session: everything before the numbers."""
     size = len(session.encode(errors="replace"))
     if not 1 <= size <= MAX_SESSION_BYTES:
-        raise UsageError(f"session: got {session!r:.40} of {size} bytes, expected 1..{MAX_SESSION_BYTES}")
+        raise UsageError(f"session: got {session!r:.40} of {size} bytes, expected 1 to {MAX_SESSION_BYTES}")
     count += has_epoch
     values: Sequence[osc.Argument] = (session, 0, 0, bytes(MASK_BYTES), *[0] * count)
     return osc.message(FRAME, _HEAD_TAGS + "i" * count, *values)[: -(_FIXED.size + 4 * count)]

@@ -116,7 +116,7 @@ def encode_length(packet: bytes) -> bytes:
         If the packet is empty: a receiver may take it for the end of the stream.
     """
     if not packet:
-        raise UsageError("packet: got 0 bytes, expected some")
+        raise UsageError("packet: must not be empty")
     return struct.pack(">i", len(packet)) + packet
 
 
@@ -153,7 +153,7 @@ class LengthDecoder:
         while len(self._held) - here >= 4:
             (size,) = struct.unpack_from(">i", self._held, here)
             if not 1 <= size <= self._max:
-                self._broken = f"packet length: got {size}, expected 1..{self._max}"
+                self._broken = f"packet length: got {size}, expected 1 to {self._max}"
                 here = len(self._held)
                 break
             if len(self._held) - here - 4 < size:

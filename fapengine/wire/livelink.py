@@ -48,7 +48,7 @@ class Subject:
         except UnicodeEncodeError as error:
             raise UsageError(f"name: got {self.name!r:.40}, expected text that UTF-8 can hold") from error
         if not 1 <= size <= MAX_NAME_BYTES or "\0" in self.name:
-            raise UsageError(f"name: got {self.name!r:.40} of {size} bytes, expected 1..{MAX_NAME_BYTES} without NUL")
+            raise UsageError(f"name: got {self.name!r:.40} of {size} bytes, expected 1 to {MAX_NAME_BYTES} without NUL")
         if not _UUID.fullmatch(self.device):
             raise UsageError(f"device: got {self.device!r:.60}, expected a UUID of 36 characters")
 
@@ -82,7 +82,7 @@ def encode_face(
     """
     row = frozen(values, "values", (WIDTH,), np.float32)
     if not (0 <= number < 2**31 and 0 <= fraction <= 1):
-        raise UsageError(f"frame: got number {number} and fraction {fraction}, expected 0.. and 0..1")
+        raise UsageError(f"frame: got number {number} and fraction {fraction}, expected 0 or more and 0 to 1")
     if not all(1 <= part < 2**31 for part in rate):
         raise UsageError(f"rate: got {rate[0]}/{rate[1]}, expected positive numbers")
     name = subject.name.encode()

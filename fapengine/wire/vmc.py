@@ -104,7 +104,7 @@ class ChangedShapes:
 
     def __init__(self, names: Sequence[str], *, every: int = 60, least: float = 1 / 512) -> None:
         if every < 1 or not 0 <= least < 1:
-            raise UsageError(f"got every {every} and least {least}, expected 1 or more and 0..1")
+            raise UsageError(f"got every {every} and least {least}, expected 1 or more and 0 to 1")
         self._names = tuple(names)
         self._every, self._least = every, least
         self._sent = np.full(len(self._names), np.inf)
@@ -124,7 +124,7 @@ def _blend(weights: Sequence[Weight]) -> list[bytes]:
     parts: list[bytes] = []
     for name, weight in weights:
         if not math.isfinite(weight):
-            raise UsageError(f"{name}: got {weight}, expected a weight of 0..1")
+            raise UsageError(f"{name}: got {weight}, expected a weight of 0 to 1")
         parts.append(osc.head("/VMC/Ext/Blend/Val", "sf", name) + struct.pack(">f", min(max(weight, 0.0), 1.0)))
     return [*parts, osc.message("/VMC/Ext/Blend/Apply")]
 

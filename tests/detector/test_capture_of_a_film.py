@@ -106,7 +106,7 @@ def test_what_cannot_be_captured_is_told(film: Path, tmp_path: Path) -> None:
     out = tmp_path / "out.fap"
     (tmp_path / "marks.json").write_text(json.dumps([[[0.5, 0.5, 0.0]] * 478]))
     refused(DataError, "need the size of their images", tmp_path / "marks.json", "-o", out)
-    refused(UsageError, "need both size and rate", tmp_path / "marks.json", "--size", "640x480", "-o", out)
+    refused(UsageError, "size and rate are required", tmp_path / "marks.json", "--size", "640x480", "-o", out)
     (tmp_path / "notes.txt").write_text("hello")
     refused(UsageError, "got ending '.txt'", tmp_path / "notes.txt", "-o", out)
     refused(UsageError, "--output: missing", "webcam")

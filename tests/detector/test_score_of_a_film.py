@@ -64,7 +64,7 @@ def test_a_film_without_a_face_is_told(tmp_path: Path) -> None:
 
 def test_without_a_detector_one_line_says_how_to_get_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(VARIABLE, str(tmp_path / "nowhere"))
-    with pytest.raises(ResourceError, match=r"face detector: got none at .*nowhere; mend it with: make detector"):
+    with pytest.raises(ResourceError, match=r"face detector: not found at .*nowhere. Install it with: make detector"):
         landmarks_of(tmp_path / "talk.mp4")
 
 

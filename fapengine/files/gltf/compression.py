@@ -306,5 +306,5 @@ def decode_draco(data: bytes, wanted: dict[str, int], where: str) -> tuple[dict[
         if len(numbers[name]) != count:
             raise DataError(f"Draco: got {len(numbers[name])} of {name}, expected {count}", where=where)
     if len(corners) and not 0 <= corners.min() <= corners.max() < count:
-        raise DataError(f"Draco: got a triangle of vertex {corners.max()}, expected 0..{count - 1}", where=where)
+        raise DataError(f"Draco: got a triangle of vertex {corners.max()}, expected 0 to {count - 1}", where=where)
     return numbers, corners

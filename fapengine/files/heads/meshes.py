@@ -103,7 +103,7 @@ def _obj(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np
             corners = [corner - 1 if corner > 0 else len(vertices) + corner for corner in corners]
             if len(corners) < 3 or not all(0 <= corner < len(vertices) for corner in corners):
                 raise DataError(
-                    f"OBJ face: got {rest[:40]!r}, expected 3 or more indices of 1..{len(vertices)}",
+                    f"OBJ face: got {rest[:40]!r}, expected 3 or more indices of 1 to {len(vertices)}",
                     where=f"{path}, line {number}",
                 )
             surface[corners] = current

@@ -84,7 +84,7 @@ def check_name(session: str) -> str:
     """
     if not (session and session.isprintable() and len(session.encode("utf-8", "replace")) <= SESSION_BYTES):
         shown = repr(session) if len(repr(session)) <= 60 else f"{session!r:.57}..."
-        raise DataError(f"session: got {shown}, expected 1..{SESSION_BYTES} bytes of printable characters")
+        raise DataError(f"session: got {shown}, expected 1 to {SESSION_BYTES} bytes of printable characters")
     return session
 
 

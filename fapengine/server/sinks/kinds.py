@@ -51,7 +51,7 @@ class SinkAddress:
         except ValueError as error:
             raise UsageError(f"sink {self.kind}: intra: got {text!r:.40}, expected seconds") from error
         if not 0 < value <= MAX_INTRA_S:
-            raise UsageError(f"sink {self.kind}: intra: got {value} s, expected 0..{MAX_INTRA_S:g}")
+            raise UsageError(f"sink {self.kind}: intra: got {value} s, expected 0 to {MAX_INTRA_S:g}")
         return value
 
     def whole(self, name: str, default: int, low: int, high: int) -> int:
@@ -64,7 +64,7 @@ class SinkAddress:
         """
         text = self.options.get(name, str(default))
         if not text.isdecimal() or not low <= int(text[:9]) <= high:
-            raise UsageError(f"sink {self.kind}: {name}: got {text!r:.40}, expected a whole number {low}..{high}")
+            raise UsageError(f"sink {self.kind}: {name}: got {text!r:.40}, expected a whole number {low} to {high}")
         return int(text)
 
 

@@ -233,10 +233,10 @@ def parse_sound(data: bytes) -> tuple[int, NDArray[np.int16]]:
     """
     length = len(data) - SOUND_HEAD.size
     if not 0 < length <= 2 * MAX_SAMPLES or length % 2:
-        raise DataError(f"sound: got {len(data)} bytes, expected 8 and 2 for each of 1..{MAX_SAMPLES} samples")
+        raise DataError(f"sound: got {len(data)} bytes, expected 8 and 2 for each of 1 to {MAX_SAMPLES} samples")
     kind, rate_hz = SOUND_HEAD.unpack_from(data)
     if kind != SOUND_KIND or not SOUND_RATES_HZ[0] <= rate_hz <= SOUND_RATES_HZ[1]:
-        expected = f"kind {SOUND_KIND} at {SOUND_RATES_HZ[0]}..{SOUND_RATES_HZ[1]} Hz"
+        expected = f"kind {SOUND_KIND} at {SOUND_RATES_HZ[0]} to {SOUND_RATES_HZ[1]} Hz"
         raise DataError(f"sound: got kind {kind} at {rate_hz} Hz, expected {expected}")
     return rate_hz, np.frombuffer(data, "<i2", offset=SOUND_HEAD.size).astype(np.int16)
 
@@ -252,7 +252,7 @@ def _faps_of(values: dict[str, Any], kind: str) -> dict[int, int | None]:
     where, may_be_none = f"message {kind!r}", kind == "pin"
     for name, value in values.items():
         if name not in PINNABLE:
-            raise DataError(f"values: got FAP {_shown(name)}, expected 3..{fap.FAP_COUNT}", where=where)
+            raise DataError(f"values: got FAP {_shown(name)}, expected 3 to {fap.FAP_COUNT}", where=where)
         is_number = isinstance(value, int) and not isinstance(value, bool) and abs(value) <= MAX_FAP
         if not is_number and not (value is None and may_be_none):
             expected = "whole FAPU" + " or null" * may_be_none
@@ -276,9 +276,9 @@ def _complaint(reason: str, message: dict[str, Any], kind: str) -> DataError:
 def _expected(kind: msgspec.inspect.Type) -> str:
     match kind:
         case msgspec.inspect.FloatType(ge=low, le=high):
-            return f"a number in {low:g}..{high:g}"
+            return f"a number, {low:g} to {high:g}"
         case msgspec.inspect.IntType(ge=low, le=high):
-            return f"a whole number in {low}..{high}"
+            return f"a whole number, {low} to {high}"
         case msgspec.inspect.StrType(max_length=longest):
             return f"up to {longest} characters"
         case msgspec.inspect.LiteralType(values=values):

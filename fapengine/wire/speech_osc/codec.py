@@ -99,18 +99,18 @@ def parse(kind: Kind, message: osc.Message) -> Wire:
     if isinstance(wire, Sound):
         length = len(wire.samples)
         if not 0 < length <= schema.MAX_DATAGRAM or length % 2:
-            raise _error(f"{wire.ADDRESS}: got {length} bytes, expected 2..{schema.MAX_DATAGRAM}, int16")
+            raise _error(f"{wire.ADDRESS}: got {length} bytes, expected 2 to {schema.MAX_DATAGRAM}, int16")
         if (
             not 0 <= wire.first_sample <= schema.MAX_FIRST_SAMPLE
             or not schema.RATES_HZ[0] <= wire.rate_hz <= schema.RATES_HZ[1]
         ):
             raise _error(
                 f"{wire.ADDRESS}: got sample {wire.first_sample} at {wire.rate_hz} Hz, expected"
-                f" 0..{schema.MAX_FIRST_SAMPLE} at {schema.RATES_HZ[0]}..{schema.RATES_HZ[1]} Hz"
+                f" 0 to {schema.MAX_FIRST_SAMPLE} at {schema.RATES_HZ[0]} to {schema.RATES_HZ[1]} Hz"
             )
     session = getattr(wire, "session", "-")
     if not 1 <= len(session.encode()) <= schema.SESSION_BYTES:
-        raise _error(f"session: got {session!r:.50}, expected 1..{schema.SESSION_BYTES} bytes")
+        raise _error(f"session: got {session!r:.50}, expected 1 to {schema.SESSION_BYTES} bytes")
     return wire
 
 
@@ -137,7 +137,7 @@ def _value(value: osc.Argument, tag: str, where: str) -> Any:
     lowest, highest = _RANGES[tag]
     whole = round(value)
     if not lowest <= whole <= highest:
-        raise _error(f"{where}: got {value!r:.40}, expected {lowest}..{highest}")
+        raise _error(f"{where}: got {value!r:.40}, expected {lowest} to {highest}")
     return whole
 
 
@@ -147,7 +147,7 @@ def _parse_rows(kind: type[Phones | WordTimes], values: list[Any], message: osc.
     noun, width, begin = "word" if issubclass(kind, WordTimes) else "phone", len(kind.ROW_TAGS), len(values)
     if not 1 <= count <= kind.MAX_ROWS or not 0 <= first <= MAX_INDEX:
         raise _error(
-            f"{kind.ADDRESS}: got {count} {noun}s from {first}, expected 1..{kind.MAX_ROWS} from 0..{MAX_INDEX}"
+            f"{kind.ADDRESS}: got {count} {noun}s from {first}, expected 1 to {kind.MAX_ROWS} from 0 to {MAX_INDEX}"
         )
     stop = begin + width * count
     if len(message.arguments) < stop:
@@ -160,10 +160,10 @@ def _parse_rows(kind: type[Phones | WordTimes], values: list[Any], message: osc.
     for label, start_us, duration_us, *_ in rows:
         if not (0 <= start_us <= schema.MAX_DURATION_US and 0 <= duration_us <= schema.MAX_DURATION_US):
             raise _error(
-                f"{noun} {label!r:.30}: got {start_us} us for {duration_us} us, expected 0..{schema.MAX_DURATION_US}"
+                f"{noun} {label!r:.30}: got {start_us} us for {duration_us} us, expected 0 to {schema.MAX_DURATION_US}"
             )
         if noun == "word" and len(label.encode()) > schema.WORD_BYTES:
-            raise _error(f"{noun} {label!r:.30}: got {len(label.encode())} bytes, expected 0..{schema.WORD_BYTES}")
+            raise _error(f"{noun} {label!r:.30}: got {len(label.encode())} bytes, expected 0 to {schema.WORD_BYTES}")
     last = [_value(value, kind.LAST_TAG, kind.ADDRESS) for value in message.arguments[stop : stop + 1]]
     make: Callable[..., Phones | WordTimes] = kind
     return make(*head, first, rows, *last)

@@ -186,7 +186,7 @@ class SimpleMode:
         elif 0 <= times[0] <= self.latest_s - _clamped(times[1]):
             self._place_phone(Phone(ipa, times[0], times[0] + _clamped(times[1]), stress), arrival.now_s)
         else:
-            raise DataError(f"{PHONEME}: got {times[0]} to {times[0] + times[1]} s, expected 0..{self.latest_s}")
+            raise DataError(f"{PHONEME}: got {times[0]} to {times[0] + times[1]} s, expected 0 to {self.latest_s}")
 
     def _viseme(self, arguments: tuple[osc.Argument, ...], arrival: Arrival) -> None:
         name, values = _label_and_numbers(VISEME, arguments, arrival)

@@ -267,7 +267,7 @@ def to_wire(phone: Phone | schema.WirePhone) -> schema.WirePhone:
         flags = {1: schema.PRIMARY_STRESS, 2: schema.SECONDARY_STRESS}.get(phone.stress, 0)
         phone = schema.WirePhone(phone.label, start_us, end_us - start_us, flags)
     if not (0 <= phone.start_us <= schema.MAX_DURATION_US and 0 <= phone.duration_us <= schema.MAX_DURATION_US):
-        raise UsageError(f"phone {phone.label!r:.30}: got {phone.start_us} us, expected 0..{schema.MAX_DURATION_US}")
+        raise UsageError(f"phone {phone.label!r:.30}: got {phone.start_us} us, expected 0 to {schema.MAX_DURATION_US}")
     if len(phone.label.encode()) > schema.LABEL_BYTES or not isfinite(phone.weight):
         raise UsageError(f"phone: got {phone.label!r:.40}, expected at most {schema.LABEL_BYTES} bytes")
     return phone

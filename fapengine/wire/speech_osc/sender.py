@@ -180,7 +180,7 @@ class OscSender:
         if window.is_ended or window.phones:
             raise UsageError(f"utterance {utterance}: got sound {'after its end' if window.is_ended else 'and phones'}")
         if not schema.RATES_HZ[0] <= rate_hz <= schema.RATES_HZ[1] or rate_hz != (window.rate_hz or rate_hz):
-            expected = window.rate_hz or f"{schema.RATES_HZ[0]}..{schema.RATES_HZ[1]}"
+            expected = window.rate_hz or f"{schema.RATES_HZ[0]} to {schema.RATES_HZ[1]}"
             raise UsageError(f"rate_hz: got {rate_hz}, expected {expected}")
         window.add_sound(self.session, samples, rate_hz, now_s, inf if self._reliable else SOUND_AGAIN_S)
 

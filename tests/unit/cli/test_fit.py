@@ -241,6 +241,7 @@ def copy(recorded: Path, folder: Path, toml: str = TOML, keep: int = 2) -> Path:
         ("head = [3]\n", "got 3, expected a string"),
         ("head = \n", "is not TOML"),
         (TOML + "[[scan]]\nfile = 'none.ply'\nlandmarks = {}\n", "none.ply: cannot be read"),
+        (TOML + 2 * "[[scan]]\nfile = 'a.ply'\nlandmarks = {}\nreference = true\n", "expected one reference"),
         (TOML + "points = 3\n", "got 3, expected a table"),
         (TOML + "[[pose]]\n[[pose]]\n", "'take' is missing"),
         (TOML + "[[pose]]\ntake = 'take00'\nstart_s = 0\nend_s = 1\n", "expected an expression or a phone"),
@@ -277,14 +278,18 @@ def test_phones_behind_the_recording_are_told(recorded, tmp_path):
 
 
 def test_scans_in_their_folder_are_no_takes(recorded, tmp_path):
-    folder = copy(
-        recorded, tmp_path / "S", TOML + "[[scan]]\nfile = 'scans/a.obj'\nlandmarks = { '8.1' = [0, 1, 2] }\n"
+    scans = (
+        f"[[scan]]\nfile = 'scans/{name}.obj'\nlandmarks = {{ '8.1' = [0, 1, 2] }}\n{reference}"
+        for name, reference in (("a", ""), ("b", "reference = true\n"), ("c", ""))
     )
+    folder = copy(recorded, tmp_path / "S", TOML + "".join(scans))
     (folder / "scans").mkdir()
-    (folder / "scans" / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    for name in "abc":
+        (folder / "scans" / f"{name}.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     loaded = load_session(folder)
     assert len(loaded.session.takes) == 2
     assert loaded.setup.scans[0].landmarks == {"8.1": (0.0, 1.0, 2.0)}
+    assert [scan.name for scan in loaded.setup.scans] == ["scans/b.obj", "scans/a.obj", "scans/c.obj"]
 
 
 def test_many_subjects_are_what_fit_makes_of_each_and_a_bad_one_is_a_row(tmp_path: Path, recorded: Path) -> None:

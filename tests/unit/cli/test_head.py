@@ -139,7 +139,7 @@ def test_a_file_s_own_names_are_mapped(avatar, tmp_path):
     ("table", "message"),
     [
         ("[shapes]\nnose = {}", r"contains no FAP .at .*map.toml, shapes.nose"),
-        ("[shapes]\nnose = {2 = 5}", "got '2', expected a FAP by number, 3..68"),
+        ("[shapes]\nnose = {2 = 5}", "got '2', expected a FAP by number, 3 to 68"),
         ("[shapes]\nnose = {lift = 5}", "got 'lift', expected a FAP"),
         ("[shapes]\nnose = {63 = 0}", "got 0.0, expected FAPU"),
         ("[shapes]\nnose = 5", "got 5, expected a string or a table"),
@@ -212,7 +212,7 @@ def test_ict_facekit_s_folder(ict_folder, tmp_path):
         ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "v 0 0 0\n", "got 1 vertices, expected 3 as in generic"),
         ("v 0 0\n", "", "not three numbers"),
         ("v 0 0 inf\nf 1 1 1\n", "", "expected finite ones, 1 or more"),
-        ("v 0 0 0\nf 1 1 2\n", "", "got b'1 1 2', expected 3 or more indices of 1..1.*line 2"),
+        ("v 0 0 0\nf 1 1 2\n", "", "got b'1 1 2', expected 3 or more indices of 1 to 1.*line 2"),
         ("v 0 0 0\nf 1 1 one\n", "", "expected 3 or more indices"),
         ("v 0 0 0\n", "", "contains no face"),
         (

@@ -163,13 +163,13 @@ def test_refusals(talk: Path, tmp_path: Path) -> None:
         (["animate", pho, "--transcript", "x"], UsageError, "--transcript: cannot be used here"),
         (["align", talk, "--transcript", "x", "--text", pho], UsageError, "use only one"),
         (["align", talk, "-o", tmp_path / "a.srt"], UsageError, r"--output: .*'\.srt'"),
-        (["align", talk, "--channel", 2], UsageError, r"--channel: got 2, expected 1\.\.1"),
+        (["align", talk, "--channel", 2], UsageError, r"--channel: got 2, expected 1 to 1"),
         (
             ["align", talk, "--channel", "left"],
             UsageError,
             "--channel: must be a number from 1, or each",
         ),
-        (["align", talk, "--channel", "0"], UsageError, r"--channel: got 0, expected 1\.\.1"),
+        (["align", talk, "--channel", "0"], UsageError, r"--channel: got 0, expected 1 to 1"),
         (
             ["align", talk, "--channel", "each", "--transcript", "x"],
             UsageError,

@@ -97,7 +97,7 @@ def test_unknown_phones_are_counted_or_refused(odd: Path, tmp_path: Path) -> Non
     said = CliRunner().invoke(app, ["animate", str(odd), "-o", str(tmp_path / "talk.fap"), "--json"])
     report = json.loads(said.stdout)
     assert report["unknown_phones"] == [{"label": "§§", "count": 2, "first_s": 0.2, "stand_in": "ə"}]
-    assert report["remarks"] == ["unknown phone '§§' 2 times, first at 0.200 s; /ə/ stands in"]
+    assert report["remarks"] == ["unknown phone '§§' 2 times, first at 0.200 s; /ə/ is used instead"]
     assert "fapengine: unknown phone '§§' 2 times" in said.stderr
     with pytest.raises(DataError, match=r"unknown phone '§§' 2 times, first at 0\.200 s.*odd\.lab"):
         run("animate", odd, "-o", tmp_path / "talk.fap", "--strict")
@@ -139,7 +139,7 @@ def test_the_guessed_alphabet_is_printed_and_two_readings_are_refused(tmp_path: 
     timit.write_text("0 1000000 sh\n1000000 2000000 iy\n2000000 3000000 bcl\n3000000 4000000 pho\n")
     assert "labels read as arpabet (guessed)" in run("inspect", timit)
     said = CliRunner().invoke(app, ["inspect", str(timit)]).stderr
-    assert "warning: unknown phone 'pho' once, first at 0.300 s; /p h o/ stands in" in said
+    assert "warning: unknown phone 'pho' once, first at 0.300 s; /p h o/ is used instead" in said
     report = json.loads(run("inspect", timit, "--json"))
     assert (report["alphabet"], report["alphabet_guessed"], report["alphabet_could_be"]) == ("arpabet", True, [])
     said = run("animate", timit, "-o", tmp_path / "talk.fap")

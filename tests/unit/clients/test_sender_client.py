@@ -375,7 +375,7 @@ def test_wrong_calls_are_said_at_once():
             face.express("hungry")
         with pytest.raises(UsageError, match="got both at_s and audio"):
             face.say(MAMA, at_s=1.0, audio=True)
-        with pytest.raises(UsageError, match=r"expected 1..32 bytes"):
+        with pytest.raises(UsageError, match=r"expected 1 to 32 bytes"):
             Client(session="")
 
 

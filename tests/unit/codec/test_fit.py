@@ -117,8 +117,8 @@ def test_every_cut_of_a_file_is_truncated() -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (b"1 1 69 0", "a FAP: got '69', expected an integer 1..68"),
-        (b"1 1 3 1 0 1 1", "leads to: got '1', expected an integer 0..0"),
+        (b"1 1 69 0", "a FAP: got '69', expected an integer 1 to 68"),
+        (b"1 1 3 1 0 1 1", "leads to: got '1', expected an integer 0 to 0"),
         (b"1 1 3 0 7", "1 numbers follow the last link"),
         (b"1 1 3 x", "the number of links: got 'x'"),
         (b"-1", "the number of nodes: got '-1'"),

@@ -54,7 +54,7 @@ def test_a_video_of_an_unknown_codec_holds_no_picture(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes().replace(b"avc1", b"qqq1"))
     assert inspect_film(path) is None
     assert read_fba_film(path) is None
-    with pytest.raises(DataError, match="holds no picture"):
+    with pytest.raises(DataError, match="contains no image"):
         decode_all(path)
 
 

@@ -195,7 +195,7 @@ def test_opening_twice_and_closing_twice_are_harmless() -> None:
 @pytest.mark.parametrize("name", ["", "é" * 17, "a\0", "a\nb", "\ud800"])
 def test_names_that_no_wire_can_carry(name: str) -> None:
     hub, _ = hub_of()
-    with pytest.raises(UsageError, match=r"session: got .*, expected 1\.\.32 bytes"):
+    with pytest.raises(UsageError, match=r"session: got .*, expected 1 to 32 bytes"):
         hub.open(name)
 
 

@@ -200,7 +200,7 @@ def test_words_and_phones_go_on_with_an_utterance(head: FaceMesh) -> None:
             said = [utterance.phones[index].word for index in sorted(utterance.phones)]
             assert [word for word in dict.fromkeys(said) if word] == ["Mama", "may", "go"]
             await socket.send_json({"type": "words", "words": [["late", 0.2, 0.3]], "utterance": number})
-            assert "expected it behind 1.6 s" in (await text_from(socket, "error"))["message"]
+            assert "expected it after 1.6 s" in (await text_from(socket, "error"))["message"]
             await tell("words", words=[], utterance=number)
             assert utterance.phone_count == len(said)
             await socket.send_json({"type": "words", "words": [["more", 3.0, 3.3]], "utterance": number})

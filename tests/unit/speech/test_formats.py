@@ -191,7 +191,7 @@ def test_refusals_say_what_and_where(name: str, old: str, new: str, error: type[
     ("file_format", "data", "error", "message"),
     [
         ("mfa-json", '{"tiers": 5}', DataError, "got 5, expected an object of tiers"),
-        ("mfa-json", '{"tiers": ', TruncatedError, "no JSON"),
+        ("mfa-json", '{"tiers": ', TruncatedError, "invalid JSON"),
         ("mfa-json", "[" * 100_000, DataError, "nested too deeply"),
         ("mfa-csv", "a,b\n1,2\n", DataError, "expected the header Begin"),
         ("mfa-csv", "a\n" + "b" * 200_000, DataError, "MFA CSV"),

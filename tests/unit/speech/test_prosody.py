@@ -105,5 +105,5 @@ def test_a_stream_is_compared_with_its_past() -> None:
 
 @pytest.mark.parametrize("loudness_db", [LOUDNESS_DB[0] - 0.1, LOUDNESS_DB[1] + 0.1, float("nan")])
 def test_a_loudness_out_of_range_is_refused(loudness_db: float) -> None:
-    with pytest.raises(UsageError, match=r"loudness_db of 'a': got .*, expected -12..8"):
+    with pytest.raises(UsageError, match=r"loudness_db of 'a': got .*, expected -12 to 8"):
         Phone("a", 0.0, 0.1, loudness_db=loudness_db)

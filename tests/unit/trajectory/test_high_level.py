@@ -143,9 +143,9 @@ def test_pages_have_the_same_faces() -> None:
 @pytest.mark.parametrize(
     ("visemes", "expressions", "said"),
     [
-        ([(15, 0, 63, 0)], None, "viseme_select: got 15, expected 0..14"),
+        ([(15, 0, 63, 0)], None, "viseme_select: got 15, expected 0 to 14"),
         ([(0, -1, 63, 0)], None, "viseme_select: got -1"),
-        (None, [(0, 0, 7, 1, 0, 0)], "expression_select: got 7, expected 0..6"),
+        (None, [(0, 0, 7, 1, 0, 0)], "expression_select: got 7, expected 0 to 6"),
     ],
 )
 def test_faces_that_do_not_exist_are_data_errors(

@@ -145,7 +145,7 @@ def test_some_faps_of_many_sessions() -> None:
     assert np.flatnonzero(frame.mask).tolist() == [2, 3]
     assert frame.values[[2, 3]].tolist() == [2, 3]
     for numbers in ([], [2], [69]):
-        with pytest.raises(UsageError, match=r"expected FAPs of 3\.\.68"):
+        with pytest.raises(UsageError, match=r"expected FAPs of 3 to 68"):
             SessionFrames(numbers)
     with pytest.raises(UsageError, match="session: got ''"):
         SessionFrames().encode(("",), np.zeros((1, 68), np.int32), 0)
@@ -168,7 +168,7 @@ def test_numbers_that_cannot_be_sent(where: dict[str, int]) -> None:
     ("field", "what"),
     [
         ({"session": ""}, "0 bytes"),
-        ({"session": "é" * 17}, "34 bytes, expected 1..32"),
+        ({"session": "é" * 17}, "34 bytes, expected 1 to 32"),
         ({"session": "a\0"}, "NUL"),
         ({"session": "\ud800"}, "got"),
         ({"number": 2**31}, "number 2147483648"),

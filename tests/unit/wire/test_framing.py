@@ -97,10 +97,10 @@ def test_lengths_in_any_pieces(packets: list[bytes], size: int) -> None:
 @pytest.mark.parametrize("length", ["00000000", "0000000b", "7fffffff", "ffffffff"])
 def test_a_wrong_length_ends_the_stream(length: str) -> None:
     decoder = LengthDecoder(max_packet=10)
-    with pytest.raises(DataError, match=r"expected 1\.\.10"):
+    with pytest.raises(DataError, match=r"expected 1 to 10"):
         decoder.feed(h(length) + b"x" * 100)
     for call in (lambda: decoder.feed(encode_length(b"a")), decoder.close):
-        with pytest.raises(DataError, match=r"expected 1\.\.10"):
+        with pytest.raises(DataError, match=r"expected 1 to 10"):
             call()
     assert not decoder._held
 

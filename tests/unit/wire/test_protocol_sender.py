@@ -447,7 +447,7 @@ def test_next_s_is_when_there_is_something_to_send():
         (lambda one: OscSender("a", instance=0), "instance: got 0, expected an int32 other than 0"),
         (lambda one: OscSender("a", instance=1 << 31), "instance: got 2147483648"),
         (lambda one: one.append(5, []), "utterance: got 5, expected one that was begun"),
-        (lambda one: one.append(0, [WirePhone("m", -1, 5)]), r"phone 'm': got -1 us, expected 0\.\.1800000000"),
+        (lambda one: one.append(0, [WirePhone("m", -1, 5)]), r"phone 'm': got -1 us, expected 0 to 1800000000"),
         (lambda one: one.append(0, [WirePhone("m", 0, 1 << 40)]), "phone 'm': got 0 us"),
         (lambda one: one.append(0, [WirePhone("m" * 16, 0, 5)]), "expected at most 15 bytes"),
         (lambda one: one.append(0, [WirePhone("m", 0, 5, weight=float("nan"))]), "phone: got 'm'"),

@@ -199,7 +199,7 @@ def test_a_sender_refuses_what_cannot_be() -> None:
     now, later = sender.begin(0.0), sender.begin(0.0, anchor="audio")
     with pytest.raises(UsageError, match="got sound, expected a beginning at a time"):
         sender.sound(now, RAMP, RATE_HZ, 0.0)
-    with pytest.raises(UsageError, match=r"rate_hz: got 4000, expected 8000\.\.48000"):
+    with pytest.raises(UsageError, match=r"rate_hz: got 4000, expected 8000 to 48000"):
         sender.sound(later, RAMP, 4000, 0.0)
     sender.sound(later, RAMP, RATE_HZ, 0.0)
     with pytest.raises(UsageError, match="rate_hz: got 8000, expected 16000"):
