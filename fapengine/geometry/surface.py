@@ -81,6 +81,24 @@ class Surface:
         triangle, weight, _ = self._nearest(frozen(points_mm, "points_mm", ("N", 3), np.float64))
         return np.asarray(np.einsum("nc,ncd->nd", weight, field[triangle]))
 
+    def distances_along(self, points_mm: ArrayLike) -> Array:
+        """Lengths of the shortest paths along edges to every vertex, from the vertices nearest to points, (N, 3) mm.
+
+        Returns
+        -------
+        (N, V) float64, mm
+            Infinite where no path exists.
+        """
+        from scipy.sparse.csgraph import dijkstra
+        from scipy.spatial import cKDTree
+
+        vertices = self.vertices_mm
+        start = cKDTree(vertices).query(frozen(points_mm, "points_mm", ("N", 3), np.float64))[1]
+        paths = _links(self.triangles, len(vertices)).tocoo()
+        first, second = paths.coords
+        paths.data = np.linalg.norm(vertices[first] - vertices[second], axis=1) + TINY
+        return np.asarray(dijkstra(paths.tocsr(), indices=start))
+
     def meet(self, points_mm: ArrayLike, directions: ArrayLike, reach_mm: float) -> tuple[Array, Mask]:
         """Intersect lines through points with the surface; the hit nearest to the point counts, on either side of it.
 

@@ -14,6 +14,9 @@ from fapengine.models.dense import bind, fit_dense_modes, fit_estimator, remesh,
 from fapengine.models.missing import GapModel, fit_gaps
 from fapengine.models.scans import ScanFit, fit_scan
 
+STRANGE_MM, UNSETTLED = 2.5, 0.2
+"""Median distance from the landmarks, and fraction of unsettled fits, above which scans and markers are of two people:
+3.3 mm and 0.27 with another person's scans, 1.8 mm and 0 with the speaker's own."""
 MIN_SCANS, MIN_MARKERS, MIN_LANDMARKS = 3, 12, 3
 FRAMES = 4000
 """Frames of the session for the sparse model; more do not change eight modes."""
@@ -26,6 +29,18 @@ class DenseStudy:
     face: DenseFace
     fits: tuple[tuple[str, ScanFit, float], ...]
     """Name of the scan, its fit, and the fraction of the vertices that are on it."""
+
+    @property
+    def warnings(self) -> list[str]:
+        """A doubt that scans and markers show the same person, if there is one."""
+        fits = [fit for _, fit, _ in self.fits]
+        off_mm, lost = np.median([fit.landmark_rms_mm for fit in fits]), sum(not fit.settled for fit in fits)
+        if off_mm <= STRANGE_MM and lost < UNSETTLED * len(fits):
+            return []
+        return [
+            f"scans: the markers' model misses their landmarks by {off_mm:.1f} mm (median), and {lost} of"
+            f" {len(fits)} fits do not settle: are scans and markers of the same person?"
+        ]
 
 
 def densify(prepared: Prepared, setup: Setup, *, modes: int) -> DenseStudy:
@@ -46,9 +61,9 @@ def densify(prepared: Prepared, setup: Setup, *, modes: int) -> DenseStudy:
         Surface(fit.scan_from_model.inverse().apply(scan.surface.vertices_mm), scan.surface.triangles)
         for scan, fit in zip(scans, fits, strict=True)
     ]
-    points = [sparse.rebuild(fit.scores) for fit in fits]
+    points = [fit.points_mm for fit in fits]
     facets = sparse_facets(np.concatenate([frames[:: max(1, len(frames) // 40)], np.stack(points)]))
-    binding = bind(fitted[0].vertices_mm, points[0], facets)
+    binding = bind(fitted[0], points[0], facets)
     faces, met = [fitted[0].vertices_mm], [1.0]
     for scan, surface, position in zip(scans[1:], fitted[1:], points[1:], strict=True):
         try:
@@ -88,11 +103,11 @@ def _noise(prepared: Prepared, fits: list[ScanFit]) -> float:
     """Estimate a marker coordinate's deviation: noise of the recording, and distance of the model to the scans.
 
     The noise is measured on second differences of the positions, which contain little motion: for white noise they have
-    sqrt(6) times its deviation.
+    sqrt(6) times its deviation. The distance is that of the landmarks: the surface does not show what slid along it.
     """
     second = np.concatenate([np.diff(take.moved_mm, n=2, axis=0) for take in prepared.takes if len(take.moved_mm) > 2])
     tremble = 1.4826 * np.median(np.abs(second[:: max(1, len(second) // FRAMES)])) / np.sqrt(6)
-    met = np.sqrt(np.mean([fit.surface_rms_mm**2 for fit in fits]))
+    met = np.sqrt(np.mean([fit.landmark_rms_mm**2 for fit in fits]) / 3)
     return float(np.hypot(tremble, met))
 
 

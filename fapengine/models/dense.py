@@ -5,7 +5,8 @@ Theory of operation
 1. Each scanned posture gets the weights ``z`` of the sparse model that lays itself onto it (:mod:`.scans`).
 2. The scans get common vertices. A vertex M of the reference scan belongs to a facet ABC of the sparse mesh: its foot
    H has coordinates (a, b, c) there, and HM runs along ``a Na + b Nb + c Nc``. In another posture the same
-   coordinates and normals give another line; M' is where it meets that scan.
+   coordinates and normals give another line; M' is where it meets that scan. Lips that touch are near through the air
+   and far along the skin: a facet counts as farther by the detour that the way along the scan takes to its corners.
 3. Where the line meets nothing (holes, the inside of the lips, outside of the markers) the vertex follows its
    neighbours on the reference mesh: their displacement is continued as smoothly as the mesh allows. The mesh is slit
    at the mouth, so upper and lower lip are continued apart.
@@ -29,7 +30,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial import Delaunay, cKDTree
+from scipy.spatial import Delaunay
+from scipy.spatial.distance import cdist
 
 from fapengine._arrays import Array, Indices, Mask, freeze, frozen
 from fapengine.errors import DataError, UsageError
@@ -39,6 +41,12 @@ from fapengine.models.viseme_space import signs
 NEAR_FACETS = 12
 OUTSIDE = 0.5
 """Distance outside of its facet, in barycentric units, at which a vertex is still bound to it."""
+AROUND, FAR_MM = 1.3, 100.0
+"""Ratio of the ways along the edges and through the air above which the rest is a detour, and the largest detour."""
+BLOCK = 4096
+"""Vertices that are compared with all facets at once."""
+DETOUR = 0.05
+"""Cost of a detour of 1 mm, in barycentric units outside of a facet."""
 RIDGES = (0.0, 1e-3, 1e-2, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0)
 THINNEST = 0.02
 """Height of a facet over its longest edge, as a fraction of it; thinner ones are on the outline and have no
@@ -124,27 +132,35 @@ def sparse_facets(postures_mm: ArrayLike) -> Indices:
     return kept
 
 
-def bind(vertices_mm: ArrayLike, points_mm: ArrayLike, triangles: ArrayLike) -> Binding:
+def bind(reference: Surface, points_mm: ArrayLike, triangles: ArrayLike) -> Binding:
     """Find facet, coordinates and height of each vertex of the reference scan (step 2).
 
     Parameters
     ----------
-    vertices_mm : (V, 3) array_like, mm
+    reference : Surface
+        V vertices.
     points_mm : (M, 3) array_like, mm
         The sparse mesh in the reference posture.
     triangles : (F, 3) array_like of int
         From :func:`sparse_facets`.
     """
-    vertices = frozen(vertices_mm, "vertices_mm", ("V", 3), np.float64)
+    vertices = reference.vertices_mm
     points = frozen(points_mm, "points_mm", ("M", 3), np.float64)
     corner = frozen(triangles, "triangles", ("F", 3), np.int64)
     normals = vertex_normals(points, corner)
     count = min(NEAR_FACETS, len(corner))
-    near = np.asarray(cKDTree(points[corner].mean(axis=1)).query(vertices, k=count)[1]).reshape(len(vertices), count)
+    along = reference.distances_along(points).T
+    near, detour = np.empty((len(vertices), count), np.int64), np.empty((len(vertices), count))
+    for rows in np.array_split(np.arange(len(vertices)), len(vertices) // BLOCK + 1):
+        away = np.clip(along[rows] - AROUND * cdist(vertices[rows], points), 0.0, FAR_MM)[:, corner].max(axis=2)
+        far = cdist(vertices[rows], points[corner].mean(axis=1)) + away
+        near[rows] = np.argpartition(far, count - 1, axis=1)[:, :count]
+        detour[rows] = np.take_along_axis(away, near[rows], axis=1)
     facets = corner[near]  # (V, N, 3)
     weights, height, off = _coordinates(vertices[:, None], points[facets], normals[facets])
     outside = np.maximum(-weights.min(axis=-1), 0.0)
     cost = np.where(off < 1e-6, outside + 1e-3 * np.abs(height), np.inf)
+    cost += DETOUR * detour
     best = cost.argmin(axis=1)
     rows = np.arange(len(vertices))
     bound = outside[rows, best] <= OUTSIDE

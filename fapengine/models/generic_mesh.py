@@ -123,8 +123,16 @@ def _morph(field: tuple[Kernel, float], anchors: Array, goals: Array, points: Ar
     if kernel != "none":
         wide = RBFInterpolator(anchors, left, kernel=kernel, degree=1, smoothing=smoothing)
         moved, left = points + wide(points), left - wide(anchors)
-    weights = np.linalg.solve(np.exp(-cdist(anchors, anchors) / REACH_MM), left)
-    return np.asarray(moved + np.exp(-cdist(points, anchors) / REACH_MM) @ weights)
+    return np.asarray(moved + spread(anchors, left, points, REACH_MM))
+
+
+def spread(anchors: Array, values: Array, points: Array, reach_mm: float, noise: float = 0.0) -> Array:
+    """Spread values of anchors, (N, C) at (N, 3) mm, over points, (P, 3) mm -> (P, C); to 1/e within ``reach_mm``.
+
+    ``noise`` is the variance of the values' errors over that of the values: above 0 they are smoothed (kriging).
+    """
+    near = np.exp(-cdist(anchors, anchors) / reach_mm) + noise * np.eye(len(anchors))
+    return np.asarray(np.exp(-cdist(points, anchors) / reach_mm) @ np.linalg.solve(near, values))
 
 
 def _left_out_mm(field: tuple[Kernel, float], anchors: Array, goals: Array, folds: NDArray[np.intp]) -> float:

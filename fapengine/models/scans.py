@@ -11,6 +11,8 @@ solves one linear system (Gauss-Newton) for all unknowns at once, minimising
 * Distances are measured along the scan's normal, so that points may slide while the motion is still wrong.
 * Sliding leaves no trace in the surface residual: half a millimetre of it can hide seven along the skin. The landmarks
   stop it, and ``|z|^2``, the modes' own distribution, keeps faces plausible where the scan has holes.
+* A posture that the modes do not reach leaves a residual at the landmarks. It is spread over the points near them, the
+  less the more it is of the size of the landmarks' own noise.
 * Points that pair with the rim of a hole, or are far off, lose their weight (Tukey's, with a scale from the median).
 
 Colours ("the texture is reattached", paper 004): the head's texture is laid out over angle and height, the scan's in
@@ -36,10 +38,13 @@ from fapengine.mesh.default_head.mesh_builder import HAIR_U, SKIN_U, TEXTURE_SIZ
 from fapengine.mesh.face_mesh import FaceMesh, Material
 from fapengine.mesh.rig.placed_mesh import PlacedMesh
 from fapengine.models.adapted_head import on_large_parts
+from fapengine.models.generic_mesh import spread
 from fapengine.models.missing import GapModel
 
 MIN_LANDMARKS = 3
 """Landmarks to start from; six or more hold the fit (see the theory of operation)."""
+LANDMARK_REACH_MM = 20.0
+"""Distance in which the landmarks' residual falls to 1/e."""
 TUKEY = 4.685
 MAX_STEPS, SETTLED_MM = 40, 1e-4
 
@@ -51,6 +56,8 @@ class ScanFit:
     scan_from_model: RigidMotion
     scores: Array
     """(K,): weights, in the modes' standard deviations."""
+    points_mm: Array
+    """(M, 3): the model's points in the model's space, moved by what the weights leave at the landmarks."""
     surface_rms_mm: float
     """Root mean square of the trusted points' distances along the normal. It does not show sliding."""
     landmark_rms_mm: float
@@ -59,7 +66,7 @@ class ScanFit:
     """True if the last step moved no point by more than 0.1 um; False if :data:`MAX_STEPS` came first."""
 
     def __post_init__(self) -> None:
-        freeze(self, scores=("K",))
+        freeze(self, scores=("K",), points_mm=("M", 3))
 
 
 def fit_scan(
@@ -106,11 +113,15 @@ def fit_scan(
             break
     pairs = _pair(points, scan, noise)
     off = ((points - pairs.places) * pairs.normals).sum(-1)
+    left = mark_points - points[marks]
+    square = float((left**2).sum(-1).mean())
+    moved = spread(points[marks], left, points, LANDMARK_REACH_MM, landmark_noise_mm**2 / max(square, 1e-12))
     return ScanFit(
         scan_from_model=motion,
         scores=scores,
+        points_mm=motion.inverse().apply(points + moved),
         surface_rms_mm=float(np.sqrt((pairs.trust * off**2).sum() / pairs.trust.sum())),
-        landmark_rms_mm=float(np.sqrt(((points[marks] - mark_points) ** 2).sum(-1).mean())),
+        landmark_rms_mm=float(np.sqrt(square)),
         settled=settled,
     )
 

@@ -220,6 +220,17 @@ def test_scans_become_a_dense_face(make, run, face, face_mm, standard):
     assert [name for name, *_ in found.dense.fits] == ["p", "æ", "u", "s"]
     assert all(fit.landmark_rms_mm < 2.0 for _, fit, _ in found.dense.fits)
     assert found.dense.face.modes.modes_mm.shape[1] == len(used)
+    assert not found.dense.warnings
+    wide = [
+        replace(
+            scan,
+            surface=Surface(scan.surface.vertices_mm * [1.4, 0.8, 1.2], triangles),
+            landmarks={name: tuple(np.multiply(place, [1.4, 0.8, 1.2])) for name, place in scan.landmarks.items()},
+        )
+        for scan in scans
+    ]
+    with_another = run(made.session, replace(HEAD, scans=tuple(wide)))
+    assert "are scans and markers of the same person?" in with_another.warnings[-1]
     for change, message in (
         (scans[:2], "needs at least 3 postures"),
         (

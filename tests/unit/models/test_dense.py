@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from fapengine.errors import DataError, UsageError
-from fapengine.geometry.surface import Surface, continue_smoothly
+from fapengine.geometry.surface import Surface, continue_smoothly, edges_of
 from fapengine.models import dense as dense_modes
 from fapengine.models.dense import bind, fit_dense_modes, remesh, sparse_facets
 
@@ -19,9 +19,9 @@ def postures(mask, scores):
 
 
 def test_a_bound_vertex_comes_back_in_its_own_posture_and_turns_with_it(mask):
-    faces, _ = postures(mask, np.array([[0.0, 0, 0], [1.0, -1, 0.5]]))
+    faces, triangles = postures(mask, np.array([[0.0, 0, 0], [1.0, -1, 0.5]]))
     facets = sparse_facets(faces[:, INNER])
-    binding = bind(faces[0], faces[0, INNER], facets)
+    binding = bind(Surface(faces[0], triangles), faces[0, INNER], facets)
     assert binding.bound.mean() > 0.9
     turn = Rotation.from_rotvec([0.4, 1.0, -0.3]).as_matrix()
     for move in (np.eye(3), turn):
@@ -36,7 +36,7 @@ def test_a_scan_with_other_vertices_gets_those_of_the_reference(mask):
     faces, triangles = postures(mask, scores)
     facets = sparse_facets(faces[:, INNER])
     reference = Surface(faces[0], triangles)
-    binding = bind(faces[0], faces[0, INNER], facets)
+    binding = bind(reference, faces[0, INNER], facets)
     rng = np.random.default_rng(1)
     other = rng.permutation(len(faces[0]))  # the scanner numbers its vertices as it likes
     place = np.argsort(other)
@@ -56,7 +56,7 @@ def test_a_hole_in_the_scan_is_closed_from_its_neighbours(mask):
     reference = Surface(faces[0], triangles)
     hole = np.linalg.norm(faces[1] - faces[1, 41 * 12 + 20], axis=1) < 15
     scan = Surface(faces[1], triangles[~hole[triangles].any(axis=1)])
-    binding = bind(faces[0], faces[0, INNER], facets)
+    binding = bind(reference, faces[0, INNER], facets)
     found, met = remesh(binding, reference, scan, faces[1, INNER], facets)
     assert not met[hole].any()
     assert np.linalg.norm(found - faces[1], axis=1)[hole].mean() < 1.0
@@ -68,7 +68,7 @@ def test_a_scan_elsewhere_is_refused(mask):
     reference = Surface(faces[0], triangles)
     with pytest.raises(DataError, match="only 0 of"):
         remesh(
-            bind(faces[0], faces[0, INNER], facets),
+            bind(reference, faces[0, INNER], facets),
             reference,
             Surface(faces[0] + 500, triangles),
             faces[0, INNER],
@@ -93,6 +93,33 @@ def test_facets_do_not_bridge_the_mouth(mask):
     assert edges[True] == 0
     with pytest.raises(DataError, match="facets stays together"):
         sparse_facets(50 * markers[None])
+
+
+def test_lips_that_touch_on_the_reference_part_on_other_scans(mask):
+    """The markers of the lower lip are farther from its rim than those of the upper lip, through the air."""
+    vertices, triangles, _ = mask()
+    at = np.arange(len(vertices)).reshape(41, 41)
+    rows, lips = np.indices(at.shape)[0].ravel(), np.abs(vertices[:, 0]) < 35
+    vertices[(rows == 13) & lips, 1] = vertices[at[14, 20], 1] - 0.4  # the rim of the lower lip; row 14 is the upper's
+    slit = np.isin(triangles, at[13]).any(axis=1) & np.isin(triangles, at[14]).any(axis=1) & lips[triangles].any(axis=1)
+    triangles = triangles[~slit]
+    opened = vertices.copy()
+    opened[:, 1] -= np.where((rows < 14) & lips, 12 * np.cos(vertices[:, 0] / 35 * np.pi / 2), 0)
+    reference, scan = Surface(vertices, triangles), Surface(opened, triangles)
+    along = reference.distances_along(vertices[at[14, 20]][None])[0]
+    assert along[at[13, 20]] > 60  # round the corner of the mouth
+    assert along[at[15, 20]] == pytest.approx(4.5, abs=1.5)
+    facets = sparse_facets(np.stack([vertices[INNER], opened[INNER]]))
+    found, _ = remesh(bind(reference, vertices[INNER], facets), reference, scan, opened[INNER], facets)
+    edges = edges_of(triangles)
+    before, after, truth = (
+        np.linalg.norm(face[edges[:, 0]] - face[edges[:, 1]], axis=1) for face in (vertices, found, opened)
+    )
+    assert not ((after > 6) & (after > 1.6 * before) & (after > 1.6 * truth)).any()
+    rim = (rows == 13) & lips
+    assert np.linalg.norm(found - opened, axis=1)[rim].max() < 3.0
+    found, _ = remesh(bind(scan, opened[INNER], facets), scan, reference, vertices[INNER], facets)  # an open reference
+    assert np.linalg.norm(found - vertices, axis=1)[rim].max() < 3.0
 
 
 def test_smooth_continuation_continues_straight_and_does_not_cross_a_slit(mask):

@@ -36,7 +36,7 @@ def test_fifteen_postures_animate_the_dense_face(speech):
         laid.append(Surface(fit.scan_from_model.inverse().apply(scan.vertices_mm), triangles))
         points.append(model.rebuild(fit.scores))
     facets = sparse_facets(sparse[::40])
-    vertices, met = remesh(bind(laid[0].vertices_mm, points[0], facets), laid[0], laid[1], points[1], facets)
+    vertices, met = remesh(bind(laid[0], points[0], facets), laid[0], laid[1], points[1], facets)
     off = np.linalg.norm(vertices - laid[1].vertices_mm, axis=1)
     lips = cKDTree(rest[marked[speech.is_lip[:209]]]).query(rest)[0] < 6.0
     assert met.mean() > 0.5
