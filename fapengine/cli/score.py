@@ -93,8 +93,30 @@ def score(
         Path | None,
         typer.Option("--neutral", help="The face at rest; --upper needs it.", rich_help_panel=MESHES),
     ] = None,
+    listen: Annotated[
+        bool,
+        typer.Option(
+            "--listen",
+            help="Write a listening test of two folders of films, or of motion with --audio, into the folder --output.",
+            rich_help_panel=PEOPLE,
+        ),
+    ] = False,
+    seed: Annotated[
+        int, typer.Option("--seed", min=0, help="Seed of the listening test's order.", rich_help_panel=PEOPLE)
+    ] = 1,
+    answers: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--answers",
+            help="Analyse the answers of a listening test: its CSV files, or a folder of them. Repeatable.",
+            rich_help_panel=PEOPLE,
+        ),
+    ] = None,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Report with plots (.html); of a set, a table (.csv).")
+        Path | None,
+        typer.Option(
+            "--output", "-o", help="Report with plots (.html); of a set, a table (.csv); of --listen, a folder."
+        ),
     ] = None,
     as_json: AsJson = False,
     timings: TimingOptions = TimingOptions(),
@@ -107,6 +129,7 @@ def score(
         fapengine score theirs.csv --against mocap.fap --fail-under closures=95,lag=80ms --junit out/lips.xml
         fapengine score ours/ theirs/ --phones timings/ -o out/set.csv    # two systems
         fapengine score made.npy --against true.npy --lips lips.txt    # LVE and MVE of papers
+        fapengine score --listen ours/ theirs/ -o out/page    # ask people; then --answers answers.csv
 
     The verdict comes first. With --phones, --audio or --against, p b m must close, f v meet the teeth, and neither be
     late. With --against, also the similarity to the reference. A video needs the face detector
@@ -118,6 +141,17 @@ def score(
     from fapengine.files.mesh_sequences import is_mesh_sequence
 
     made = made or []
+    if answers:
+        if made or listen:
+            raise UsageError("answers: cannot be combined with recordings to score")
+        _analyse(answers, as_json=as_json)
+        return
+    if listen:
+        if len(made) != 2 or output is None:
+            raise UsageError("listen: expected two folders and an output folder: --listen A/ B/ -o page")
+        writing.check([output / "index.html"], [*made, audio])
+        _write_test(made[0], made[1], output, audio, seed, as_json=as_json)
+        return
     if not made:
         raise UsageError("made: missing, expected a recording to score")
     for name, value in timings.how.items():
@@ -138,6 +172,43 @@ def score(
     _write_checks(results, junit, sarif)
     if (check or fail_under is not None) and not all(result.verdict.passes for result in results):
         raise typer.Exit(1)
+
+
+def _write_test(one: Path, other: Path, output: Path, audio: Path | None, seed: int, *, as_json: bool) -> None:
+    from dataclasses import asdict
+
+    from fapengine.app.listening import write_listening_test
+    from fapengine.cli._printing import print_result, working
+
+    with working("films of the test"):
+        test = write_listening_test(one, other, output, audio=audio, seed=seed)
+    left_out = [f"left out, as one system lacks them: {', '.join(test.left_out)}"] if test.left_out else []
+    print_result(
+        asdict(test) | {"page": str(output / "index.html")},
+        f"page: {output / 'index.html'}, {test.pairs} pairs and {test.checks} attention checks",
+        *left_out,
+        "Send each listener its address with ?listener=NAME, and collect the CSV that the page saves.",
+        as_json=as_json,
+    )
+
+
+def _analyse(answers: list[Path], *, as_json: bool) -> None:
+    from dataclasses import asdict
+
+    from fapengine.app.listening import analyse_answers
+    from fapengine.cli._printing import print_result
+
+    found = analyse_answers(answers)
+    over = found.over_listeners
+    by_people = "" if over.low is None else f"; over listeners {100 * over.low:.0f} to {100 * (over.high or 0):.0f} %"
+    lines = [
+        f"{found.system} preferred to {found.other}: {100 * found.share:.1f} % ({found.chosen} of {found.answers}),"
+        f" 95 % interval {100 * found.low:.1f} to {100 * found.high:.1f} % (binomial){by_people}; p = {found.p:.3g}",
+        f"listeners: {found.listeners}; left out for failed attention checks: {len(found.excluded)}",
+        *(f"  {name}: passed {100 * share:.0f} %" for name, share in found.excluded.items()),
+        *(f"  {item}: {100 * share:.0f} %" for item, share in found.by_item.items()),
+    ]
+    print_result(asdict(found), *lines, as_json=as_json)
 
 
 def _score_one(job: "ScoreJob", *, as_json: bool) -> "Scored":

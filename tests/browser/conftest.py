@@ -96,6 +96,7 @@ class Page:
             "Escape": (27, ""),
             "Enter": (13, "\r"),
             "Tab": (9, ""),
+            "ArrowLeft": (37, ""),
             "ArrowRight": (39, ""),
             "ArrowUp": (38, ""),
             "ArrowDown": (40, ""),
