@@ -15,7 +15,7 @@ from fapengine._strict_toml import checked
 from fapengine.app.drawing import resized
 from fapengine.app.outputs import SaveOptions, draw_frames, write_output
 from fapengine.errors import UsageError
-from fapengine.files.motion import BLEND_ENDINGS, RECORDED_ENDINGS, load_motion, shown
+from fapengine.files.motion import ANIMATED_ENDINGS, BLEND_ENDINGS, RECORDED_ENDINGS, load_motion, shown
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mpeg4.track import FapTrack
 from fapengine.render.drawing import Drawing, Picture
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from fapengine.app.scene_files import Into
     from fapengine.codec.encoder import EncoderOptions
 
-LOADED = (".fap", ".fba", *BLEND_ENDINGS, *RECORDED_ENDINGS)
+LOADED = (".fap", ".fba", *BLEND_ENDINGS, *RECORDED_ENDINGS, *ANIMATED_ENDINGS)
 """Endings of files of face motion that can be loaded."""
 
 
@@ -37,7 +37,8 @@ def load(path: str | Path, *, strict: bool = False) -> FapTrack:
     ----------
     path : str or Path
         FAPs (``.fap``), an MPEG-4 stream (``.fba``), a table of ARKit, Oculus or VRM weights (``.csv``; Azure's frames
-        ``.json``, ``.jsonl``), or a VMC stream that ``oscdump`` recorded (``.osc``).
+        ``.json``, ``.jsonl``), a VMC stream that ``oscdump`` recorded (``.osc``), or an animated avatar or VRM
+        animation (``.glb``, ``.vrm``, ``.vrma``).
     strict : bool
         True to refuse motion with a remark.
 

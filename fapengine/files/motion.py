@@ -39,6 +39,7 @@ def save_fap(path: Path, track: FapTrack, *, single_numbers: bool = False) -> No
 
 BLEND_ENDINGS = (".csv", ".json", ".jsonl")
 RECORDED_ENDINGS = (".osc",)
+ANIMATED_ENDINGS = (".glb", ".vrm", ".vrma")
 
 
 def shown(track: FapTrack) -> FapTrack:
