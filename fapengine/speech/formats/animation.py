@@ -1,6 +1,7 @@
 """Timings of animation programs: Papagayo, Moho, Rhubarb Lip Sync.
 
-Papagayo ``.pgo`` (version 1): name, audio file, frame rate, length, then voices of phrases of words of ``frame mouth``.
+Papagayo ``.pgo`` (version 1): name, audio file, frame rate, length, then voices of phrases of words of ``frame mouth``;
+Papagayo-NG saves JSON of the same.
 Moho switch ``.dat``: after ``MohoSwitch1``, lines ``frame mouth``; a few give the frame rate, by ``FPS 24``. Rhubarb
 1.14: JSON and XML (its TSV is in :mod:`.corpora`); the start of a cue ends the one before, because cues of ports of
 Rhubarb overlap.
@@ -8,11 +9,10 @@ Rhubarb overlap.
 
 import re
 from dataclasses import dataclass
-from xml.etree import ElementTree
 
-from fapengine.errors import DataError, UnsupportedError
-from fapengine.speech.formats.documents import decode_text, number_of, parse_document
-from fapengine.speech.formats.entries import Entry, track_of, until_next, without_overlaps
+from fapengine.errors import DataError
+from fapengine.speech.formats.documents import Node, decode_text, number_of, parse_document, parse_xml, walk
+from fapengine.speech.formats.entries import LAST_S, Entry, track_of, until_next, without_overlaps
 from fapengine.speech.formats.table import parse_columns
 from fapengine.speech.phone_track import PhoneTrack
 
@@ -39,6 +39,38 @@ class _Lines:
 
 def parse_papagayo(data: bytes, *, tier: str | None = None, alphabet: str | None = None) -> PhoneTrack:
     """Read the mouths of one voice; ``tier`` names it, if there are several."""
+    if decode_text(data, "Papagayo").lstrip().startswith("{"):
+        voices, end_s = _voices_in_json(parse_document(data, "Papagayo"))
+    else:
+        voices, end_s = _voices_in_lines(data)
+    if len(voices) > 1 and tier not in voices:
+        raise DataError(f"Papagayo: got the voices {sorted(voices)}, expected one; name one with tier=NAME")
+    onsets = voices[tier] if tier in voices else next(iter(voices.values()), [])
+    return track_of(until_next(onsets, end_s), "Papagayo", alphabet=alphabet or "preston-blair", level="viseme")
+
+
+Voices = dict[str, list[tuple[float, str, str, str]]]
+"""Onsets of each voice: time in s, mouth, place, word."""
+
+
+def _voices_in_json(document: Node) -> tuple[Voices, float]:
+    """Read what Papagayo-NG 1.6 and later save: ``fps`` and voices of phrases of words of phonemes, each at a frame."""
+    rate_hz = document["fps"].number()
+    if rate_hz <= 0:
+        raise DataError(f"fps: got {rate_hz:g}, expected more than 0")
+    voices: Voices = {}
+    for voice in document["voices"].items():
+        words = walk(voice, "phrases[].words[]")
+        voices[voice.text_or("name")] = [
+            (max(0.0, mouth["frame"].number() - 1) / rate_hz, mouth["text"].text(), mouth.where, word.text_or("text"))
+            for word in words
+            for mouth in word["phonemes"].items()
+        ]
+    last_s = max((onset[0] for onsets in voices.values() for onset in onsets), default=0.0)
+    return voices, max(document.number_or("sound_duration", 0.0) / rate_hz, last_s + LAST_S)
+
+
+def _voices_in_lines(data: bytes) -> tuple[Voices, float]:
     lines = _Lines(decode_text(data, "Papagayo").splitlines())
     if lines.take("its first line") != "lipsync version 1":
         raise DataError("Papagayo: expected a file that begins with 'lipsync version 1'", where="line 1")
@@ -47,15 +79,12 @@ def parse_papagayo(data: bytes, *, tier: str | None = None, alphabet: str | None
     if rate_hz < 1:
         raise DataError("frames a second: got 0, expected 1 or more", where=f"line {lines.at}")
     end_s = lines.count("length") / rate_hz
-    voices: dict[str, list[tuple[float, str, str, str]]] = {}
+    voices: Voices = {}
     for _ in range(lines.count("number of voices")):
         name = lines.take("a voice")
         lines.take("its text")
         voices[name] = _voice(lines, rate_hz)
-    if len(voices) > 1 and tier not in voices:
-        raise DataError(f"Papagayo: got the voices {sorted(voices)}, expected one; name one with tier=NAME")
-    onsets = voices[tier] if tier in voices else next(iter(voices.values()), [])
-    return track_of(until_next(onsets, end_s), "Papagayo", alphabet=alphabet or "preston-blair", level="viseme")
+    return voices, end_s
 
 
 def _voice(lines: _Lines, rate_hz: int) -> list[tuple[float, str, str, str]]:
@@ -102,12 +131,7 @@ def parse_rhubarb_json(data: bytes) -> PhoneTrack:
 
 def parse_rhubarb_xml(data: bytes) -> PhoneTrack:
     """Read ``<mouthCue start= end=>shape</mouthCue>``."""
-    if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
-        raise UnsupportedError("Rhubarb XML: got a document type or entities, expected none")
-    try:
-        root = ElementTree.fromstring(data)
-    except (ElementTree.ParseError, ValueError, LookupError) as error:
-        raise DataError(f"Rhubarb XML: no XML here ({error})") from error
+    root = parse_xml(data, "Rhubarb")
     entries: list[Entry] = []
     for number, cue in enumerate(root.iter("mouthCue"), start=1):
         where = f"mouthCue {number}"

@@ -128,6 +128,13 @@ def starts_with(text: str) -> Callable[[Sample], bool]:
     return lambda sample: bool(sample.rows) and sample.rows[0].strip() == text
 
 
+def is_papagayo(sample: Sample) -> bool:
+    """Return whether there are voices of Papagayo."""
+    return starts_with("lipsync version 1")(sample) or (
+        sample.first().has("fps", "voices") and any(walk(sample.first(), "voices[].phrases[].words[].phonemes[]"))
+    )
+
+
 def is_utau(sample: Sample) -> bool:
     """Return whether there are sections of a song."""
     return any(re.match(r"\[#(SETTING|\d{4})|ustx_version:", row) for row in sample.rows)

@@ -8,8 +8,9 @@ import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from xml.etree import ElementTree
 
-from fapengine.errors import DataError, TruncatedError
+from fapengine.errors import DataError, TruncatedError, UnsupportedError
 
 MAX_BYTES = 64 << 20
 """An hour of speech is a few megabytes."""
@@ -141,6 +142,18 @@ def parse_document(data: bytes, what: str) -> Node:
         raise kind(f"{what}: invalid JSON ({error.msg})", where=f"line {error.lineno}, column {error.colno}") from error
     except ValueError as error:  # a number of more digits than Python converts
         raise DataError(f"{what}: the JSON holds a number that is too long") from error
+
+
+def parse_xml(data: bytes, what: str) -> ElementTree.Element:
+    """Read XML without a document type or entities."""
+    if len(data) > MAX_BYTES:
+        raise DataError(f"{what}: must have at most {MAX_BYTES} bytes, got {len(data)}")
+    if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
+        raise UnsupportedError(f"{what} XML: got a document type or entities, expected none")
+    try:
+        return ElementTree.fromstring(data)
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
+        raise DataError(f"{what} XML: no XML here ({error})") from error
 
 
 def _line(number: int, line: str, what: str) -> object:

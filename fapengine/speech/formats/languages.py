@@ -7,15 +7,19 @@ header: ``Language: fr``.
 """
 
 import re
+from collections import Counter
 from typing import Any
 
 from fapengine.errors import DataError
 from fapengine.speech.formats.documents import decode_text, parse_document
 
-_KEYS = ("language", "language_code", "languageCode", "detected_language", "detectedLanguage", "lang", "locale")
+_KEYS = (
+    "language", "language_code", "languageCode", "detected_language", "detectedLanguage", "lang", "locale", "Language"
+)  # fmt: skip
 _UNKNOWN = frozenset({"", "auto", "detect", "unknown", "und", "multi", "mul", "none", "null"})
-_HEADER = re.compile(r"^Language:\s*([A-Za-z0-9-]+)\s*$", re.MULTILINE)
-_DEPTH, _ITEMS = 5, 20
+_HEADER = re.compile(r"^(?:X-)?Language\s*[:=]\s*\"?([A-Za-z0-9_-]+)\"?\s*$", re.MULTILINE | re.IGNORECASE)
+_SPAN = re.compile(r"<lang ([A-Za-z0-9-]+)>")
+_DEPTH, _ITEMS = 9, 20
 """Levels of a document, and items of a list, that are searched."""
 
 
@@ -30,7 +34,7 @@ def language_of(data: bytes) -> str:
     try:
         text = decode_text(data, "file").lstrip()
         if text.startswith("WEBVTT"):
-            header = _HEADER.search(re.split(r"\r?\n\r?\n", text, maxsplit=1)[0])
+            header = _HEADER.search(re.split(r"\r?\n\r?\n", text, maxsplit=1)[0]) or _SPAN.search(text)
             return header[1] if header else ""
         return _named([parse_document(data, "file").value])
     except DataError:  # neither: lines of labels
@@ -38,17 +42,20 @@ def language_of(data: bytes) -> str:
 
 
 def _named(values: list[Any]) -> str:
-    """Search values level by level."""
+    """Search values level by level; where a level names several languages, the commonest counts."""
     for _ in range(_DEPTH):
         below: list[Any] = []
+        found: Counter[str] = Counter()
         for value in values:
             if isinstance(value, list):
                 below += value[:_ITEMS]
             elif isinstance(value, dict):
-                for key in _KEYS:
-                    named = value.get(key)
-                    if isinstance(named, str) and named.strip().lower() not in _UNKNOWN:
-                        return named.strip()
+                named = [value.get(key) for key in _KEYS]
+                named += value.get("languages") if isinstance(value.get("languages"), list) else []
+                known = [str(name).strip() for name in named if isinstance(name, str)]
+                found.update([name for name in known if name.lower() not in _UNKNOWN][:1])
                 below += value.values()
+        if found:
+            return found.most_common(1)[0][0]
         values = below
     return ""

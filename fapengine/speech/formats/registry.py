@@ -9,6 +9,7 @@ from fapengine.speech.alphabets.convert import ALPHABETS
 from fapengine.speech.formats import animation, corpora, detection, services, singing, synthesizers
 from fapengine.speech.formats.detection import Sample, has
 from fapengine.speech.formats.documents import NUMBER
+from fapengine.speech.formats.elan import parse_elan
 from fapengine.speech.formats.languages import language_of
 from fapengine.speech.formats.table import parse_columns, parse_table
 from fapengine.speech.formats.textgrid import parse_textgrid
@@ -83,8 +84,8 @@ FORMATS: dict[str, Format] = {each.name: each for each in (
            lambda s: s.every_row(rf"{NUMBER}\t[A-HX]\s*")),
     Format("subtitles", "SRT and WebVTT with words: edge-tts, Whisper, YouTube", parse_subtitles,
            detection.is_subtitles, (".srt", ".vtt")),
-    Format("papagayo", "Papagayo", animation.parse_papagayo, detection.starts_with("lipsync version 1"), (".pgo",),
-           _TIER_ALPHABET),
+    Format("papagayo", "Papagayo", animation.parse_papagayo, detection.is_papagayo, (".pgo",), _TIER_ALPHABET),
+    Format("elan", "ELAN", parse_elan, lambda s: b"<ANNOTATION_DOCUMENT" in s.head, (".eaf",), _TIER_ALPHABET),
     Format("moho", "Moho switch layers", animation.parse_moho, detection.starts_with("MohoSwitch1"), (),
            _ALPHABET_COLUMNS),
     Format("utau", "UTAU, OpenUtau", singing.parse_utau, detection.is_utau, (".ust", ".ustx"), _ALPHABET),
@@ -163,4 +164,6 @@ def parse_timings(
         if value is not None and name not in chosen.takes:
             raise UsageError(f"{name}: got {value!r}, but the format {chosen.name} has no such option")
     track = chosen.parse(data, **{name: getattr(options, name) for name in chosen.takes})
-    return replace(track, reading=replace(track.reading, language=language_of(data))) if track.spelled else track
+    if not track.spelled or track.reading.language:
+        return track
+    return replace(track, reading=replace(track.reading, language=language_of(data)))

@@ -32,7 +32,7 @@ IDS = ("visemeid", "privvisemeid", "viseme", "id")
 """Keys of the SDKs for Python, C#, JavaScript, of the REST batch result, and of programs that store the events; spelled
 as :func:`.table.plain_name` does."""
 MAX_ID = 21
-_OTHER_KEYS = frozenset({"end", "text", "word", "phoneme", "phone", "label"})
+_OTHER_KEYS = frozenset({"end", "text", "word", "phoneme", "phone", "label", "nbest", "displaytext", "duration"})
 
 
 def azure_keys(event: Node) -> tuple[str, str] | None:

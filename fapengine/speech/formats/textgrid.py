@@ -27,6 +27,7 @@ class Tier:
     name: str
     intervals: tuple[tuple[float, float, str], ...]
     """(start_s, end_s, label), as written."""
+    language: str = ""
 
 
 START = b"ooBinaryFile"
@@ -231,9 +232,7 @@ def choose_tier(tiers: tuple[Tier, ...], wanted: str | None, usual: tuple[str, .
         fitting = fitting or (list(tiers) if len(tiers) == 1 else [])
     if len(fitting) != 1:
         sought = f"named {wanted!r}" if wanted is not None else f"for {what}"
-        raise DataError(
-            f"TextGrid: {len(fitting)} tiers {sought}, expected one; it has {names}; name one with tier=NAME"
-        )
+        raise DataError(f"tier: got {len(fitting)} tiers {sought}, expected one; it has {names}; name one with tier=NAME")
     return fitting[0]
 
 
@@ -249,21 +248,26 @@ def parse_textgrid(data: bytes, *, tier: str | None = None, alphabet: str | None
     alphabet : str, optional
         One of :data:`fapengine.speech.alphabets.convert.ALPHABETS`; by default guessed from all labels.
     """
-    tiers = parse_tiers(data)
+    return track_of_tiers(parse_tiers(data), "TextGrid", tier, alphabet)
+
+
+def track_of_tiers(tiers: tuple[Tier, ...], what: str, tier: str | None, alphabet: str | None) -> PhoneTrack:
+    """Make a track of the tier of phones, with the words of the tier of words; of that alone if there is no other."""
     chosen = _chosen(tiers, tier)
     entries = _entries(chosen)
     labels = [entry.label for entry in entries]
     kind = kind_of(chosen.name)
     if kind == "words" or (kind == "" and alphabet is None and guess(labels).words):
         _refuse_blanks(entries, "one word; is this a tier of words?")
-        return track_of(entries, "TextGrid", level="word", spelled=True)
+        track = track_of(entries, what, level="word", spelled=True)
+        return replace(track, reading=replace(track.reading, language=chosen.language))
     _refuse_blanks(entries, "one phone; is this a tier of phones?")
     named = tuple(tier for tier in _same_owner(tiers, chosen) if kind_of(tier.name) == "words")
     try:
         words = _entries(choose_tier(named, None, WORD_TIERS, "words"))
     except DataError:
         words = []
-    return track_of(with_words(entries, words), "TextGrid", alphabet=alphabet)
+    return track_of(with_words(entries, words), what, alphabet=alphabet)
 
 
 def _same_owner(tiers: tuple[Tier, ...], chosen: Tier) -> tuple[Tier, ...]:

@@ -57,6 +57,7 @@ class WordList:
     hint: str = "ask the tool for word timestamps"
 
 
+_WORDS_OF_AZURE = "ask for words: wordLevelTimestampsEnabled, or request_word_level_timestamps()"
 # fmt: off
 WORD_LISTS: tuple[WordList, ...] = (
     WordList("whisper", "WhisperX, faster-whisper, whisper-timestamped, stable-ts", ("segments[].words[]",),
@@ -75,6 +76,18 @@ WORD_LISTS: tuple[WordList, ...] = (
     WordList("assemblyai", "AssemblyAI", ("words[]",), ("text",), unit_s=1e-3, never=("loss", "type", "logprob")),
     WordList("aws-transcribe", "Amazon Transcribe", ("results.items[]",), ("alternatives[0].content",),
              ("start_time",), ("end_time",), only=("type", "pronunciation")),
+    WordList("azure-speech", "Azure speech to text", ("phrases[].words[]",), ("text",), ("offsetMilliseconds",), (),
+             ("durationMilliseconds",), unit_s=1e-3, phrases=("combinedPhrases[]",), hint=_WORDS_OF_AZURE),
+    WordList("azure-speech-ticks", "Azure Speech SDK, batch transcription", ("recognizedPhrases[].nBest[0].words[]",
+             "NBest[0].Words[]", "[].NBest[0].Words[]"), ("word", "Word"), ("offsetInTicks", "Offset"), (),
+             ("durationInTicks", "Duration"), unit_s=TICK_S, phrases=("recognizedPhrases[]",), hint=_WORDS_OF_AZURE),
+    WordList("rev", "Rev AI", ("monologues[].elements[]",), ("value",), ("ts",), ("end_ts",), only=("type", "text")),
+    WordList("speechmatics", "Speechmatics", ("results[]",), ("alternatives[0].content",), ("start_time",),
+             ("end_time",), only=("type", "word")),
+    WordList("gladia", "Gladia", ("result.transcription.utterances[].words[]", "transcription.utterances[].words[]",
+             "utterances[].words[]"), ("word",), phrases=("result.transcription.utterances[]",)),
+    WordList("watson", "IBM Watson Speech to Text", ("results[].alternatives[0].timestamps[]",), ("[0]",), ("[1]",),
+             ("[2]",), hint="ask for words: timestamps=true"),
     WordList("google-speech", "Google Cloud Speech-to-Text", ("results[].alternatives[0].words[]",
              "response.results[].alternatives[0].words[]"), ("word",), ("startTime", "startOffset", "start_time"),
              ("endTime", "endOffset", "end_time")),

@@ -212,6 +212,32 @@ SAMPLES: dict[str, str] = {
     "timit": "0 1600 h#\n1600 4000 bcl\n4000 6400 b\n6400 16000 ay\n",
     "ctm": "talk 1 0.00 0.40 m_B 0.99\ntalk 1 0.40 0.60 ay_E 1.00\n",
     "ctm words": ";; a comment\ntalk A 0.00 0.40 montreal\ntalk A 0.50 0.50 aligner 0.9 lex\n",
+    "papagayo json": json.dumps({"fps": 10, "sound_duration": 10, "voices": [{"name": "anna", "phrases": [{"words": [
+        {"text": "my", "phonemes": [{"text": "MBP", "frame": 1}, {"text": "AI", "frame": 5}]}]}]}]}),
+    "elan": '<?xml version="1.0"?><ANNOTATION_DOCUMENT FORMAT="3.0"><TIME_ORDER><TIME_SLOT TIME_SLOT_ID="a" TIME_VALUE="0"/>'
+            '<TIME_SLOT TIME_SLOT_ID="b" TIME_VALUE="400"/><TIME_SLOT TIME_SLOT_ID="c" TIME_VALUE="1000"/></TIME_ORDER>'
+            '<TIER TIER_ID="phones"><ANNOTATION><ALIGNABLE_ANNOTATION TIME_SLOT_REF1="a" TIME_SLOT_REF2="b">'
+            '<ANNOTATION_VALUE>M</ANNOTATION_VALUE></ALIGNABLE_ANNOTATION></ANNOTATION><ANNOTATION><ALIGNABLE_ANNOTATION'
+            ' TIME_SLOT_REF1="b" TIME_SLOT_REF2="c"><ANNOTATION_VALUE>AY1</ANNOTATION_VALUE></ALIGNABLE_ANNOTATION>'
+            '</ANNOTATION></TIER></ANNOTATION_DOCUMENT>',
+    "azure-speech": json.dumps({"combinedPhrases": [], "phrases": [{"text": "My, oh.", "locale": "en-US", "words": [
+        {"text": "my", "offsetMilliseconds": 0, "durationMilliseconds": 400},
+        {"text": "oh", "offsetMilliseconds": 500, "durationMilliseconds": 500}]}]}),
+    "azure-speech-ticks": json.dumps({"Id": "1", "DisplayText": "My, oh.", "Offset": 0, "Duration": 10000000, "NBest": [
+        {"Words": [{"Word": "my", "Offset": 0, "Duration": 4000000},
+                   {"Word": "oh", "Offset": 5000000, "Duration": 5000000}]}]}),
+    "rev": json.dumps({"monologues": [{"speaker": 0, "elements": [
+        {"type": "text", "value": "my", "ts": 0.0, "end_ts": 0.4}, {"type": "punct", "value": ", "},
+        {"type": "text", "value": "oh", "ts": 0.5, "end_ts": 1.0}, {"type": "punct", "value": "."}]}]}),
+    "speechmatics": json.dumps({"metadata": {"transcription_config": {"language": "en"}}, "results": [
+        {"type": "word", "start_time": 0.0, "end_time": 0.4, "alternatives": [{"content": "my"}]},
+        {"type": "punctuation", "start_time": 0.4, "end_time": 0.4, "alternatives": [{"content": ","}]},
+        {"type": "word", "start_time": 0.5, "end_time": 1.0, "alternatives": [{"content": "oh"}]}]}),
+    "gladia": json.dumps({"result": {"transcription": {"languages": ["en"], "utterances": [
+        {"text": "my oh", "start": 0.0, "end": 1.0, "words": [{"word": "my", "start": 0.0, "end": 0.4},
+                                                              {"word": " oh", "start": 0.5, "end": 1.0}]}]}}}),
+    "watson": json.dumps({"results": [{"final": True, "alternatives": [
+        {"transcript": "my oh", "timestamps": [["my", 0.0, 0.4], ["oh", 0.5, 1.0]]}]}]}),
     "table": "start,end,phone\n0.0,0.4,m\n0.4,1.0,aɪ\n",
     "table words": "word\tbegin_ms\tduration_ms\nmy\t0\t400\noh\t500\t500\n",
     "table json": json.dumps([{"phone": "m", "start": 0.0, "end": 0.4}, {"phone": "aɪ", "start": 0.4, "end": 1.0}]),

@@ -22,7 +22,7 @@ WORDS = (
     "whisper", "whisper timestamped", "openai-words", "whisper-cpp", "whisper-cpp words", "transformers", "vosk",
     "vosk stream", "deepgram", "assemblyai", "aws-transcribe", "google-speech", "google-speech v2", "soniox",
     "kokoro-fastapi", "edge-tts", "edge-tts metadata", "aeneas", "fish", "subtitles", "subtitles inside",
-    "subtitles underlined",
+    "subtitles underlined", "azure-speech", "azure-speech-ticks", "rev", "speechmatics", "gladia", "watson",
 )  # fmt: skip
 """Samples that time words."""
 NEEDS = {"moho": ParseOptions(columns="fps=10")}
@@ -56,6 +56,7 @@ OTHERS: dict[str, list[tuple[str, float, float]]] = {
     "ctm words": [("montreal", 0.0, 0.4), ("_", 0.4, 0.5), ("aligner", 0.5, 1.0)],
     "inworld visemes": [("p", 0.0, 0.4), ("a", 0.4, 1.0)],
     "papagayo": [("m", 0.0, 0.4), ("a", 0.4, 1.0)],
+    "papagayo json": [("m", 0.0, 0.4), ("a", 0.4, 1.0)],
     "moho": [("m", 0.0, 0.4), ("a", 0.4, 1.0), ("_", 1.0, 1.1)],
     "diffsinger": [("_", 0.0, 0.1), ("m", 0.1, 0.4), ("a", 0.4, 0.9), ("_", 0.9, 1.0)],
     "utau": [("_", 0.0, 0.1), ("ma", 0.1, 0.4), ("i", 0.4, 1.0)],
@@ -66,7 +67,8 @@ OTHERS: dict[str, list[tuple[str, float, float]]] = {
 LEVELS = {
     "polly": "viseme", "polly words": "word", "azure": "viseme", "azure lines": "viseme", "elevenlabs": "character",
     "elevenlabs stream": "character", "elevenlabs aligned": "word", "cartesia words": "word", "kokoro": "word",
-    "headtts": "viseme", "rhubarb-json": "viseme", "rhubarb-xml": "viseme", "rhubarb-tsv": "viseme", "align": "word",
+    "headtts": "viseme", "papagayo json": "viseme", "rhubarb-json": "viseme",
+    "rhubarb-xml": "viseme", "rhubarb-tsv": "viseme", "align": "word",
     "xlabel words": "word", **dict.fromkeys(WORDS, "word"), "gentle words": "word", "pocketsphinx words": "word",
     "cartesia stream": "word", "inworld words": "word",
     "table words": "word", "ctm words": "word", "inworld visemes": "viseme", "papagayo": "viseme", "moho": "viseme",
@@ -97,7 +99,7 @@ def test_pauses_of_voicevox_are_scaled(fixed_s: dict[str, float], pause_s: float
 @pytest.mark.conformance
 def test_every_format_has_a_sample() -> None:
     assert {name.split()[0] for name in SAMPLES} == set(FORMATS)
-    assert len(FORMATS) >= 46
+    assert len(FORMATS) >= 53
 
 
 @pytest.mark.conformance

@@ -7,8 +7,10 @@ from fapengine.speech.formats.registry import parse_timings
 from fapengine.speech.phone_track import Phone, PhoneTrack, Reading
 from fapengine.speech.plausible import dropped_remarks, refuse, remarks_on, script_remarks
 
+FILE = Reading("ipa")
 
-def evenly(length_s: float, count: int = 8, reading: Reading = Reading("ipa")) -> PhoneTrack:
+
+def evenly(length_s: float, count: int = 8, reading: Reading = FILE) -> PhoneTrack:
     phones = [Phone("ma"[n % 2], n * length_s, (n + 1) * length_s) for n in range(count)]
     return PhoneTrack.of(phones, reading=reading)
 

@@ -1,3 +1,4 @@
+# ruff: noqa: E501
 """Small timing files in the shapes that public tools write, each with what must be read from it.
 
 All files are written here; the words and times are our own. ``source`` names the tool and where its shape is described.
@@ -117,7 +118,37 @@ RECOGNIZERS = (
         {"text": f" {label}", "start_ms": a * MS, "end_ms": b * MS, "language": "fr"} for label, a, b in FR]}), FR,
          language="fr"),
     Case("gladia phrases", "Gladia documentation: result", json.dumps({"result": {"transcription": {"languages": ["fr"],
-         "utterances": [{"text": "bonjour mes amis", "start": 0.1, "end": 1.2}]}}}), PHRASE),
+         "utterances": [{"text": "bonjour mes amis", "start": 0.1, "end": 1.2}]}}}), "contains no word with times"),
+    Case("gladia words", "Gladia documentation: result", json.dumps({"result": {"transcription": {"languages": ["fr"],
+         "utterances": [{"text": "bonjour mes amis", "start": 0.1, "end": 1.2, "words": timed(FR, "word")}]}}}), FR,
+         language="fr"),
+    Case("deepgram of several languages", "Deepgram documentation: multilingual", json.dumps({"results": {"channels": [
+        {"alternatives": [{"languages": ["fr"], "words": [{**row, "language": "fr"} for row in timed(FR, "word")]}]}]}}),
+         FR, language="fr"),
+    Case("deepgram, words of two languages", "the same", json.dumps({"results": {"channels": [{"alternatives": [{"words": [
+        {**row, "language": language} for row, language in zip(timed(FR, "word"), ("en", "fr", "fr"), strict=True)
+        ]}]}]}}), FR, language="fr"),
+    Case("aws of several languages", "Amazon Transcribe developer guide: IdentifyMultipleLanguages", json.dumps({"results": {
+        "language_codes": [{"language_code": "fr-FR", "duration_in_seconds": 3.2}], "items": [
+            {"type": "pronunciation", "start_time": str(a), "end_time": str(b), "alternatives": [{"content": label}]}
+            for label, a, b in FR]}}), FR, language="fr-FR"),
+    Case("azure batch transcription", "Azure Speech: batch transcription results", json.dumps({"recognizedPhrases": [{
+        "locale": "fr-FR", "offsetInTicks": 1e6, "nBest": [{"words": [
+            {"word": label, "offset": f"PT{a}S", "offsetInTicks": a * 1e7, "durationInTicks": (b - a) * 1e7}
+            for label, a, b in FR]}]}]}), FR, language="fr-FR"),
+    Case("azure sdk, detailed", "Azure Speech SDK: request_word_level_timestamps", json.dumps({"Id": "1", "Offset": 1e6,
+         "Duration": 11e6, "PrimaryLanguage": {"Language": "fr-FR"}, "NBest": [{"Words": [
+             {"Word": label, "Offset": round(a * 1e7), "Duration": round((b - a) * 1e7)} for label, a, b in FR]}]}), FR,
+         language="fr-FR"),
+    Case("azure fast transcription", "Azure Speech: fast transcription API", json.dumps({"phrases": [{"locale": "fr-FR",
+         "words": [{"text": label, "offsetMilliseconds": a * MS, "durationMilliseconds": (b - a) * MS}
+                   for label, a, b in FR]}]}), FR, language="fr-FR"),
+    Case("rev", "Rev AI documentation: transcript", json.dumps({"monologues": [{"elements": [
+        {"type": "text", "value": label, "ts": a, "end_ts": b} for label, a, b in FR]}]}), FR),
+    Case("speechmatics", "Speechmatics documentation: json-v2", json.dumps({"metadata": {"transcription_config": {
+        "language": "fr"}}, "results": [{"type": "word", "start_time": a, "end_time": b, "alternatives": [
+            {"content": label, "language": "fr"}]} for label, a, b in FR]}), FR, language="fr"),
+    Case("watson", "IBM Watson: timestamps=true", json.dumps({"results": [{"alternatives": [{"timestamps": FR}]}]}), FR),
     Case("kokoro-fastapi", "remsky/Kokoro-FastAPI: captioned speech",
          json.dumps({"timestamps": timed(EN, "word", "start_time", "end_time")}), EN),
     Case("edge-tts", "rany2/edge-tts: WordBoundary", text(*(json.dumps(
@@ -134,6 +165,11 @@ SUBTITLES = (
     Case("vtt of youtube", "yt-dlp/yt-dlp: --write-auto-subs; W3C WebVTT",
          text("WEBVTT", "Kind: captions", "Language: fr", "", *CUES), FR, ".vtt", language="fr"),
     Case("vtt", "W3C WebVTT", text("WEBVTT", "", *CUES), FR, ".vtt"),
+    Case("vtt with a language in quotes", "players", text("WEBVTT", 'X-LANGUAGE="fr"', "", *CUES), FR, ".vtt",
+         language="fr"),
+    Case("vtt with spans", "W3C WebVTT: language spans", text("WEBVTT", "", *(
+        cue.replace(label, f"<lang fr>{label}</lang>") for cue, (label, _, _) in zip(CUES, FR, strict=True))), FR, ".vtt",
+         language="fr"),
     Case("srt", "SubRip; edge-tts", text(*(f"{n}\n{cue.replace('.', ',')}" for n, cue in enumerate(CUES, 1))), FR,
          ".srt"),
     Case("srt of phrases", "SubRip", text("1", "00:00:00,000 --> 00:00:01,000", "bonjour mes amis"), PHRASE, ".srt"),
@@ -190,6 +226,43 @@ LABELS = (
          [*IPA, ("PT", 0.5, 0.6)], ".TextGrid", remark="unknown phone 'PT' once, first at 0.500 s"),
     Case("mfa csv", "Montreal Forced Aligner: csv", text("Begin,End,Label,Type,Speaker", *(
         f"{a},{b},{label},phones,anna" for label, a, b in ARPA)), IPA, ".csv"),
+)  # fmt: skip
+SLOTS = "".join(
+    f'<TIME_SLOT TIME_SLOT_ID="{n}{end}" TIME_VALUE="{row[end] * 1000:.0f}"/>'
+    for n, row in enumerate(FR)
+    for end in (1, 2)
+)
+ANNOTATIONS = "".join(
+    f'<ANNOTATION><ALIGNABLE_ANNOTATION TIME_SLOT_REF1="{n}1" TIME_SLOT_REF2="{n}2"><ANNOTATION_VALUE>'
+    f"{row[0]}</ANNOTATION_VALUE></ALIGNABLE_ANNOTATION></ANNOTATION>"
+    for n, row in enumerate(FR)
+)
+NOTES = '<TIER TIER_ID="notes"><ANNOTATION><REF_ANNOTATION><ANNOTATION_VALUE>x</ANNOTATION_VALUE></REF_ANNOTATION></ANNOTATION></TIER>'
+
+
+def eaf(tiers: str, languages: str = "") -> str:
+    order = f'<TIME_ORDER>{SLOTS}<TIME_SLOT TIME_SLOT_ID="none"/></TIME_ORDER>'
+    return (
+        f'<?xml version="1.0" encoding="UTF-8"?>\n<ANNOTATION_DOCUMENT>{order}{tiers}{languages}</ANNOTATION_DOCUMENT>'
+    )
+
+
+UNTIMED = ANNOTATIONS.replace('TIME_SLOT_REF2="02"', 'TIME_SLOT_REF2="none"')
+ELAN = (
+    Case("elan", "EAF schema 3.0: LANG_REF", eaf(f'<TIER TIER_ID="words" LANG_REF="fra">{ANNOTATIONS}</TIER>{NOTES}'), FR,
+         ".eaf", language="fra"),
+    Case("elan, a locale", "EAF schema 2.7: DEFAULT_LOCALE", eaf(f'<TIER TIER_ID="A" DEFAULT_LOCALE="fr">{ANNOTATIONS}</TIER>'),
+         FR, ".eaf", language="fr"),
+    Case("elan, one language", "EAF schema 3.0", eaf(f'<TIER TIER_ID="A">{ANNOTATIONS}</TIER>', '<LANGUAGE LANG_ID="fra"/>'),
+         FR, ".eaf", language="fra"),
+    Case("elan, a slot without a time", "EAF schema 3.0", eaf(f'<TIER TIER_ID="words">{UNTIMED}</TIER>'), FR[1:], ".eaf"),
+    Case("elan, two tiers", "EAF schema 3.0", eaf(f'<TIER TIER_ID="A">{ANNOTATIONS}</TIER><TIER TIER_ID="B">{ANNOTATIONS}</TIER>'),
+         "name one with tier=NAME", ".eaf"),
+    Case("elan, a tier", "EAF schema 3.0", eaf(f'<TIER TIER_ID="A">{ANNOTATIONS}</TIER><TIER TIER_ID="B">{ANNOTATIONS}</TIER>'),
+         FR, ".eaf", {"tier": "B"}),
+    Case("elan, phrases", "EAF schema 3.0", eaf(f'<TIER TIER_ID="A">{ANNOTATIONS.replace("mes", "mes amis")}</TIER>'),
+         PHRASE.replace("expected one word", "expected one"), ".eaf"),
+    Case("elan, entities", "attacks", eaf('<!ENTITY a "b">'), "got a document type or entities", ".eaf"),
 )  # fmt: skip
 READ_IN_MS, READ_IN_S = "read in ms, by its distances.*columns='unit=ticks'", "read in s, by its distances"
 TOOLS = (
@@ -295,7 +368,7 @@ def _variants(case: Case) -> list[Case]:
     ]
 
 
-CORPUS = (*RECOGNIZERS, *SUBTITLES, *LABELS, *TOOLS, *LISTS)
+CORPUS = (*RECOGNIZERS, *ELAN, *SUBTITLES, *LABELS, *TOOLS, *LISTS)
 VARIANTS = tuple(
     variant for case in CORPUS
     if case.name in {"whisper", "vtt of youtube", "srt", "audacity phones", "htk", "textgrid", "azure in ms", "csv"}
