@@ -22,7 +22,7 @@ def events_of(labels: list[str], each_s: float, cancel: bool = False) -> list[Ev
     phones = tuple(Phone(label, n * each_s, (n + 1) * each_s) for n, label in enumerate(labels))
     face.apply("anna", Begin(1), 0.0)
     face.apply("anna", Append(1, 0, phones), 0.0)
-    face.apply("anna", Cancel(1) if cancel else End(1, len(phones), None), 0.0)
+    face.apply("anna", Cancel(1) if cancel else End(1, len(phones), len(phones) * each_s), 0.0)
     for n in range(round(25 * (len(labels) * each_s + 0.2)) + 2):
         face.frame(n / 25)
     return face.events()
