@@ -5,7 +5,7 @@ import io
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 from fapengine.app.score import Scored, ScoreJob, run_score
 from fapengine.errors import DataError, UsageError
@@ -22,20 +22,23 @@ COLUMNS = (*FILES, "transcript", "offset", "id", "system")
 """Columns of a set's table."""
 
 
-def is_set(made: Sequence[Path]) -> bool:
-    """Whether paths are a set: several, a folder that is not one sequence of meshes, or a table of recordings."""
-    if len(made) != 1:
-        return True
-    (path,) = made
-    if path.is_dir():
-        return not is_mesh_sequence(path)
-    return path.suffix.lower() == ".csv" and path.is_file() and "made" in _header(path)
+def is_set(made: Sequence[Path], options: ScoreJob) -> bool:
+    """Whether paths are a set: several, a folder of recordings, or a table; also where a reference is a folder."""
+    references = (getattr(options, name) for name in FILES[1:])
+    return len(made) != 1 or _is_folder(made[0]) or _is_table(made[0]) or any(map(_is_folder, references))
 
 
-def _header(path: Path) -> list[str]:
+def _is_folder(path: object) -> TypeGuard[Path]:
+    """Whether it is a folder of recordings, which one of meshes is not."""
+    return isinstance(path, Path) and path.is_dir() and not is_mesh_sequence(path)
+
+
+def _is_table(path: Path) -> bool:
+    if path.suffix.lower() != ".csv" or not path.is_file():
+        return False
     with path.open("rb") as file:
-        line = file.readline(1 << 16)
-    return [cell.strip() for cell in line.decode("utf-8-sig", errors="replace").split(",")]
+        header = file.readline(1 << 16).decode("utf-8-sig", errors="replace")
+    return "made" in [cell.strip() for cell in header.split(",")]
 
 
 def jobs_of(made: Sequence[Path], options: ScoreJob) -> list[ScoreJob]:
@@ -57,10 +60,10 @@ def jobs_of(made: Sequence[Path], options: ScoreJob) -> list[ScoreJob]:
     DataError
         If the table is wrong; ``where`` is its line.
     """
-    if len(made) == 1 and made[0].is_file():
+    if len(made) == 1 and _is_table(made[0]):
         with naming(made[0]):
             return _rows(made[0], options)
-    folders = [path.is_dir() and not is_mesh_sequence(path) for path in made]
+    folders = [_is_folder(path) for path in made]
     if any(folders) and not all(folders):
         raise UsageError("made: got folders and files, expected either")
     if all(folders):
@@ -77,7 +80,7 @@ def _partners(options: ScoreJob, stem: str) -> ScoreJob:
     found: dict[str, Any] = {}
     for name in FILES[1:]:
         folder = getattr(options, name)
-        if isinstance(folder, Path) and folder.is_dir() and not is_mesh_sequence(folder):
+        if _is_folder(folder):
             files = [path for path in sorted(folder.iterdir()) if path.stem == stem]
             if len(files) != 1:
                 listed = ", ".join(path.name for path in files) or "none"

@@ -168,7 +168,7 @@ def score(
     outputs = [path for path in (output, junit, sarif) if path is not None]
     if outputs:
         writing.check(outputs, [*made, against, phones, audio, text, lips, upper, neutral])
-    results = _score_set(made, job, as_json=as_json) if is_set(made) else [_score_one(job, as_json=as_json)]
+    results = _score_set(made, job, as_json=as_json) if is_set(made, job) else [_score_one(job, as_json=as_json)]
     _write_checks(results, junit, sarif)
     if (check or fail_under is not None) and not all(result.verdict.passes for result in results):
         raise typer.Exit(1)

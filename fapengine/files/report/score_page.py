@@ -96,7 +96,7 @@ def summary_lines(
     for system, named in systems.items():
         lines.append(f"{system or 'Mean'}, with 95 % intervals over utterances")
         lines += [
-            f"  {name:10} {spell_estimate(each)} {units[name]}, {each.count} utterances" for name, each in named.items()
+            f"  {name:10} {spell_estimate(each)} {units[name]}, n = {each.count}" for name, each in named.items()
         ]
     if tests:
         one, other = systems
@@ -104,7 +104,7 @@ def summary_lines(
         for name, test in tests.items():
             apart = test.difference
             lines.append(
-                f"  {name:10} {spell_estimate(apart)} {units[name]}, p = {test.p:.3g}, {apart.count} utterances"
+                f"  {name:10} {spell_estimate(apart)} {units[name]}, p = {test.p:.3g}, n = {apart.count}"
             )
     return lines
 

@@ -147,7 +147,7 @@ def test_sound_or_text_stand_for_phones(talk: Path, known: tuple[str, ...]) -> N
         run("score", talk / "late.csv", "--audio", talk / "talk.wav", *known, "--check", "--json", code=1)
     )
     assert found["verdict"]["faults"][0]["check"] == "lag"
-    assert found["phones"]["closures"]["wanted"] >= 8
+    assert found["phones"]["closures"]["wanted"] >= 5
     assert found["is_heard"] != bool(known)
 
 
@@ -188,7 +188,7 @@ def test_two_systems_are_compared(talk: Path, tmp_path: Path) -> None:
     phones = ("--phones", tmp_path / "timings")
     said = run("score", *systems, *phones, "-o", tmp_path / "set.csv")
     assert "fails: 3 of 6 recordings" in said
-    assert re.search(r"ours less theirs.*\n +opens.*\n +lag +-1[45]\d.* ms, p = 0.25, 3 utterances", said)
+    assert re.search(r"ours less theirs.*\n +opens.*\n +lag +-1[45]\d.* ms, p = 0.25, n = 3", said)
     rows = (tmp_path / "set.csv").read_text(encoding="utf-8").splitlines()
     assert rows[0].startswith("id,system,made,verdict,opens_mm,lag_ms,closures_percent,")
     assert [row.split(",")[:2] for row in rows[1:]] == [[u, s] for s in ("ours", "theirs") for u in "abc"]
@@ -199,6 +199,7 @@ def test_two_systems_are_compared(talk: Path, tmp_path: Path) -> None:
     by_table = json.loads(run("score", tmp_path / "table.csv", "--json"))
     assert by_table["summary"] == json.loads(run("score", *systems, *phones, "--json"))["summary"]
     assert by_table["verdict"] == {"passes": False, "failed": 3, "recordings": 6}
+    assert run("score", tmp_path / "ours" / "a.csv", *phones).startswith("passes: 1 recordings")
     (tmp_path / "timings" / "c.lab").unlink()
     with pytest.raises(UsageError, match=r"--phones: got none in .*timings, expected one file c\.\*"):
         run("score", *systems, *phones)
