@@ -10,13 +10,14 @@ import numpy as np
 import fapengine
 from fapengine._strict_toml import checked
 from fapengine.app.performance import pronounced
-from fapengine.errors import DataError, UsageError
+from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.files.heads.built import load_built
 from fapengine.files.heads.dense import ADAPTED
 from fapengine.files.heads.folder import OWNED as HEAD_FILES
 from fapengine.files.heads.folder import save_head
 from fapengine.files.motion import save_fap
 from fapengine.files.paths import replacing_folder
+from fapengine.files.pictures import format_png
 from fapengine.files.profiles import PROFILE_FILES, load_profile, put_profile
 from fapengine.files.sessions import LoadedSession, load_session
 from fapengine.laboratory.dense_file import ARRAYS_NAME as DENSE_ARRAYS
@@ -208,7 +209,7 @@ def _write(
     if report:  # before anything is written: its library may be missing
         from fapengine.files.report.page import write_report
 
-        page = write_report(fitted)
+        page = write_report(fitted, _faces(fitted, None if adapted is None else adapted[0]))
     with replacing_folder(output, owned=OWNED) as folder:
         put_profile(folder, fitted.profile)
         if page is not None:
@@ -227,6 +228,15 @@ def _write(
         if faps:
             for take in fitted.prepared.takes:
                 save_fap(folder / "takes" / f"{take.name}.fap", captured_faps(take, fitted.prepared, fitted.profile))
+
+
+def _faces(fitted: Fitted, adapted: FaceMesh | None) -> dict[str, bytes] | str:
+    from fapengine.app.fit_faces import draw_faces
+
+    try:
+        return {caption: format_png(picture) for caption, picture in draw_faces(fitted, adapted).items()}
+    except ResourceError as error:  # no renderer on this machine
+        return str(error)
 
 
 def describe(fitted: Fitted, nearness: Nearness | None = None) -> dict[str, object]:

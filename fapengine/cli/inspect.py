@@ -25,6 +25,10 @@ def inspect(
     sliders: Path | None = typer.Option(
         None, "--sliders", help="For a profile: write a web page with a slider for each component (.html)."
     ),
+    weights: str | None = typer.Option(
+        None, "--weights", help="For a profile: weights of its components, in mm, from the page of --sliders."
+    ),
+    pose: Path | None = typer.Option(None, "--pose", help="Write the face of --weights as FAPs (.fap)."),
     strict: shared.Strict = False,
     as_json: bool = typer.Option(False, "--json", help="Print the result as JSON."),
     timings: shared.TimingOptions = shared.TimingOptions(),
@@ -35,16 +39,18 @@ def inspect(
     fapengine inspect talk.fba
     fapengine inspect take.c3d
     fapengine inspect grid_s1_en --plot faces.png --sliders components.html
+    fapengine inspect grid_s1_en --weights "12 0 -3 0 0 0 0 0" --pose face.fap
     """
     from fapengine.app.inspection.kinds import find_kind
     from fapengine.app.inspection.report import Source
     from fapengine.cli._printing import print_result
     from fapengine.errors import UsageError
+    from fapengine.files.motion import save_fap
     from fapengine.files.paths import write_bytes
     from fapengine.files.pictures import save_png
     from fapengine.speech.plausible import refuse
 
-    writing.check([output for output in (plot, sliders) if output is not None], [path])
+    writing.check([output for output in (plot, sliders, pose) if output is not None], [path])
     source = Source(path, **timings.how)
     report = find_kind(source).describe(source)
     if strict:
@@ -53,6 +59,12 @@ def inspect(
         if report.sliders is None:
             raise UsageError(f"--sliders: {path} is not a profile")
         write_bytes(sliders, report.sliders())
+    if (weights is None) != (pose is None):
+        raise UsageError("--weights, --pose: got one, expected both or neither")
+    if weights is not None and pose is not None:
+        if report.pose is None:
+            raise UsageError(f"--weights: {path} is not a profile")
+        save_fap(pose, report.pose(weights))
     if plot is not None:
         save_png(plot, report.draw(path))
     if as_json:

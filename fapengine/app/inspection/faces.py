@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from fapengine._resources import profile_ids
 from fapengine.app.inspection.report import FileKind, Report, Source, Table
-from fapengine.errors import DataError
+from fapengine.errors import DataError, UsageError
 from fapengine.files.gltf.document import Gltf, parse_gltf
 from fapengine.files.heads.load import DEFAULT_HEAD, load_head, load_head_info
 from fapengine.files.heads.meshes import RIG_ENDINGS, files_beside, load_neutral, load_rig
@@ -20,12 +20,15 @@ from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mesh.rig.blendshape_mesh import BlendshapeMesh
 from fapengine.models.viseme_space import name_components
 from fapengine.mpeg4 import fap
-from fapengine.mpeg4.track import to_codable
+from fapengine.mpeg4.track import FapTrack, to_codable
 from fapengine.profiles import Profile
+from fapengine.render.camera import Camera
 from fapengine.retarget.blendshape_names import choose_blendshapes
+from fapengine.trajectory.closures import CONTACTS, settle
 from fapengine.trajectory.faps import displacements_to_faps
 
 PICTURE_PX = 384
+LOWER_FACE = Camera(target_mm=(0.0, -44.0, 95.0), distance_mm=700.0, field_deg=8.5)
 MAX_NAMES_SHOWN = 60
 CLIP_ENDING = ".vrma"
 """Ending of a motion for avatars, which has no mesh."""
@@ -59,7 +62,10 @@ def _profile(source: Source) -> Report:
         Table(columns=("phone", "keys", "opening mm", "width mm", "touches", "origin"), rows=phones),
         f"expressions: {', '.join(facts['expressions']) or 'none'}",
     ]
-    return Report(facts=facts, text=text, plot=lambda: _faces(profile), sliders=lambda: _sliders(profile))
+    return Report(
+        facts=facts, text=text, plot=lambda: _faces(profile), sliders=lambda: _sliders(profile),
+        pose=lambda text: _pose(profile, text),
+    )  # fmt: skip
 
 
 def describe_profile(profile: Profile) -> dict[str, Any]:
@@ -104,24 +110,50 @@ def _size(profile: Profile, target: NDArray[np.float64], first: str, second: str
 
 
 def _faces(profile: Profile) -> Picture:
-    """Draw a face for each phone and expression."""
+    """Draw the mouth of each phone, with its contact, and of each expression."""
+    weights = [np.zeros(profile.space.mode_count), *(phone.targets[0] for phone in profile.phones.values())]
+    weights += [face.target for face in profile.expressions.values()]
+    faps = faps_of_weights(profile, np.stack(weights))
+    spoken, expressed = np.split(faps, [len(faps) - len(profile.expressions)])
+    expressed += [face.fap for face in profile.expressions.values()]
+    contacts = ["none", *(phone.contact for phone in profile.phones.values())]
+    held = np.array([[float(contact == each) for contact in contacts] for each in CONTACTS])
+    spoken = settle(spoken, held)
+    openings = -spoken[:, [fap.column(4), fap.column(5)]].sum(axis=1) * profile.fapu.mns0_mm / 1024
+    labels = [("rest", "")]
+    for phone, mm in zip(profile.phones.values(), openings[1:], strict=True):
+        labels.append((phone.ipa, {"lips": "lips touch", "teeth": "lip on teeth"}.get(phone.contact, f"{mm:+.1f} mm")))
+    labels += [(expression.label, "") for expression in profile.expressions]
+    title = f"{profile.id}: phones at their first keyframe, with the opening of the lips after contacts; expressions"
+    return contact_sheet(draw_mouths(np.concatenate([spoken, expressed])), labels, title=title)
+
+
+def faps_of_weights(profile: Profile, weights: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N, 68) FAPU: FAPs of points of a profile's space, (N, K) mm."""
+    space = profile.space
+    return displacements_to_faps(space.to_points_mm(weights), space.points, profile.fapu)
+
+
+def draw_mouths(faps: NDArray[np.float64]) -> list[Picture]:
+    """Draw the lower half of the default face for FAPs, (N, 68) FAPU."""
     from fapengine.render.drawing import Drawing
     from fapengine.render.renderer import FaceRenderer
 
-    openings = {name: _size(profile, phone.targets[0], "2.2", "2.3", 1) for name, phone in profile.phones.items()}
-    labels = [("rest", ""), *((name, f"{opening:+.1f} mm") for name, opening in openings.items())]
-    labels += [(expression.label, "") for expression in profile.expressions]
-    weights = [np.zeros(profile.space.mode_count), *(phone.targets[0] for phone in profile.phones.values())]
-    weights += [face.target for face in profile.expressions.values()]
-    faps = displacements_to_faps(profile.space.to_points_mm(np.stack(weights)), profile.space.points, profile.fapu)
-    for row, face in zip(
-        range(len(faps) - len(profile.expressions), len(faps)), profile.expressions.values(), strict=True
-    ):
-        faps[row] += face.fap
-    with FaceRenderer(load_head(DEFAULT_HEAD), Drawing(size=(PICTURE_PX, PICTURE_PX))) as renderer:
-        pictures = list(renderer.frames(to_codable(faps)))
-    title = f"{profile.id}: phones at their first keyframe, with the opening of the lips; expressions"
-    return contact_sheet(pictures, labels, title=title)
+    drawing = Drawing(size=(PICTURE_PX, PICTURE_PX), camera=LOWER_FACE)
+    with FaceRenderer(load_head(DEFAULT_HEAD), drawing) as renderer:
+        return list(renderer.frames(to_codable(faps)))
+
+
+def _pose(profile: Profile, text: str) -> FapTrack:
+    """One frame of the weights of a page of sliders."""
+    count = profile.space.mode_count
+    try:
+        weights = np.array([float(word) for word in text.replace(",", " ").split()])
+    except ValueError:
+        weights = np.zeros(0)
+    if len(weights) != count or not np.isfinite(weights).all():
+        raise UsageError(f"--weights: must be {count} numbers, one for each component, got {text!r}")
+    return FapTrack.of(to_codable(faps_of_weights(profile, weights[None])), rate_hz=25.0)
 
 
 def _sliders(profile: Profile) -> bytes:

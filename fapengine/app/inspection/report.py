@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from fapengine.errors import UnsupportedError
 from fapengine.files.paths import read_bytes
 from fapengine.files.pictures import Picture, bar_chart
+from fapengine.mpeg4.track import FapTrack
 
 BARS = 120
 """Pieces of time of a plot."""
@@ -77,6 +78,8 @@ class Report:
     """Draws a plot; or the reason why there is none."""
     sliders: Callable[[], bytes] | None = None
     """Makes a page with a slider for each component of a profile."""
+    pose: Callable[[str], FapTrack] | None = None
+    """Makes one frame of FAPs from weights of a profile's components, as that page spells them."""
     warnings: Sequence[str] = ()
 
     def draw(self, path: Path) -> Picture:

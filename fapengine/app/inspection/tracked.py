@@ -1,19 +1,22 @@
 """Recordings of markers, and what face trackers write: landmarks of a face mesh, or OpenFace's table."""
 
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fapengine.app.inspection.report import FileKind, Report, Source, Table
 from fapengine.capture.landmarks import COUNTS, Picture, is_openface, parse_landmarks, parse_openface
+from fapengine.capture.marker_track import MarkerTrack
 from fapengine.errors import DataError
+from fapengine.files.heads.built import load_built
 from fapengine.files.recordings import is_table, load_markers, mesh_files
-from fapengine.laboratory.look import look_over, session_lines
+from fapengine.laboratory.few_markers import facing
+from fapengine.laboratory.look import Look, look_over, session_lines
+from fapengine.mesh.default_head.style import HeadStyle
 
 MARKERS_SHOWN = 12
-WIDTH_PX, ROW_PX = 800, 6
-SEEN, GAP = (64, 110, 160), (235, 225, 215)
 MARKER_ENDINGS = (".c3d", ".trc", ".npz")
 LANDMARK_ENDINGS = (".json", ".jsonl", ".csv")
 
@@ -49,12 +52,23 @@ def _markers(source: Source) -> Report:
         "\n# session.toml to start from\n" + "\n".join(lines),
     ]
 
-    def draw() -> Any:
-        columns = np.linspace(0, track.frame_count - 1, min(WIDTH_PX, track.frame_count)).astype(int)
-        pixels = np.where(track.valid[columns].T[..., None], SEEN, GAP).astype(np.uint8)
-        return np.ascontiguousarray(np.repeat(pixels, ROW_PX, axis=0))
+    return Report(facts=facts, text=text, plot=lambda: _plot(source.path, track, look), warnings=recording.warnings)
 
-    return Report(facts=facts, text=text, plot=draw, warnings=recording.warnings)
+
+def _plot(path: Path, track: MarkerTrack, look: Look) -> "np.ndarray":
+    """Draw the markers from the front at the quietest moment, and when each is seen."""
+    from fapengine.files.report.figures import recording  # matplotlib
+
+    first, last = (round(time_s * track.rate_hz) for time_s in look.quiet_s)
+    shown = np.flatnonzero(track.valid.any(axis=0))
+    quiet = track.positions_mm[first : max(last, first + 1), shown]
+    places = np.where(np.isnan(quiet).all(axis=0), np.nanmedian(track.positions_mm[:, shown], axis=0), quiet[0])
+    places = np.where(np.isnan(places), np.nanmedian(track.positions_mm[:, shown], axis=0), places)
+    head = load_built(HeadStyle())
+    face_mm = {name: head.point_mm(name).astype(np.float64) for name in head.feature_points}
+    labels = [track.labels[index] for index in shown]
+    axes = facing(places, labels, face_mm)
+    return recording(path.name, track.select(labels), places @ axes.T, look)
 
 
 def _is_tracked(source: Source) -> bool:

@@ -6,10 +6,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine.files.report.parts import COOL, FAINT, GREEN, INK, WARM, name_phones, new_figure, to_svg
+from fapengine.capture.marker_track import MarkerTrack
+from fapengine.files.report.parts import COOL, FAINT, GREEN, INK, WARM, name_phones, new_figure, to_picture, to_svg
 from fapengine.files.report.sliders import INNER, OUTER
 from fapengine.laboratory.densify import DenseStudy
 from fapengine.laboratory.fit import Fitted, ViaStudy
+from fapengine.laboratory.look import Look
 from fapengine.laboratory.predict import SENTENCE_RATE_HZ
 from fapengine.laboratory.prepare import Prepared
 from fapengine.laboratory.selection import Selection
@@ -20,6 +22,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 COMPONENTS = 4
 """Components that figures over time show."""
+MAX_NAMED = 120
+"""Number of markers above which a recording's have no names."""
 VIA_S = 1.5
 """Length of the path that the figure of via points shows, as in paper 004."""
 
@@ -277,6 +281,36 @@ def via_faces(prepared: Prepared, via: ViaStudy) -> bytes:
 
 def _name(prepared: Prepared, marker: int) -> str:
     return prepared.points[marker] or prepared.labels[marker]
+
+
+def recording(title: str, track: MarkerTrack, front_mm: Array, look: Look) -> NDArray[np.uint8]:
+    """Draw the markers of a recording, (M, 3) mm seen from the front, and when each is seen: (H, W, 3) uint8."""
+    count = len(track.labels)
+    is_few = count <= MAX_NAMED
+    figure, (face, time) = new_figure(13.0, max(5.5, 0.15 * count if is_few else 0.0), 1, 2)
+    kinds = {"of the skull, guessed": (look.head, WARM), "feature points": (look.named, COOL)}
+    colours = {name: colour for names, colour in kinds.values() for name in names}
+    x, y = front_mm[:, 0], front_mm[:, 1]
+    face.scatter(x, y, s=18 if is_few else 2, c=[colours.get(name, INK) for name in track.labels])
+    for label, (names, colour) in kinds.items():
+        if names:
+            face.scatter([], [], s=18, color=colour, label=label)
+    for name, place in zip(track.labels, front_mm[:, :2], strict=True) if is_few else ():
+        face.annotate(name, place, (3, 3), textcoords="offset points", fontsize=7, color=colours.get(name, INK))
+    face.set(xlabel="to the subject's left, mm", ylabel="up, mm")
+    face.set_title(f"{title}: from the front, {look.quiet_s[0]:.2f} s", fontsize=9)
+    face.set_aspect("equal")
+    if face.get_legend_handles_labels()[0]:
+        face.legend(loc="lower left", fontsize=7, frameon=False)
+    seen = track.valid[np.linspace(0, track.frame_count - 1, min(track.frame_count, 1200)).astype(int)].T
+    extent = (0.0, track.duration_s, count - 0.5, -0.5)
+    time.imshow(seen, aspect="auto", extent=extent, cmap="Blues", vmin=0, vmax=1.8, interpolation="nearest")
+    time.hlines(np.arange(count - 1) + 0.5, 0, track.duration_s, color="white", linewidth=1.0 if is_few else 0.0)
+    time.axvspan(*look.quiet_s, color=GREEN, alpha=0.3, linewidth=0)
+    time.set_title("when each is seen (blue); green: the quietest half second", fontsize=9)
+    time.set(xlabel="s")
+    time.set_yticks(range(count) if is_few else [], track.labels if is_few else [], fontsize=7)
+    return to_picture(figure)
 
 
 def gaps(prepared: Prepared) -> bytes:

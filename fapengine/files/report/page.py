@@ -1,12 +1,12 @@
 """The report of a fit: one HTML file with all figures."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 
 import numpy as np
 
 from fapengine.files.report import figures
-from fapengine.files.report.parts import Grade, page, picture, table, verdict
+from fapengine.files.report.parts import Grade, image, page, picture, table, verdict
 from fapengine.laboratory.fit import VIA_SHOWN_MM, Fitted
 from fapengine.laboratory.predict import PIECE_S, SENTENCE, Estimate
 
@@ -24,8 +24,13 @@ SHIPPED = {False: "1.95 mm and r = 0.66", True: "1.55 mm and r = 0.88"}
 """Figures of profiles/grid_s1_en/profile.toml, held_out: by phone medians, and by targets that depend on neighbours."""
 
 
-def write_report(fitted: Fitted) -> bytes:
+def write_report(fitted: Fitted, faces: Mapping[str, bytes] | str) -> bytes:
     """Make the page: UTF-8 HTML without external references.
+
+    Parameters
+    ----------
+    faces : mapping of str to bytes, or str
+        PNG images of faces, by caption; or the reason why there are none.
 
     Raises
     ------
@@ -58,6 +63,7 @@ def write_report(fitted: Fitted) -> bytes:
         *_phones(fitted),
         *_prediction(fitted),
         *_dense(fitted),
+        *_faces(faces),
     ]
     return page(f"{profile.id}: fit", parts)
 
@@ -238,6 +244,15 @@ def _via(fitted: Fitted) -> list[str]:
         picture(figures.reduction(via), "Low-passed at 12 Hz, as minimum-jerk splines."),
         table(("bound, mm", "points", "% of frames", "mean, mm", "largest, mm"), rows, "g d .0f .2f .2f"),
     ]
+
+
+def _faces(faces: Mapping[str, bytes] | str) -> list[str]:
+    drawn = (
+        f"<p>Not drawn: {escape(faces)}.</p>"
+        if isinstance(faces, str)
+        else "".join(image(png, caption) for caption, png in faces.items())
+    )
+    return ["<h2>Faces</h2>", drawn]
 
 
 def _dense(fitted: Fitted) -> list[str]:

@@ -1,10 +1,14 @@
 """Parts of HTML reports: the page, tables, and figures of matplotlib as SVG."""
 
+import base64
 import io
 import re
 from collections.abc import Iterable, Sequence
 from html import escape, unescape
 from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
 
 from fapengine.errors import ResourceError
 
@@ -22,7 +26,7 @@ table { border-collapse: collapse; font-size: .9rem; margin: .6rem 0 }
 td, th { padding: .15rem .7rem; text-align: left }
 tr:nth-child(even) { background: #f0efea } th { border-bottom: 1px solid #bbb } td.n { text-align: right }
 .warn { background: #fdf1e3; border-left: 4px solid #c8843c; padding: .5rem 1rem } figure { margin: 1rem 0 }
-figcaption, .note { color: #62676f } figcaption { font-size: .88rem } svg { max-width: 100%; height: auto }
+figcaption, .note { color: #62676f } figcaption { font-size: .88rem } svg, img { max-width: 100%; height: auto }
 .scroll { overflow-x: auto } code { overflow-wrap: anywhere } nav { font-size: .9rem } nav a { margin-right: .9rem }
 .verdict { font-size: 1.1rem; border-left: 4px solid #a9adb4; padding: .2rem 1rem } .good { border-color: #3d8b5f }
 .fair { border-color: #c8843c } .poor { border-color: #c8543c } tr.ours { background: #fdf1e3; font-weight: 600 }
@@ -60,6 +64,13 @@ def picture(svg: bytes, caption: str) -> str:
     drawing = svg[svg.index(b"<svg") :].decode()
     label = escape(unescape(re.sub("<.*?>", "", caption)))
     return f'<figure><div role="img" aria-label="{label}">{drawing}</div><figcaption>{caption}</figcaption></figure>'
+
+
+def image(png: bytes, caption: str) -> str:
+    """Embed a PNG image; the caption is text."""
+    data = base64.b64encode(png).decode()
+    alt = escape(caption)
+    return f'<figure><img alt="{alt}" src="data:image/png;base64,{data}"><figcaption>{alt}</figcaption></figure>'
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[object]], formats: str = "", *, marked: str = "") -> str:
@@ -115,7 +126,8 @@ def new_figure(
     try:
         from matplotlib.figure import Figure
     except ImportError as error:
-        raise ResourceError('the report needs matplotlib: pip install "fapengine[lab]", or report=False') from error
+        needed = 'figures need matplotlib: pip install "fapengine[lab]"; fit works without it by report=False'
+        raise ResourceError(needed) from error
     figure = Figure(figsize=(width, height), layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False, **options)
     for plot in axes.flat:
@@ -131,3 +143,13 @@ def to_svg(figure: "Figure") -> bytes:
         buffer = io.BytesIO()
         figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None, "Creator": None}, dpi=110)
     return buffer.getvalue()
+
+
+def to_picture(figure: "Figure") -> NDArray[np.uint8]:
+    """Draw a figure as an image, (H, W, 3) uint8."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    canvas = FigureCanvasAgg(figure)
+    figure.set_dpi(110)
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[..., :3].copy()

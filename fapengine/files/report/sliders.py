@@ -113,7 +113,8 @@ def sliders_page(profile: Profile, names: list[str], rest_mm: Mapping[str, tuple
         f'<div class="mouths">{_view("front", _box(rest, (0, 1)), len(points))}',
         f"{_view('side', _box(rest, (2, 1)), len(points))}</div>",
         f"<p>{buttons}</p>{rows}",
-        '<p><label for="weights">Weights</label><textarea id="weights" readonly rows="2"></textarea></p>',
+        '<p><label for="weights">Weights, mm</label><textarea id="weights" readonly rows="2"></textarea></p>',
+        f'<p class="note"><code>fapengine inspect {escape(profile.id)} --weights "..." --pose face.fap</code></p>',
         f'<script type="application/json" id="data">{encoded}</script>{SCRIPT}',
     ]
     return page(f"Components of {profile.id}", parts)

@@ -1,7 +1,9 @@
 """``fapengine fit`` and ``inspect`` of what it wrote, through the command line."""
 
+import base64
 import csv
 import hashlib
+import io
 import json
 import re
 import shutil
@@ -9,10 +11,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 from typer.testing import CliRunner
 
 import fapengine
 from fapengine import lab
+from fapengine.app import fit
 from fapengine.batch.corpus import Corpus, parse_manifest
 from fapengine.batch.rows import Options, Row
 from fapengine.batch.work import Digests, key_of
@@ -22,6 +26,7 @@ from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.files.motion import load_fap
 from fapengine.files.profiles import load_profile
 from fapengine.files.recordings import save_markers
+from fapengine.files.report import page
 from fapengine.files.sessions import load_session
 from fapengine.mesh.default_head.head import build_head
 from fapengine.models.viseme_space import MARKERS
@@ -116,9 +121,15 @@ def test_the_report_holds_every_picture_and_nothing_from_outside(fitted):
         "From phones back to motion",
         "A sentence with expressions",
         "Via points",
+        "Faces",
     ):
         assert f">{heading}</h2>" in page
     assert "video tracker" not in page
+    assert "3 standard deviations of each component" in page
+    drawn = base64.b64decode(
+        re.findall(r'alt="The mean of all takes[^"]*" src="data:image/png;base64,([^"]+)"', page)[0]
+    )
+    assert Image.open(io.BytesIO(drawn)).size > (600, 400)
     assert re.search(r"joy moves component \d \(.*sadness moves component \d \(", page)
     assert "<script" not in page
     assert 'src="http' not in page
@@ -202,6 +213,15 @@ def test_what_is_no_profile_is_not_overwritten(recorded, tmp_path):
     for target in (tmp_path / "letters", tmp_path / "letters" / "dear.txt"):
         with pytest.raises(UsageError, match="is not a profile"):
             run("fit", recorded, "-o", target)
+
+
+def test_without_a_renderer_the_report_says_so(monkeypatch):
+    def fails(*_):
+        raise ResourceError("no OpenGL")
+
+    monkeypatch.setattr("fapengine.app.fit_faces.draw_faces", fails)
+    assert fit._faces(None, None) == "no OpenGL"
+    assert "Not drawn: no OpenGL." in "".join(page._faces("no OpenGL"))
 
 
 def test_without_matplotlib_nothing_is_written(recorded, tmp_path, monkeypatch):

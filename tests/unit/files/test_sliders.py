@@ -10,8 +10,11 @@ from typer.testing import CliRunner
 
 from fapengine.cli.main import app
 from fapengine.errors import UsageError
+from fapengine.files.motion import load_fap
 from fapengine.files.profiles import load_profile
 from fapengine.files.report.sliders import sliders_page
+from fapengine.mpeg4.track import to_codable
+from fapengine.trajectory.faps import displacements_to_faps
 
 
 def data_of(html: str) -> dict:
@@ -50,3 +53,17 @@ def test_only_a_profile_has_components(tmp_path: Path) -> None:
         CliRunner().invoke(
             app, ["inspect", str(tmp_path / "a.fap"), "--sliders", str(tmp_path / "a.html")], catch_exceptions=False
         )
+
+
+def test_weights_of_the_page_become_a_face(tmp_path: Path) -> None:
+    """The weights of a phone give the FAPs of its median; another number of them is refused."""
+    profile = load_profile("grid_s1_en")
+    target = profile.phones["u"].targets[0]
+    text, path = " ".join(f"{weight:.3f}" for weight in target), tmp_path / "u.fap"
+    CliRunner().invoke(app, ["inspect", "grid_s1_en", "--weights", text, "--pose", str(path)], catch_exceptions=False)
+    space = profile.space
+    expected = to_codable(displacements_to_faps(space.to_points_mm(target[None]), space.points, profile.fapu))
+    np.testing.assert_allclose(load_fap(path).values, expected, atol=1.0)
+    for words in (["--weights", "1 2", "--pose", str(path)], ["--weights", text]):
+        with pytest.raises(UsageError, match="--weights"):
+            app(["inspect", "grid_s1_en", *words], standalone_mode=False)

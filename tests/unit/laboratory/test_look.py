@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from fapengine.cli.main import app
 from fapengine.errors import UnsupportedError
@@ -57,7 +58,11 @@ def test_inspect_tells_of_recordings(track, ending, tmp_path, capsys):
     assert facts["frames"] == track.frame_count
     assert facts["markers"]["8.1"]["gaps"] == 1
     assert facts["head"] == list(SKULL)
-    assert (tmp_path / "seen.png").read_bytes()[:4] == b"\x89PNG"
+    drawn = np.asarray(Image.open(tmp_path / "seen.png"))
+    assert drawn.shape[0] > 500
+    assert drawn.shape[1] > 1000
+    blue = drawn[:, drawn.shape[1] // 2 :, 0] < 140  # when markers are seen
+    assert 0.1 < blue.mean() < 0.9
     app(["inspect", str(path)], standalone_mode=False)
     told = capsys.readouterr().out
     assert "# session.toml to start from" in told

@@ -1,0 +1,74 @@
+"""Faces for the report of a fit: what each component does, sparse and dense, and the built-in head before and after."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from fapengine.app.inspection.faces import PICTURE_PX, draw_mouths, faps_of_weights
+from fapengine.files.heads.built import load_built
+from fapengine.files.pictures import Picture, contact_sheet
+from fapengine.laboratory.dense_face import DenseFace, make_dense_head, mode_names, moved_by_modes
+from fapengine.laboratory.fit import Fitted
+from fapengine.mesh.default_head.style import HeadStyle
+from fapengine.mesh.deform import BONE_COUNT, Pose
+from fapengine.mesh.face_mesh import FaceMesh
+from fapengine.mesh.rig.blendshape_basis import ROW_FAPU
+from fapengine.render.drawing import Drawing
+from fapengine.render.renderer import CrowdRenderer, FaceRenderer
+
+SHOWN, FAR = 8, 3.0
+"""Components drawn at most, and their distance from the mean, in standard deviations."""
+
+
+def draw_faces(fitted: Fitted, adapted: FaceMesh | None = None) -> Mapping[str, Picture]:
+    """Draw the faces of a fit, by caption.
+
+    Raises
+    ------
+    ResourceError
+        If there is no renderer.
+    """
+    pictures = {"The mean of all takes, and 3 standard deviations of each component to either side.": _sparse(fitted)}
+    if fitted.dense is not None:
+        head, dense = _dense(fitted.dense.face)
+        pictures["The mean of all scans, and 3 standard deviations of each dense mode to either side."] = dense
+        if adapted is not None:
+            faces = [_still(mesh) for mesh in (load_built(HeadStyle()), adapted, head)]
+            labels = [("built-in head", ""), ("adapted", ""), ("dense face", "")]
+            pictures["The built-in head before and after it was fitted to the dense face."] = contact_sheet(
+                faces, labels
+            )
+    return pictures
+
+
+def _sparse(fitted: Fitted) -> Picture:
+    space, prepared = fitted.space.space, fitted.prepared
+    weights = space.to_space(prepared.pick(space.markers, *prepared.takes))
+    shown, mean, spread = min(SHOWN, space.mode_count), weights.mean(axis=0), weights.std(axis=0)
+    steps = FAR * np.diag(spread)[:shown]
+    poses = np.concatenate([mean[None], *(mean + sign * step[None] for step in steps for sign in (-1, 1))])
+    names = [name.name.removeprefix("mixed, most like ") for name in fitted.space.names]
+    labels = [("mean", ""), *_labels([f"{n + 1}" for n in range(shown)], names)]
+    return contact_sheet(draw_mouths(faps_of_weights(fitted.profile, poses)), labels)
+
+
+def _labels(numbers: list[str], names: list[str]) -> list[tuple[str, str]]:
+    return [(f"{n} {sign}3 sd", name) for n, name in zip(numbers, names, strict=False) for sign in ("−", "+")]
+
+
+def _dense(face: DenseFace) -> tuple[FaceMesh, Picture]:
+    imported, rig = make_dense_head(face, load_built(HeadStyle()))
+    count = len(rig.modes_mm)
+    shown = min(SHOWN, count)
+    steps = FAR * ROW_FAPU * np.eye(count)[:shown]
+    mean = -ROW_FAPU * face.estimator.coefficients(face.neutral_mm) / face.deviations_mm  # weights count from neutral
+    rows = [mean, *(mean + sign * step for step in steps for sign in (-1, 1))]
+    bones = np.tile(np.eye(4), (BONE_COUNT, 1, 1))
+    with CrowdRenderer([moved_by_modes(imported.mesh, rig)], Drawing(size=(PICTURE_PX, PICTURE_PX))) as crowd:
+        pictures = list(crowd.frames([Pose(row, bones)] for row in rows))
+    return imported.mesh, contact_sheet(pictures, [("mean", ""), *_labels(mode_names(count)[:shown], [""] * shown)])
+
+
+def _still(mesh: FaceMesh) -> Picture:
+    with FaceRenderer(mesh, Drawing(size=(PICTURE_PX, PICTURE_PX))) as renderer:
+        return renderer.draw(np.zeros(68))
