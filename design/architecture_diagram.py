@@ -107,7 +107,7 @@ def _document(height: float, shapes: list[str]) -> str:
         f'<text x="{MARGIN + 22}" y="28" class="note">may use files, sockets, clocks and devices</text>',
         f'<rect x="{MARGIN + 300}" y="16" width="14" height="14" rx="3" fill="{CORE}"/>',
         f'<text x="{MARGIN + 322}" y="28" class="note">pure: values in, values out</text>',
-        f'<text x="{MARGIN}" y="50" class="note">A package imports only from lower floors. Packages side by side do '
+        f'<text x="{MARGIN}" y="50" class="note">A package imports only from lower layers. Packages side by side do '
         "not import each other. Small boxes: sub-packages, the upper layer first.</text>",
     ]
     return "\n".join(

@@ -119,14 +119,14 @@ class Pause(Command):
 class Resume(Command):
     """Continue from the paused position."""
 
-    SPEC: ClassVar[CommandSpec] = CommandSpec(doc="go on", osc="/fap/1/utt/resume", json="resume", is_direct=True)
+    SPEC: ClassVar[CommandSpec] = CommandSpec(doc="continue", osc="/fap/1/utt/resume", json="resume", is_direct=True)
 
 
 @dataclass(frozen=True, slots=True)
 class Seek(Command):
     """Continue from another position of the current utterance."""
 
-    SPEC: ClassVar[CommandSpec] = CommandSpec(doc="go on from elsewhere", osc="/fap/1/utt/seek")
+    SPEC: ClassVar[CommandSpec] = CommandSpec(doc="continue from another position", osc="/fap/1/utt/seek")
     utterance: int
     position_s: Annotated[float, _POSITION]
 
@@ -161,7 +161,7 @@ class Express(Command):
     at_s: Annotated[float | None, Time(osc="at_us", doc="from its arrival; -1: at once")] = None
     """Engine time; None: now."""
     attack_s: Annotated[float, Duration(osc="attack_us", low=MIN_DURATION_S, high=MAX_DURATION_S)] = 0.35
-    hold_s: Annotated[float, EndlessDuration(osc="hold_us", low=0.0, doc="-1: until told otherwise")] = inf
+    hold_s: Annotated[float, EndlessDuration(osc="hold_us", low=0.0, doc="-1: until the next command")] = inf
     release_s: Annotated[float, Duration(osc="release_us", low=MIN_DURATION_S, high=MAX_DURATION_S)] = 0.5
 
 
