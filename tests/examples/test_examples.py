@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from design.speech_sample import write_session
+
 ROOT = Path(__file__).resolve().parent.parent.parent
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 BLOCKS = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), flags=re.S)
@@ -43,3 +45,16 @@ def test_readme_lines_run(block: str, tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, "-c", block], cwd=tmp_path, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     assert list((tmp_path / "out").iterdir())
+
+
+@pytest.mark.nightly
+def test_the_notebook_draws_each_figure_of_the_papers(tmp_path: Path) -> None:
+    write_session(tmp_path / "S01", 8, rate_hz=50.0)
+    notebook = ROOT / "examples" / "laboratory" / "papers.py"
+    words = [sys.executable, str(notebook), str(tmp_path / "S01"), str(tmp_path / "figures")]
+    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, timeout=600)
+    assert done.returncode == 0, done.stderr
+    named = set(re.findall(r"figure-\d", "".join(path.name for path in (tmp_path / "figures").iterdir())))
+    assert named == {f"figure-{number}" for number in range(1, 8)}
+    assert len(list((tmp_path / "figures").iterdir())) == 12
+    assert "joy moves component" in done.stdout

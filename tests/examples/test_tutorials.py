@@ -19,11 +19,13 @@ TUTORIALS = sorted((Path(__file__).resolve().parents[2] / "docs" / "tutorials").
 HOW_TO = TUTORIALS[0].parents[1] / "how-to"
 BLOCK = re.compile(r'^```(python|sh)(?: title="([\w.]+)")?\n(.*?)^```$', flags=re.S | re.M)
 OSC_PORT, WEB_PORT = 9110, 8110
+NAMES, SLOW = [path.stem for path in TUTORIALS], {"laboratory": pytest.mark.nightly}
 LIMIT_S = 300.0
 """Time that a block may take on a busy machine."""
 MADE = {
     "first-face": ("hello.mp4", "oh.fap", "oh.png", "oh.csv", "oh.fba", "again.fap", "again.csv"),
     "first-live-face": (),
+    "laboratory": ("seen.png", "s01/report.html", "s01/tables/phones.csv", "error.png", "driven.mp4", "sentence.mp4"),
     "own-head": ("wide.obj", "wide.csv", "wide.png", "own.png"),
     "tts-over-osc": (),
 }
@@ -31,6 +33,7 @@ MADE = {
 PRINTED = {
     "first-face": ("open_jaw reaches", "frames came back"),
     "first-live-face": ("the face is neutral again",),
+    "laboratory": ("3 markers drive the face", "phones, 6 expressions"),
     "own-head": ("FAPs move it",),
     "tts-over-osc": ("finished\nfinished\ncancelled",),
 }
@@ -98,7 +101,7 @@ def environment() -> dict[str, str]:
     return {**{name: value for name, value in os.environ.items() if name not in hidden}, "PYTHONUTF8": "1"}
 
 
-@pytest.mark.parametrize("path", TUTORIALS, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", [pytest.param(path, marks=SLOW.get(path.stem, ())) for path in TUTORIALS], ids=NAMES)
 def test_a_reader_who_follows_it_gets_there(path: Path, tmp_path: Path) -> None:
     reader = Reader(tmp_path)
     begun_s = time.monotonic()

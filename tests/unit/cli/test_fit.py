@@ -126,10 +126,8 @@ def test_the_report_holds_every_picture_and_nothing_from_outside(fitted):
         assert f">{heading}</h2>" in page
     assert "video tracker" not in page
     assert "3 standard deviations of each component" in page
-    drawn = base64.b64decode(
-        re.findall(r'alt="The mean of all takes[^"]*" src="data:image/png;base64,([^"]+)"', page)[0]
-    )
-    assert Image.open(io.BytesIO(drawn)).size > (600, 400)
+    (drawn,) = re.findall(r'alt="The mean of all takes[^"]*" src="data:image/png;base64,([^"]+)"', page)
+    assert Image.open(io.BytesIO(base64.b64decode(drawn))).size > (600, 400)
     assert re.search(r"joy moves component \d \(.*sadness moves component \d \(", page)
     assert "<script" not in page
     assert 'src="http' not in page
