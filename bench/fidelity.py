@@ -179,8 +179,8 @@ def learn(clips: list[Clip], rate_hz: float) -> Learned:
         takes=takes, gaps=None, warnings=(),
         reference=HeadReference((), np.zeros((0, 3)), RigidMotion(np.eye(3), np.zeros(3))),
     )  # fmt: skip
-    space = study_space(prepared, takes, (), modes=None, variance=0.99).space
-    shipped = load_profile("grid_s1_en")  # its FAPU is this speaker's; nothing else of it is used
+    shipped = load_profile("grid_s1_en")  # its FAPU is this speaker's; all inner lips are recorded
+    space = study_space(prepared, takes, (), modes=None, variance=0.99, standard=shipped.space).space
     order = [NAMES.index(name) for name in space.points]
     inputs = np.concatenate([clip.points[:, order] for clip in clips]).reshape(-1, 3 * len(order))
     outputs = np.concatenate([clip.lips for clip in clips]).reshape(len(inputs), -1)

@@ -93,7 +93,7 @@ class Surface:
         from scipy.spatial import cKDTree
 
         vertices = self.vertices_mm
-        start = cKDTree(vertices).query(frozen(points_mm, "points_mm", ("N", 3), np.float64))[1]
+        start = np.asarray(cKDTree(vertices).query(frozen(points_mm, "points_mm", ("N", 3), np.float64))[1])
         paths = _links(self.triangles, len(vertices)).tocoo()
         first, second = paths.coords
         paths.data = np.linalg.norm(vertices[first] - vertices[second], axis=1) + TINY

@@ -16,7 +16,7 @@ from fapengine.laboratory.predict import Prediction, Sentence, Takes, judge, say
 from fapengine.laboratory.prepare import Prepared
 from fapengine.laboratory.selection import Selection, study_selection
 from fapengine.laboratory.setup import Setup
-from fapengine.laboratory.space import SpaceStudy, find_expressions, measure_fapu, study_space
+from fapengine.laboratory.space import SpaceStudy, count_closures, find_expressions, measure_fapu, study_space
 from fapengine.models.via_points import Reduction, ViaPoints, extract_via_points, reduction_curve
 from fapengine.mpeg4.fapu import Fapu
 from fapengine.profiles import Profile
@@ -139,9 +139,13 @@ def fit_session(
     if selection is None:
         notes.append(f"marker subset: not studied, {len(prepared.labels)} markers are too few")
     on_step(STEPS[2])
-    judged = study_space(prepared, training, held_out, modes=options.modes, variance=options.variance)
+    judged = study_space(
+        prepared, training, held_out, modes=options.modes, variance=options.variance, standard=standard.space
+    )
     space = replace(
-        study_space(prepared, prepared.takes, (), modes=judged.space.mode_count, variance=1.0),
+        study_space(
+            prepared, prepared.takes, (), modes=judged.space.mode_count, variance=1.0, standard=standard.space
+        ),
         error_mm=judged.error_mm,
         error_by_take_mm=judged.error_by_take_mm,
         error_from_mean_mm=judged.error_from_mean_mm,
@@ -155,6 +159,12 @@ def fit_session(
         id=profile_id, language=setup.language, licence=setup.licence, origin=origin, fapu=fapu,
         space=space.space, phones=targets_of(phones), expressions=MappingProxyType(dict(expressions)),
     )  # fmt: skip
+    if space.inferred:
+        wanted, met = count_closures(prepared, profile)
+        notes.append(
+            f"feature points {', '.join(space.inferred)} were not recorded: they move as in {standard.id!r}."
+            f" Of {wanted} p b m the captured lips close in {met}; {wanted - met} are lost"
+        )
     on_step(STEPS[4])
     prediction = judge(training, held_out, prepared, setup, replace(profile, space=judged.space))
     on_step(STEPS[5])
@@ -198,7 +208,11 @@ def _notes(
     standard: str,
 ) -> list[str]:
     """Warnings about feature points, FAPU, phones and expressions that the session does not have."""
-    notes = [f"feature point {at} was not recorded: it follows {source}" for at, source in space.borrowed.items()]
+    notes = [
+        f"feature point {at} was not recorded: it follows {source}"
+        for at, source in space.borrowed.items()
+        if at not in space.inferred
+    ]
     if guessed:
         notes.append(
             f"FAPU {', '.join(guessed)}: these markers do not show them, so they are a standard face's at this size"

@@ -1,4 +1,9 @@
-"""The viseme space of a session, its FAPU and expressions, and its takes as FAPs; paper 001, sections 3 and 4."""
+"""The viseme space of a session, its FAPU and expressions, and its takes as FAPs; paper 001, sections 3 and 4.
+
+The paper's 14 markers are on the outer lips, which thicken and roll: their distance is not the opening. So inner lips
+that were not recorded move as the standard profile's do when its markers move as the recorded ones. In captured takes
+the lips of a p, b or m touch where the outer lips are nearest to each other.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
@@ -9,22 +14,40 @@ from scipy.spatial.transform import Rotation
 from fapengine._arrays import Array
 from fapengine.errors import DataError, UsageError
 from fapengine.expressions import Expression
+from fapengine.laboratory.phones import spoken
 from fapengine.laboratory.prepare import Displacements, Prepared
 from fapengine.laboratory.setup import Setup
 from fapengine.models.viseme_space import MARKERS, ComponentName, VisemeSpace, fit_viseme_space, name_components
 from fapengine.mpeg4 import fap
+from fapengine.mpeg4.fap import FapUnit
 from fapengine.mpeg4.fapu import AU_RAD, Fapu, faps_of_displacements, measure_distances
 from fapengine.mpeg4.track import FapTrack, to_codable
 from fapengine.profiles import ExpressionTarget, Profile
+from fapengine.speech import ipa
+from fapengine.speech.phone_track import Phone
+from fapengine.trajectory.closures import MIN_HOLD_S, Hold, close_lips, held
 from fapengine.trajectory.faps import DETERMINED_POINTS, displacements_to_faps
 
 STAND_INS = {
-    "2.2": ("8.1",), "2.3": ("8.2",), "2.4": ("8.3",), "2.5": ("8.4",), "2.6": ("8.5",), "2.7": ("8.6",),
-    "2.8": ("8.7",), "2.9": ("8.8",), "8.1": ("2.2",), "8.2": ("2.3",), "8.3": ("2.4",), "8.4": ("2.5",),
+    "2.2": ("8.1",), "2.3": ("8.2",), "2.4": ("8.3", "2.5", "8.4"), "2.5": ("8.4", "2.4", "8.3"), "2.6": ("8.5",),
+    "2.7": ("8.6",), "2.8": ("8.7",), "2.9": ("8.8",), "8.1": ("2.2",), "8.2": ("2.3",),
+    "8.3": ("2.4", "8.4", "2.5"), "8.4": ("2.5", "8.3", "2.4"),
     "8.5": ("2.6", "8.1"), "8.6": ("2.7", "8.1"), "8.7": ("2.8", "8.2"), "8.8": ("2.9", "8.2"), "2.1": ("2.10",),
     "2.10": ("2.1",), "5.1": ("5.3",), "5.2": ("5.4",), "5.3": ("5.1",), "5.4": ("5.2",),
 }  # fmt: skip
-"""Points whose motion one that was not recorded gets: those of its other lip contour, or its nearest neighbours."""
+"""Points whose motion one that was not recorded gets: those of its other lip contour, its nearest neighbours, or the
+other corner of the mouth, mirrored."""
+LEFT, RIGHT = ("8.3", "2.4"), ("8.4", "2.5")
+INNER_LIPS = tuple(f"2.{number}" for number in range(2, 10))
+MIN_KNOWN = 10
+"""Markers of the standard profile, recorded here, from which its space tells the inner lips."""
+CLOSED_MM, BESIDE_S = 1.0, 0.02
+"""Opening below which lips count as closed, and how far outside of its phone a closure may be."""
+AROUND_S, NOISE_MM = 0.12, 0.7
+"""Time before and after a p, b or m in which its closure is looked for (aligners are late by as much), and distance
+from the nearest within which the outer lips count as equally near: the noise of a video tracker."""
+MIDDLES = ("2.2", "2.3")
+"""Middle of the inner lips."""
 STILL = ("5.1", "5.2", "5.3", "5.4")
 """Cheeks may be without motion; lips and chin may not."""
 MIN_MARKERS = 4
@@ -51,6 +74,8 @@ class SpaceStudy:
     """Number of components whose standard deviation exceeds a thousandth of the first's, the paper's limit."""
     borrowed: dict[str, str]
     """Points that were not recorded, and the points that they follow (``"nothing"``: they do not move)."""
+    inferred: tuple[str, ...]
+    """Those of them that move as in the standard profile's space instead."""
 
 
 def study_space(
@@ -60,6 +85,7 @@ def study_space(
     *,
     modes: int | None,
     variance: float,
+    standard: VisemeSpace,
 ) -> SpaceStudy:
     """Learn the space from ``training`` and judge it on ``held_out``.
 
@@ -67,6 +93,8 @@ def study_space(
     ----------
     modes : int, optional
         K; without it the fewest that carry ``variance``.
+    standard : VisemeSpace
+        Tells how inner lips move with outer ones, where only these were recorded.
     """
     markers = tuple(point for point in MARKERS if point in prepared.named)
     if len(markers) < MIN_MARKERS:
@@ -89,7 +117,9 @@ def study_space(
         vectors = whole.modes_mm[:, :count].reshape(3 * count, -1)
         error, from_mean = _errors(vectors, truth), _errors(vectors, truth - frames[:, :count].mean(axis=0))
         by_take = {take.name: _errors(vectors, prepared.pick(markers, take)) for take in held_out}
-    space, borrowed = _complete(replace(whole, modes_mm=whole.modes_mm[:kept]), prepared.subject)
+    space = replace(whole, modes_mm=whole.modes_mm[:kept])
+    inferred = _inner_lips(space, standard)
+    space, borrowed = _complete(space, inferred, prepared.subject)
     return SpaceStudy(
         space=space,
         share=share,
@@ -100,6 +130,7 @@ def study_space(
         error_from_mean_mm=from_mean,
         dimensions=int((deviations > 1e-3 * deviations[0]).sum()),
         borrowed=borrowed,
+        inferred=tuple(inferred),
     )
 
 
@@ -114,7 +145,19 @@ def _errors(vectors: Array, truth: Array) -> Array:
     return errors
 
 
-def _complete(space: VisemeSpace, where: str) -> tuple[VisemeSpace, dict[str, str]]:
+def _inner_lips(space: VisemeSpace, standard: VisemeSpace) -> dict[str, Array]:
+    """Modes, (K, 3) mm, of the inner lips that were not recorded, as the standard's markers move them."""
+    known = [point for point in standard.markers if point in space.points]
+    missing = [point for point in INNER_LIPS if point not in space.points]
+    if len(known) < MIN_KNOWN:
+        return {}
+    ours, theirs = (each.modes_mm[:, [each.points.index(point) for point in known]] for each in (space, standard))
+    weights = np.linalg.lstsq(theirs.reshape(standard.mode_count, -1).T, ours.reshape(space.mode_count, -1).T)[0].T
+    moved = standard.to_points_mm(weights)
+    return {point: moved[:, standard.points.index(point)] for point in missing}
+
+
+def _complete(space: VisemeSpace, inferred: Mapping[str, Array], where: str) -> tuple[VisemeSpace, dict[str, str]]:
     """Add the points of :data:`fapengine.trajectory.faps.DETERMINED_POINTS` that were not recorded."""
     modes = dict(zip(space.points, np.moveaxis(space.modes_mm, 1, 0), strict=True))
     borrowed: dict[str, str] = {}
@@ -126,7 +169,10 @@ def _complete(space: VisemeSpace, where: str) -> tuple[VisemeSpace, dict[str, st
                     f"feature point {point}: was not recorded, nor was {' or '.join(STAND_INS[point])}", where=where
                 )
             borrowed[point] = source
-    modes |= {point: modes.get(source, np.zeros((space.mode_count, 3))) for point, source in borrowed.items()}
+    for point, source in borrowed.items():
+        crossed = (point in LEFT and source in RIGHT) or (point in RIGHT and source in LEFT)
+        motion = modes.get(source, np.zeros((space.mode_count, 3))) * ([-1.0, 1.0, 1.0] if crossed else 1.0)
+        modes[point] = inferred.get(point, motion)
     whole = np.stack([*modes.values()], axis=1)
     return VisemeSpace(points=tuple(modes), marker_count=space.marker_count, modes_mm=whole), borrowed
 
@@ -196,13 +242,60 @@ def split(moved: Array, prepared: Prepared, space: VisemeSpace, fapu: Fapu) -> t
 def captured_faps(take: Displacements, prepared: Prepared, profile: Profile) -> FapTrack:
     """Turn a take into FAPs: mouth, every other recorded point, and the turns of the head (FAP 48 to 50).
 
-    The head turns yaw, then pitch, then roll about axes that move with it, as :mod:`fapengine.mesh.deform` turns it.
-    Its shifts have no FAP.
+    Where the inner lips were not recorded, p b m get their contact (:func:`contacts`). The head turns yaw, then pitch,
+    then roll about axes that move with it, as :mod:`fapengine.mesh.deform` turns it. Its shifts have no FAP.
     """
     weights, beyond = split(take.moved_mm.astype(np.float64), prepared, profile.space, profile.fapu)
     mouth = displacements_to_faps(profile.space.to_points_mm(weights), profile.space.points, profile.fapu)
     faps = mouth + beyond
+    if not set(MIDDLES) <= set(prepared.named):
+        times_s = np.arange(len(faps)) / prepared.rate_hz
+        holds = contacts(take, prepared)
+        touch = held(times_s, holds)[0][:, None]
+        faps += touch * (close_lips(faps, times_s, holds) - faps)
     turns = Rotation.from_matrix(take.head.rotation).as_euler("YXZ")
     for number, angle in zip((49, 48, 50), turns.T, strict=True):
         faps[:, fap.column(number)] = angle / AU_RAD
     return FapTrack.of(np.asarray(to_codable(faps)), rate_hz=prepared.rate_hz)
+
+
+def contacts(take: Displacements, prepared: Prepared) -> list[Hold]:
+    """List the p b m of a take at which the recorded lips are nearest to each other, each while they stay so."""
+    at = prepared.by_point(take.moved_mm.astype(np.float64))
+    if not {"8.1", "8.2"} <= set(at):
+        return []
+    opening = at["8.1"][:, 1] - at["8.2"][:, 1]
+    holds = []
+    for phone in _bilabials(take):
+        first = max(round((phone.start_s - AROUND_S) * prepared.rate_hz), 0)
+        near = opening[first : round((phone.end_s + AROUND_S) * prepared.rate_hz) + 1]
+        if len(near) and 0 < (least := int(near.argmin())) < len(near) - 1:
+            apart = np.flatnonzero(near > near[least] + NOISE_MM) - least
+            before, after = apart[apart < 0].max(initial=-least - 1), apart[apart > 0].min(initial=len(near) - least)
+            span_s = (first + least + np.array([before + 1, after - 1])) / prepared.rate_hz
+            holds.append(Hold(float(span_s[0]) - MIN_HOLD_S / 2, float(span_s[1]) + MIN_HOLD_S / 2))
+    return holds
+
+
+def _bilabials(take: Displacements) -> list[Phone]:
+    return [
+        phone
+        for phone in spoken(take).phones
+        if any(ipa.SOUNDS[letter].lips >= 1.0 for letter in ipa.letters(phone.label))
+    ]
+
+
+def count_closures(prepared: Prepared, profile: Profile) -> tuple[int, int]:
+    """Count the p b m of all takes, and those whose captured inner lips come within :data:`CLOSED_MM`."""
+    wanted = met = 0
+    for take in prepared.takes:
+        phones = _bilabials(take)
+        if phones:
+            faps = captured_faps(take, prepared, profile).values
+            opening = -profile.fapu.unit(FapUnit.MNS) * (faps[:, fap.column(4)] + faps[:, fap.column(5)])
+            for phone in phones:
+                first = max(int((phone.start_s - BESIDE_S) * prepared.rate_hz), 0)
+                last = int(np.ceil((phone.end_s + BESIDE_S) * prepared.rate_hz))
+                wanted += 1
+                met += bool((opening[first : last + 1] < CLOSED_MM).any())
+    return wanted, met

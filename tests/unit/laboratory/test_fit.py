@@ -8,16 +8,16 @@ import pytest
 from fapengine.errors import DataError, UsageError
 from fapengine.expressions import Expression
 from fapengine.geometry.surface import Surface
-from fapengine.laboratory import selection
+from fapengine.laboratory import selection, space
 from fapengine.laboratory.fit import STEPS, FitOptions, fit_session
 from fapengine.laboratory.prepare import prepare
 from fapengine.laboratory.setup import HeldPhone, Moment, Pose, Scan, Setup
-from fapengine.laboratory.space import captured_faps
+from fapengine.laboratory.space import captured_faps, contacts, count_closures
 from fapengine.models.viseme_space import MARKERS
 from fapengine.mpeg4 import fap
 from fapengine.profiles import format_profile, parse_profile
 
-from .conftest import SKULL, edited
+from .conftest import INNER_LIPS, SKULL, edited
 
 HEAD = Setup(head=tuple(SKULL), language="en-GB", licence="none")
 ORIGIN = {"source": "a test", "command": "pytest"}
@@ -248,13 +248,52 @@ def test_fewer_points_are_stood_in_for_and_told(make, run):
     outer = [name for name in made.session.labels if not name.startswith("2.") or name in ("2.1", "2.10")]
     session = edited(made.session, lambda take: take.markers.select(outer))
     found = run(session)
-    assert found.space.borrowed["2.6"] == "8.5"
+    assert found.space.inferred == INNER_LIPS
+    assert any("they move as in 'grid_s1_en'. Of" in text for text in found.warnings)
+    learned = found.space.space  # the takes move as that profile does
+    columns = [[*MARKERS, *INNER_LIPS].index(point) for point in learned.points]
+    for truth in made.truth_mm:
+        moved = learned.to_points_mm(learned.to_space(truth[:, columns[: learned.marker_count]]))
+        assert np.abs(moved - truth[:, columns])[:, learned.marker_count :].mean() < 0.1
+    few = [name for name in outer if name not in ("8.4", "5.1", "5.2", "5.3", "5.4")]
+    found = run(edited(made.session, lambda take: take.markers.select(few)))
+    assert not found.space.inferred
     assert any("2.6 was not recorded: it follows 8.5" in text for text in found.warnings)
     modes = dict(zip(found.space.space.points, np.moveaxis(found.space.space.modes_mm, 1, 0), strict=True))
-    np.testing.assert_array_equal(modes["2.6"], modes["8.5"])
+    np.testing.assert_array_equal(modes["2.2"], modes["8.1"])
+    np.testing.assert_array_equal(modes["8.4"], modes["8.3"] * [-1, 1, 1])
+    np.testing.assert_array_equal(modes["2.5"], modes["2.4"] * [-1, 1, 1])
     lips = [name for name in outer if name[:2] in ("8.", "5.") or name in SKULL]
     with pytest.raises(DataError, match=r"2\.1: was not recorded, nor was 2\.10"):
         run(edited(made.session, lambda take: take.markers.select(lips)))
+
+
+def test_captured_lips_close_where_the_outer_lips_are_nearest(make, run, monkeypatch):
+    made = make(6, head=False, room=False)
+    outer = [name for name in made.session.labels if not name.startswith("2.") or name in ("2.1", "2.10")]
+
+    def thick(take):
+        """Lips that are 4 mm thicker while they speak: the distance of the outer lips is no opening."""
+        track = take.markers.select(outer)
+        positions = track.positions_mm.copy()
+        positions[25:-25, outer.index("8.2"), 1] -= 4
+        return replace(track, positions_mm=positions)
+
+    found = run(edited(made.session, thick))
+    wanted, met = count_closures(found.prepared, found.profile)
+    assert wanted > 10
+    assert met >= 0.9 * wanted
+    with monkeypatch.context() as patch:
+        patch.setattr(space, "contacts", lambda take, prepared: [])
+        assert count_closures(found.prepared, found.profile)[1] < 0.5 * wanted
+    take = found.prepared.takes[0]
+    silent = replace(take, phones=tuple(replace(phone, label="a") for phone in take.phones))
+    assert contacts(take, found.prepared)
+    assert not contacts(silent, found.prepared)
+    with_contacts, without = (captured_faps(each, found.prepared, found.profile).values for each in (take, silent))
+    changed = (with_contacts != without).any(axis=1)
+    assert 0 < changed.mean() < 0.6  # the rest is as it was captured
+    assert not (with_contacts != without)[:, fap.column(19) : fap.column(50)].any()
 
 
 def test_few_takes_flatter_and_say_so(make, run):
