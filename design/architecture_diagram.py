@@ -1,10 +1,11 @@
-"""docs/pictures/architecture.svg: the floors and rooms that the import contracts in pyproject.toml enforce.
+"""docs/pictures/architecture.svg: the layers and packages that the import contracts in pyproject.toml enforce.
 
 python -m design.architecture_diagram
 """
 
 import ast
 import re
+import textwrap
 import tomllib
 from html import escape
 from pathlib import Path
@@ -13,8 +14,8 @@ from typing import Any
 ROOT = Path(__file__).resolve().parent.parent
 PICTURE = ROOT / "docs" / "pictures" / "architecture.svg"
 WIDTH, MARGIN = 960, 20
-FLOOR_HEIGHT, GAP = 44, 8
-LETTER = 5.9
+FLOOR_HEIGHT, LINE_HEIGHT, GAP = 44, 15, 8
+LETTER = 6.4
 """Mean width of a letter of the notes, px."""
 EDGE, CORE, ROOM, CORE_ROOM = "#f2c493", "#a9cfe8", "#ffffff", "#d6e9f5"
 INK, SOFT = "#1b2730", "#5b6a75"
@@ -67,8 +68,9 @@ def picture() -> str:
     shapes, y = [], 64
     for floor in floors:
         tall = any(name in inside for name in floor)
-        height = FLOOR_HEIGHT + (30 if tall else 0)
         width = (WIDTH - 2 * MARGIN - GAP * (len(floor) - 1)) / len(floor)
+        lines = max(len(_wrapped(purpose(name), width)) for name in floor)
+        height = FLOOR_HEIGHT + LINE_HEIGHT * (lines - 1) + (30 if tall else 0)
         for column, name in enumerate(floor):
             x = MARGIN + column * (width + GAP)
             shapes += _package(x, y, width, height, name, CORE if name in pure else EDGE, inside.get(name, []))
@@ -80,25 +82,25 @@ def _package(x: float, y: float, width: float, height: float, name: str, colour:
     shapes = [
         f'<rect x="{x:.1f}" y="{y}" width="{width:.1f}" height="{height}" rx="6" fill="{colour}"/>',
         f'<text x="{x + 12:.1f}" y="{y + 19}" class="name">{name}</text>',
-        f'<text x="{x + 12:.1f}" y="{y + 35}" class="note">{escape(_cut(purpose(name), width))}</text>',
     ]
+    for line, text in enumerate(_wrapped(purpose(name), width)):
+        shapes.append(f'<text x="{x + 12:.1f}" y="{y + 35 + LINE_HEIGHT * line}" class="note">{escape(text)}</text>')
     if inside:
         spare = (width - 24 - 5 * (len(inside) - 1) - LETTER * sum(map(len, inside))) / len(inside)
-        left = x + 12
+        left, top = x + 12, y + height - 31
         for room in inside:
             room_width = spare + LETTER * len(room)
             shapes += [
-                f'<rect x="{left:.1f}" y="{y + 43}" width="{room_width:.1f}" height="23" rx="4" fill="{ROOM}"/>',
-                f'<text x="{left + room_width / 2:.1f}" y="{y + 59}" class="room">{room}</text>',
+                f'<rect x="{left:.1f}" y="{top}" width="{room_width:.1f}" height="23" rx="4" fill="{ROOM}"/>',
+                f'<text x="{left + room_width / 2:.1f}" y="{top + 16}" class="room">{room}</text>',
             ]
             left += room_width + 5
     return shapes
 
 
-def _cut(text: str, width: float) -> str:
-    """Shorten a text to whole words that fit into a box."""
-    letters = int((width - 24) / LETTER)
-    return text if len(text) <= letters else text[: letters - 1].rsplit(" ", 1)[0].rstrip(",;:") + " …"
+def _wrapped(text: str, width: float) -> list[str]:
+    """Break a text into lines that fit into a box."""
+    return textwrap.wrap(text, int((width - 24) / LETTER))
 
 
 def _document(height: float, shapes: list[str]) -> str:
