@@ -150,7 +150,7 @@ def as_sound(sound: SoundLike, name: str = "sound") -> Sound:
             values = values.copy()
             values.flags.writeable = False
         return values, int(rate_hz)
-    mono = values.astype(np.float64).reshape(len(values), -1).mean(axis=1)
+    mono = values.astype(np.float64).reshape(len(values), values.shape[1] if values.ndim == 2 else 1).mean(axis=1)
     if not np.isfinite(mono).all():
         at = int(np.argmin(np.isfinite(mono)))
         raise UsageError(f"{name}: got {mono[at]} at {at}, expected finite numbers")

@@ -13,11 +13,11 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine._strict_toml import checked
+from fapengine._strict_toml import check_value, checked
 from fapengine.app.manner import Expressions, moods_of
 from fapengine.app.performance import Performance
 from fapengine.audio.device import open_output
-from fapengine.engine.commands import Cancel, Command, Express, Pause, Resume
+from fapengine.engine.commands import COMMANDS, Cancel, Command, Express, Pause, Resume
 from fapengine.engine.engine import Engine
 from fapengine.engine.gesture_methods import GestureMethods
 from fapengine.errors import UsageError
@@ -27,7 +27,7 @@ from fapengine.host.hub import FramePacer, Hub
 from fapengine.host.playback import Playback
 from fapengine.profiles import Profile
 from fapengine.server.sinks.kinds import parse_sink
-from fapengine.speaking import DEFAULT_PROFILE
+from fapengine.speaking import DEFAULT_PROFILE, Seed
 from fapengine.speech.marks import read_marks
 from fapengine.trajectory.expression import mood_ramps
 from fapengine.trajectory.planner import rest_s
@@ -117,7 +117,7 @@ class Face(GestureMethods):
         profile: str | Path | Profile = DEFAULT_PROFILE,
         *,
         style: Style | None = None,
-        seed: int = 1,
+        seed: Seed = 1,
         rate_hz: float = 60.0,
         voice: str | VoiceChoice | Voice = "en-us",
         device: str | None = None,
@@ -152,6 +152,7 @@ class Face(GestureMethods):
     ) -> None:
         self.close()
 
+    @checked
     def say(
         self,
         speech: str | Performance | Speech,
@@ -187,8 +188,6 @@ class Face(GestureMethods):
             If the voice is not installed.
         """
         self._check_use()
-        if not isinstance(speech, str | Performance | Speech):
-            raise UsageError(f"speech: got {speech!r:.80}, expected a text, a Performance or a Speech")
         if isinstance(speech, str):
             spoken = loaded(self._voice).speak(speech).padded(lead_s=LEAD_S, tail_s=TAIL_S)
             text = spoken.text or read_marks(speech).text
@@ -204,6 +203,8 @@ class Face(GestureMethods):
     def tell(self, command: Command) -> None:
         """Apply a command of :mod:`fapengine.engine.commands`."""
         self._check_use()
+        if not isinstance(command, COMMANDS):
+            raise UsageError(f"command: got {command!r:.60}, expected one of fapengine.engine.commands")
         self.hub.host(SESSION).apply(command, self.hub.clock())
 
     def pause(self) -> None:
@@ -250,6 +251,7 @@ class Face(GestureMethods):
             Column ``number - 1`` is the FAP of that number.
         """
         self._check_use()
+        check_value("lead_s", lead_s, float)
         now_s = self.hub.clock()
         self.speaker.follow(now_s)
         self._express()

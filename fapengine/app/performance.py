@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fapengine._arrays import Sound, SoundLike, as_sound
-from fapengine._strict_toml import checked
+from fapengine._strict_toml import check_fields, checked
 from fapengine.app.manner import Expressions, Manner, check_expressions, moods_of
 from fapengine.app.motion import Weights, weights
 from fapengine.app.outputs import SaveOptions, timed_visemes, write_output
@@ -70,6 +70,7 @@ class Performance:
     def __post_init__(self) -> None:
         if self.sound is not None:
             object.__setattr__(self, "sound", as_sound(self.sound))
+        check_fields(self)
 
     def __repr__(self) -> str:
         return f"Performance({self.text!r:.60}, {self.track!r}, {self.phones!r}, {'no ' * (not self.sound)}sound)"
@@ -417,6 +418,8 @@ def animated(
     else:
         with report.stage("read"):
             if isinstance(source, PhoneTrack):
+                if given := [name for name, value in how.items() if value is not None]:
+                    raise UsageError(f"{given[0]}: got {how[given[0]]!r}, but phones are no file that is read")
                 phones = pronounced(source, voice, language=language)
             else:
                 phones = read_timings(source, voice, language=language, **how)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Self
 from numpy.typing import ArrayLike
 
 from fapengine._arrays import as_sound
+from fapengine._strict_toml import checked
 from fapengine.clients.connection import Connection, TcpFraming
 from fapengine.engine.command_table import Command, shifted
 from fapengine.engine.commands import Anchor, Pause, Resume
@@ -75,6 +76,7 @@ class Client(Connection, GestureMethods):
             face.wait_until_over(number)
     """
 
+    @checked
     def __init__(
         self,
         host: str = "127.0.0.1",

@@ -22,6 +22,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine._strict_toml import checked
 from fapengine.codec import bits
 from fapengine.codec import kernels as k
 from fapengine.codec.bits import BitReader, Bits, place, unpack
@@ -38,7 +39,7 @@ from fapengine.codec.header import (
 )  # fmt: skip
 from fapengine.codec.planes import BodyState, FieldState, Frame, Loss, Planes, PlaneState
 from fapengine.codec.resync import find_intact_intra
-from fapengine.errors import ConformanceError, DataError, TruncatedError
+from fapengine.errors import ConformanceError, DataError, TruncatedError, UsageError
 from fapengine.mpeg4.track import FapTrack
 
 Errors = Literal["strict", "resync"]
@@ -82,6 +83,7 @@ class Decoder:
     [-1020, -680, -680]
     """
 
+    @checked
     def __init__(self, *, errors: Errors = "strict", with_costs: bool = False) -> None:
         self.losses: list[Loss] = []
         self.ended = False
@@ -138,6 +140,8 @@ class Decoder:
 
     def feed_planes(self, data: bytes) -> list[Planes]:
         """Like :meth:`feed`, but returns frames in blocks of arrays."""
+        if not isinstance(data, bytes | bytearray | memoryview):
+            raise UsageError(f"data: got {data!r:.40}, expected bytes")
         if self.trouble is not None:
             raise self.trouble
         if not self.ended and data:

@@ -17,6 +17,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fapengine._strict_toml import check_fields, checked
 from fapengine.codec import kernels as k
 from fapengine.codec.fields import (
     FIELD_COUNT,
@@ -77,6 +78,7 @@ class EncoderOptions:
     """What decoders do with FAPs that are not sent: mask types 0 and 1, or 2."""
 
     def __post_init__(self) -> None:
+        check_fields(self)
         if not 0 <= self.quant <= MAX_QUANT:
             raise UsageError(f"quant: must be 0 to {MAX_QUANT}, got {self.quant}")
         if self.intra_every < 0:
@@ -234,6 +236,7 @@ class Encoder:
     ('000001ba', '000001b1')
     """
 
+    @checked
     def __init__(
         self, *, rate_hz: float, faps: Sequence[int] = tuple(range(3, 69)), options: EncoderOptions | None = None
     ) -> None:

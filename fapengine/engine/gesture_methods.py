@@ -68,6 +68,7 @@ class GestureMethods(ABC):
         """Close both eyes once."""
         self.tell(Blink())
 
+    @checked
     def set_parameter(self, parameter: str, value: float) -> None:
         """Change a value of :class:`fapengine.Style`; 0 and 1 switch its automatic movements.
 

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from fapengine._resources import profile_files, profile_ids
+from fapengine._strict_toml import checked
 from fapengine.files.paths import locating, read_bytes, replacing_folder
 from fapengine.profiles import ARRAYS_NAME, CONTEXT_NAME, TOML_NAME, Profile, format_profile, parse_profile
 
@@ -10,6 +11,7 @@ PROFILE_FILES = (TOML_NAME, ARRAYS_NAME, CONTEXT_NAME)
 """Names of all files that a profile may have."""
 
 
+@checked
 def load_profile(name: str | Path) -> Profile:
     """Load a built-in profile by name, or any profile by its folder.
 

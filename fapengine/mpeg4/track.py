@@ -40,7 +40,9 @@ class FapTrack(Rebuilt):
     """Sentences on what looks wrong or was assumed when it was read from a file."""
 
     def __post_init__(self) -> None:
-        count = len(np.asarray(self.values))
+        for field, kind in (("rate_hz", float), ("name", str), ("remarks", tuple[str, ...])):
+            check_value(field, getattr(self, field), kind)
+        count = _rows(self.values)
         for field, shape, dtype in (
             ("values", (count, fap.FAP_COUNT), np.int32),
             ("mask", (count, fap.FAP_COUNT), np.bool_),
@@ -49,7 +51,7 @@ class FapTrack(Rebuilt):
             ("frame_numbers", (count,), np.int64),
         ):
             object.__setattr__(self, field, frozen(getattr(self, field), field, shape, dtype))
-        if not (np.isfinite(self.rate_hz) and self.rate_hz > 0):
+        if not 0 < self.rate_hz < np.inf:
             raise UsageError(f"rate_hz: must be positive, got {self.rate_hz}")
         if count and (np.diff(self.frame_numbers) <= 0).any():
             raise UsageError("frame_numbers: must be strictly rising")
@@ -69,7 +71,7 @@ class FapTrack(Rebuilt):
             Frame rate.
         """
         array: NDArray[Any] = np.asarray(values)
-        count = len(array)
+        count = _rows(array)
         mask = np.ones((count, fap.FAP_COUNT), dtype=bool)
         mask[:, : fap.column(3)] = False
         return cls(
@@ -192,11 +194,19 @@ class FapTrack(Rebuilt):
         return rows
 
     def equals(self, other: "FapTrack") -> bool:
-        """Whether values, masks, frame numbers and rate are equal; the name does not count."""
+        """Whether values, masks, frame numbers and rate are equal; name and remarks do not count."""
+        check_value("other", other, FapTrack)
         return self.rate_hz == other.rate_hz and all(
             np.array_equal(getattr(self, field), getattr(other, field))
             for field in ("values", "mask", "visemes", "expressions", "frame_numbers")
         )
+
+
+def _rows(values: ArrayLike) -> int:
+    try:
+        return len(np.asarray(values))
+    except (TypeError, ValueError) as error:
+        raise UsageError(f"values: got {values!r:.60}, expected (T, 68) numbers") from error
 
 
 def to_codable(faps: NDArray[np.float64]) -> NDArray[np.int32]:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine._arrays import frozen
+from fapengine._strict_toml import check_value, checked
 from fapengine.errors import UsageError
 from fapengine.render.camera import PRESETS, Camera, preset
 
@@ -61,6 +62,9 @@ class Drawing:
     """Fraction of each side that is rendered, 0.1 to 1; the result is enlarged to full size."""
 
     def __post_init__(self) -> None:
+        check_value("size", self.size, tuple[int, ...])
+        for name, kind in (("samples", int), ("shading", str), ("wire", bool), ("scale", float)):
+            check_value(name, getattr(self, name), kind)
         if len(self.size) != 2 or not all(MIN_SIDE_PX <= side <= MAX_SIDE_PX for side in self.size):
             shown = "x".join(map(str, self.size))
             raise UsageError(
@@ -77,6 +81,7 @@ class Drawing:
         object.__setattr__(self, "background", _checked_background(self.background))
 
     @classmethod
+    @checked
     def parse(
         cls,
         *,

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
 from fapengine import speaking
-from fapengine._strict_toml import MAX_BYTES, Between, Checked, parse_toml
+from fapengine._strict_toml import MAX_BYTES, Between, Checked, check_fields, parse_toml
 from fapengine.engine.session import Limits
 from fapengine.errors import UsageError
 from fapengine.files.paths import read_bytes
@@ -206,6 +206,7 @@ class ServeConfig(_Parts):
         return self.listen.workers > 1 or self.bus.url is not None
 
     def __post_init__(self) -> None:
+        check_fields(self)
         for url in self.sinks if self.has_parent else ():
             if kind_of(parse_sink(url)).medium == "video":
                 given = "a bus" if self.bus.url else f"workers = {self.listen.workers}"

@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from fapengine._strict_toml import checked
 from fapengine.audio.device import Microphone, open_output
 from fapengine.engine.commands import Cancel
 from fapengine.engine.engine import Engine
@@ -94,6 +95,7 @@ class Server:
         If the profile or the head does not exist.
     """
 
+    @checked
     def __init__(
         self,
         config: ServeConfig,

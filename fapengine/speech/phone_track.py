@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import inf
 from numbers import Real
-from typing import Literal
+from typing import Any, Literal, get_args
 
 from fapengine.errors import UsageError
 from fapengine.speech import ipa
@@ -84,9 +84,14 @@ class Phone:
     """Relative to the speaker's usual loudness, -12 (whispered) to 8 (shouted); 0 if it was not measured."""
 
     def __post_init__(self) -> None:
-        if not (isinstance(self.label, str) and isinstance(self.start_s, Real) and isinstance(self.end_s, Real)):
-            got = f"({self.label!r:.20}, {self.start_s!r:.20}, {self.end_s!r:.20})"
-            raise UsageError(f"label, start_s, end_s: got {got}, expected a text and two times in s")
+        for name in ("label", "word"):
+            if not isinstance(getattr(self, name), str):
+                raise UsageError(f"{name}: got {getattr(self, name)!r:.40}, expected a text")
+        for name in ("start_s", "end_s", "stress", "confidence", "loudness_db"):
+            if not isinstance(getattr(self, name), Real):
+                raise UsageError(f"{name}: got {getattr(self, name)!r:.40}, expected a number")
+        if self.stress not in (0, 1, 2):
+            raise UsageError(f"stress of {self.label!r}: got {self.stress}, expected 0, 1 or 2")
         if not 0 <= self.start_s < self.end_s < inf:  # which no NaN is
             raise UsageError(f"phone {self.label!r}: got {self.start_s} s .. {self.end_s} s, expected 0 <= start < end")
         if not 0 <= self.confidence <= 1:
@@ -121,6 +126,12 @@ class PhoneTrack:
     """How the labels of a file were understood."""
 
     def __post_init__(self) -> None:
+        _check_phones(self.phones, tuple)
+        if not (isinstance(self.level, str) and self.level in get_args(Level)):
+            raise UsageError(f"level: got {self.level!r:.40}, expected one of {', '.join(get_args(Level))}")
+        if not (isinstance(self.spelled, bool) and isinstance(self.reading, Reading)):
+            got = f"{self.spelled!r:.40} and {self.reading!r:.40}"
+            raise UsageError(f"spelled, reading: got {got}, expected true or false, and a Reading")
         for before, after in pairwise(self.phones):
             if after.start_s != before.end_s:
                 raise UsageError(
@@ -154,6 +165,9 @@ class PhoneTrack:
         UsageError
             If phones overlap by more than the tolerance.
         """
+        _check_phones(phones, (list, tuple))
+        if not (isinstance(tolerance_s, Real) and tolerance_s >= 0):
+            raise UsageError(f"tolerance_s: got {tolerance_s!r:.40}, expected 0 or more seconds")
         filled: list[Phone] = []
         now_s = 0.0
 
@@ -184,6 +198,11 @@ class PhoneTrack:
     def duration_s(self) -> float:
         """End of the last phone, in seconds; 0 for an empty track."""
         return self.phones[-1].end_s if self.phones else 0.0
+
+
+def _check_phones(phones: Any, kind: type | tuple[type, ...]) -> None:
+    if not isinstance(phones, kind) or not all(isinstance(phone, Phone) for phone in phones):
+        raise UsageError(f"phones: got {phones!r:.60}, expected Phone objects")
 
 
 def find_unknown(track: PhoneTrack) -> tuple[UnknownPhone, ...]:

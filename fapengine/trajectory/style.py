@@ -13,7 +13,7 @@ How fast the speech is needs no setting: phones too short to be reached undersho
 model knows (:mod:`.context`) and by the merging of keyframes that stand too near (:data:`.targets.APART_S`).
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine._strict_toml import check_fields
+from fapengine._strict_toml import check_fields, checked
 from fapengine.errors import UsageError
 from fapengine.models.viseme_space import VisemeSpace
 from fapengine.profiles import PhoneTarget, Profile
@@ -71,12 +71,13 @@ class Style:
         """Speech alone: no gestures."""
         return cls(articulation, method=method, blinks=False, head_motion=False, gaze=False, idle=False, emphasis=False)
 
-    def without(self, names: Iterable[str]) -> "Style":
+    @checked
+    def without(self, names: Sequence[str]) -> "Style":
         """Switch generators off.
 
         Parameters
         ----------
-        names : iterable of str
+        names : sequence of str
             Of :data:`GENERATORS`, with ``-`` or ``_``; ``"all"`` is every one.
 
         Raises

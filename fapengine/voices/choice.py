@@ -95,6 +95,8 @@ def loaded(voice: str | VoiceChoice | Voice) -> Voice:
         voice = VoiceChoice(voice)
     if isinstance(voice, VoiceChoice):
         return voice.load()
+    if isinstance(voice, type):
+        raise UsageError(f"voice: got the class {voice.__name__}, expected an object")
     return voice if type(voice).__module__.startswith("fapengine.") else OwnVoice(type(voice).__name__, voice)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine._arrays import as_sound
-from fapengine._strict_toml import check_fields
+from fapengine._strict_toml import check_fields, checked
 from fapengine.errors import UsageError
 from fapengine.speech.marks import MarkedText, TimedMark, timed_marks, with_loudness, words_of
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
@@ -50,6 +50,7 @@ class Speech:
         """Length of the audio in seconds."""
         return len(self.samples) / self.sample_rate_hz
 
+    @checked
     def padded(self, *, lead_s: float, tail_s: float) -> "Speech":
         """Add silence before and after, so that a face starts and ends at neutral.
 

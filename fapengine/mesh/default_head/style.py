@@ -9,11 +9,13 @@ Named people are hand-made. ``random:7`` draws a person: the shape from the meas
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from importlib.resources import files
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from fapengine._strict_toml import check_fields, parse_toml
 from fapengine.errors import UsageError
 from fapengine.mesh.colours import EYE_COLOURS, HAIR_COLOURS, Palette
 
@@ -124,6 +126,7 @@ class HeadStyle:
         return tuple(min(max(weight, -MAX_WEIGHT), MAX_WEIGHT) for weight in total)
 
     def __post_init__(self) -> None:
+        check_fields(self)
         for name, (low, high) in BOUNDS.items():
             value = getattr(self, name)
             if not low <= value <= high:
@@ -187,31 +190,9 @@ def _as(like: object, name: str, value: str) -> float | str | bool | tuple[float
         raise UsageError(f"{name}: got {value!r}, expected a number") from error
 
 
-PEOPLE: Mapping[str, HeadStyle] = MappingProxyType({
-    "default": HeadStyle(),
-    "woman": HeadStyle(
-        identity=(-0.45, -1.35, 0.3, 0.15, 0.6, 0.15, -0.45, 0.3, 0.3, -0.15, -0.15, 0.15, 0.3, -0.9, 0.6, -0.15),
-        cheek_fullness_mm=2.0, chin_mm=0.2, nose_length=0.88, nose_width=0.9, eye_opening_mm=11.8,
-        lip_fullness=1.06, brow_thickness=0.62, age=0.12, skin_tone=0.15, freckles=0.3,
-        hair_colour="chestnut", haircut="long", eye_colour="green",
-    ),
-    "man": HeadStyle(
-        identity=(0.6, 1.65, -0.15, 0.15, -0.6, -0.15, 0.15, -0.3, -0.6, 0.15, 0, -0.3, -0.15, 0.75, -0.6, 0.15),
-        chin_mm=2.0, nose_length=0.97, nose_width=0.96, eye_opening_mm=10.4, lip_fullness=0.86, brow_thickness=1.4,
-        age=0.4, skin_tone=0.3, hair_colour="black", eye_colour="dark",
-    ),
-    "child": HeadStyle(
-        identity=(-0.75, -1.95, 0, -1.05, 0.9, 0.3, -0.3, 0.15, 0.6, -0.3, 0, 0.75, 0.15, -1.65, 1.05, -0.6),
-        jaw_width=0.94, cheek_fullness_mm=4.2, chin_mm=-1.0, nose_length=0.74, nose_width=0.86, eye_opening_mm=12.6,
-        mouth_width=0.93, brow_thickness=0.55, age=0.0, skin_tone=0.12, freckles=1.6, hair_colour="blond",
-        eye_colour="blue",
-    ),
-    "older": HeadStyle(
-        identity=(0.75, 0.9, 0, 0.15, 0.15, 0.15, 0.45, 0, 0.15, 0, -0.3, -0.3, 0.15, 1.05, 0.15, 0.15),
-        cheek_fullness_mm=-0.2, nose_length=0.98, nose_width=0.98, eye_opening_mm=9.8, lip_fullness=0.78,
-        brow_thickness=1.1, age=0.95, skin_tone=0.22, freckles=0.8, hair_colour="grey", eye_colour="grey",
-    ),
-})  # fmt: skip
+PEOPLE: Mapping[str, HeadStyle] = MappingProxyType(
+    parse_toml((files(__package__) / "people.toml").read_bytes(), dict[str, HeadStyle], "people.toml")
+)
 """Style by name."""
 RANDOM = "random"
 PERSON = re.compile(r"([^:,]*)[:,]?(.*)", re.DOTALL)

@@ -50,8 +50,8 @@ def _named(values: list[Any]) -> str:
             if isinstance(value, list):
                 below += value[:_ITEMS]
             elif isinstance(value, dict):
-                named = [value.get(key) for key in _KEYS]
-                named += value.get("languages") if isinstance(value.get("languages"), list) else []
+                listed = value.get("languages")
+                named = [*(value.get(key) for key in _KEYS), *(listed if isinstance(listed, list) else ())]
                 known = [str(name).strip() for name in named if isinstance(name, str)]
                 found.update([name for name in known if name.lower() not in _UNKNOWN][:1])
                 below += value.values()

@@ -231,8 +231,8 @@ def choose_tier(tiers: tuple[Tier, ...], wanted: str | None, usual: tuple[str, .
         fitting = [tier for tier in tiers if _last_part(tier.name) in usual]
         fitting = fitting or (list(tiers) if len(tiers) == 1 else [])
     if len(fitting) != 1:
-        sought = f"named {wanted!r}" if wanted is not None else f"for {what}"
-        raise DataError(f"tier: got {len(fitting)} tiers {sought}, expected one; it has {names}; name one with tier=NAME")
+        sought = f"{len(fitting)} tiers " + (f"named {wanted!r}" if wanted is not None else f"for {what}")
+        raise DataError(f"tier: got {sought}, expected one; it has {names}; name one with tier=NAME")
     return fitting[0]
 
 

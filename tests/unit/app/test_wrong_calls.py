@@ -1,5 +1,6 @@
 """Wrong calls of the public interface: each is a UsageError, or a DataError, that names the argument."""
 
+import inspect
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -84,6 +85,84 @@ WRONG: dict[tuple[Callable[..., object], str], tuple[object, ...]] = {
     (f.load_head, "name"): (None, 3, b"default", "nobody"),
 }
 CASES = [(call, name, value) for (call, name), values in WRONG.items() for value in values]
+
+SPEECH = Still().speak("")
+POSE = {"values": TRACK.values, "mask": TRACK.mask, "visemes": TRACK.visemes, "expressions": TRACK.expressions}
+GIVEN: dict[Callable[..., object], dict[str, object]] = {
+    f.FapTrack: {**POSE, "frame_numbers": TRACK.frame_numbers, "rate_hz": 25.0},
+    f.FapTrack.of: {"values": ROW, "rate_hz": 25.0},
+    f.FapTrack.cut: {"self": TRACK, "start_s": 0.0, "end_s": 1.0},
+    f.FapTrack.blend: {"self": TRACK, "other": TRACK, "weight": 0.5},
+    f.FapTrack.column: {"self": TRACK, "name": "open_jaw"},
+    f.FapTrack.equals: {"self": TRACK, "other": TRACK},
+    f.Phone: {"label": "a", "start_s": 0.0, "end_s": 1.0},
+    f.PhoneTrack: {"phones": PHONES.phones},
+    f.PhoneTrack.of: {"phones": list(PHONES.phones)},
+    f.Speech: {"samples": SPEECH.samples, "sample_rate_hz": 16_000, "phones": PHONES},
+    f.Speech.padded: {"self": SPEECH, "lead_s": 0.0, "tail_s": 0.0},
+    f.Performance: {"track": TRACK, "phones": PHONES},
+    f.Performance.save: {"self": f.Performance(track=TRACK, phones=PHONES), "path": "/nonexistent/a.fap"},
+    f.Performance.visemes: {"self": f.Performance(track=TRACK, phones=PHONES)},
+    f.Performance.weights: {"self": f.Performance(track=TRACK, phones=PHONES)},
+    f.Mood: {"expression": f.Expression.JOY},
+    f.Style: {},
+    f.Style.without: {"self": f.Style()},
+    f.HeadStyle: {},
+    f.Drawing: {},
+    f.Drawing.parse: {},
+    f.Encoder: {"rate_hz": 25.0},
+    f.EncoderOptions: {},
+    f.Decoder: {},
+    f.Decoder.feed: {"self": f.Decoder()},
+    f.ServeConfig: {},
+    f.Server: {"config": f.ServeConfig()},
+    f.Client: {},
+    f.Face: {"silent": True},
+    f.load: {"path": "a.fap"},
+    f.load_head: {},
+    f.load_profile: {},
+    f.frames: {"track": TRACK},
+    f.save: {"track": TRACK, "path": "/nonexistent/a.fap"},
+    f.weights: {"track": TRACK},
+    f.visemes: {"source": PHONES},
+    f.animate: {"timings": PHONES},
+    f.speak: {"text": "Hi.", "voice": Still()},
+}
+"""Right arguments of every public class, function and method that takes any."""
+UNSAID = {
+    "score",
+    "Expression",
+    "Voice",
+    "DataError",
+    "FapEngineError",
+    "ResourceError",
+    "UsageError",
+    "Profile",
+    "Head",
+}
+"""Names whose constructors nobody calls: a number's, an interface, exceptions, what files are loaded into; score has tests
+of its own."""
+
+
+def every() -> list[tuple[Callable[..., object], str, object]]:
+    """Every parameter with an object that fits nothing, with bytes, and where it is no number, with NaN."""
+    found: list[tuple[Callable[..., object], str, object]] = []
+    for call, given in GIVEN.items():
+        parameters = [name for name in inspect.signature(call).parameters if name not in ("self", "faps")]
+        found += [(call, name, value) for name in parameters for value in (object(), b"x", {1: 2}) if given is not None]
+    return [each for each in found if (each[0], each[1], type(each[2])) != (f.Decoder.feed, "data", bytes)]
+
+
+def test_every_public_name_is_here() -> None:
+    assert {name.__qualname__.partition(".")[0] for name in GIVEN} | UNSAID >= set(f.__all__)
+
+
+@pytest.mark.parametrize(
+    ("call", "name", "value"), every(), ids=[f"{c.__qualname__}({n}={type(v).__name__})" for c, n, v in every()]
+)
+def test_what_fits_nothing_is_refused(call: Callable[..., object], name: str, value: object) -> None:
+    with pytest.raises((f.UsageError, f.DataError)):
+        call(**{**GIVEN[call], name: value})
 
 
 def test_the_table_is_long() -> None:
