@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fapengine._arrays import DAMAGE, Rebuilt, frozen
-from fapengine._strict_toml import parse_toml, quoted, spell_path
+from fapengine._strict_toml import check_fields, parse_toml, quoted, spell_path
 from fapengine.errors import ProfileError, UsageError
 from fapengine.expressions import STANDARD_EXPRESSIONS, Expression
 from fapengine.models.viseme_space import VisemeSpace
@@ -112,6 +112,9 @@ class Profile(Rebuilt):
     """Targets that depend on neighbours; without them every phone has one pose, :attr:`phones`."""
     record: Record | None = None
     """Of a profile that ``fapengine fit`` made."""
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
 
 def format_profile(profile: Profile) -> dict[str, bytes]:

@@ -22,7 +22,7 @@ import io
 import json
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -102,6 +102,8 @@ HEAD = {"headyaw": 49, "headpitch": 48, "headroll": 50}
 """Columns of head rotation that Live Link adds, in rad, and the FAP of each."""
 MAX_FRAMES = 10_000_000
 MIN_NAMES = 8
+MAX_WEIGHT, MAX_PER_CENT = 2.0, 200.0
+"""Largest weight, and largest one in per cent; programs overdrive shapes."""
 
 
 def parse_blend_track(data: bytes) -> FapTrack:
@@ -115,12 +117,23 @@ def parse_blend_track(data: bytes) -> FapTrack:
         If it is neither JSON events nor CSV with shape names, or a value is not a number; ``where`` is its place.
     """
     text = _decode(data)
-    faps, head, rate_hz = _json(text) if text.lstrip()[:1] in ("[", "{") else _csv(text)
-    if not len(faps):
+    shapes, weights, head, rate_hz = _json(text) if text.lstrip()[:1] in ("[", "{") else _csv(text)
+    if not len(weights):
         raise TruncatedError("blend shapes: contains no frame")
+    largest, remarks = float(weights.max(initial=0.0)), []
+    if largest > MAX_PER_CENT:
+        raise DataError(f"blend shapes: got a weight of {largest:g}, expected 0..1, or 0..100 per cent")
+    if largest > MAX_WEIGHT:
+        weights = weights / 100
+        remarks.append(f"blend shapes: weights up to {largest:g} were read as per cent")
+    faps = shapes.to_faps(np.clip(weights, 0.0, 1.0))
+    furthest = max((float(np.abs(turn).max(initial=0.0)) for turn in head.values()), default=0.0)
+    if furthest > np.pi:
+        head = {number: np.deg2rad(turn) for number, turn in head.items()}
+        remarks.append(f"blend shapes: turns of the head up to {furthest:g} were read as degrees")
     for number, turn in head.items():
         faps[:, fap.column(number)] = turn / AU_RAD
-    return FapTrack.of(to_codable(faps), rate_hz=rate_hz)
+    return replace(FapTrack.of(to_codable(faps), rate_hz=rate_hz), remarks=tuple(remarks))
 
 
 def is_blend_table(data: bytes) -> bool:
@@ -140,8 +153,8 @@ def _decode(data: bytes) -> str:
         raise DataError(f"blend shapes: is not UTF-8 text: {error.reason}", where=f"byte {error.start}") from error
 
 
-Found = tuple[Array, dict[int, Array], float]
-"""FAPs (T, 68), rotations of the head in rad by FAP, and frame rate."""
+Found = tuple[ShapeSet, Array, dict[int, Array], float]
+"""Set, weights (T, B), rotations of the head in rad by FAP, and frame rate."""
 
 
 def _json(text: str) -> Found:
@@ -188,7 +201,7 @@ def _scores(events: list[Any]) -> Found:
     rate_hz = SCORES_HZ
     if len(times_s) == len(frames) and len(frames) > 1 and times_s[-1] > times_s[0]:
         rate_hz = _rate(len(frames), times_s[0], times_s[-1], "")
-    return shapes.to_faps(np.clip(weights, 0.0, 1.0)), {}, rate_hz
+    return shapes, weights, {}, rate_hz
 
 
 def named_weights(frames: Sequence[Mapping[str, float]], names: list[str], where: str) -> tuple[ShapeSet, Array]:
@@ -237,7 +250,8 @@ def _azure(events: list[Any]) -> Found:
         raise DataError("blend shapes: got a value that is not finite")
     every = np.arange(order[0], order[-1] + 1)
     held = table[np.searchsorted(order, every, side="right") - 1]  # a lost frame repeats the previous one
-    return arkit_map().to_faps(np.clip(held[:, :52], 0.0, 1.0)), {50: held[:, 52]}, RATE_HZ
+    shapes = replace(SHAPE_SETS["arkit"], to_faps=arkit_map().to_faps)
+    return shapes, held[:, :52], {50: held[:, 52]}, RATE_HZ
 
 
 def _bare(name: str) -> str:
@@ -283,7 +297,7 @@ def _csv(text: str) -> Found:
         if not (np.isfinite(first_s) and np.isfinite(last_s) and last_s > first_s):
             raise DataError(f"time: got {first_s:g} to {last_s:g} s, expected rising times", where=where)
         rate_hz = _rate(len(rows) - 1, first_s, last_s, where)
-    return shapes.to_faps(np.clip(weights, 0.0, 1.0)), turns, rate_hz
+    return shapes, weights, turns, rate_hz
 
 
 def find_set(header: list[str], *, where: str) -> tuple[ShapeSet, dict[str, int]]:
