@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from fapengine.app.heads import load_head
     from fapengine.app.motion import frames, load, save, weights
     from fapengine.app.performance import Performance, animate, speak, visemes
+    from fapengine.app.score import score
     from fapengine.clients.sender import Client
     from fapengine.codec.decoder import Decoder
     from fapengine.codec.encoder import Encoder, EncoderOptions
@@ -97,6 +98,7 @@ __all__ = [
     "load_head",
     "load_profile",
     "save",
+    "score",
     "speak",
     "visemes",
     "weights",
@@ -108,6 +110,7 @@ _MODULES = {
     "app.heads": ("load_head",),
     "app.motion": ("frames", "load", "save", "weights"),
     "app.performance": ("Performance", "animate", "speak", "visemes"),
+    "app.score": ("score",),
     "codec.decoder": ("Decoder",),
     "codec.encoder": ("Encoder", "EncoderOptions"),
     "errors": ("DataError", "FapEngineError", "ResourceError", "UsageError"),

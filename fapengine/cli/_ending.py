@@ -17,8 +17,9 @@ EXIT_CODES: tuple[tuple[type[FapEngineError], int], ...] = ((DataError, 1), (Usa
 DEBUG, FAULT = "FAPENGINE_DEBUG", 70
 """Environment variable that shows tracebacks of internal errors; their exit code (EX_SOFTWARE of sysexits.h)."""
 EXITS = (
-    "Exit codes: 0 success; 1 invalid file; 2 invalid usage, or a batch row failed; 3 missing dependency, device or"
-    f" server; {FAULT} internal error (please report it); 128 + N killed by signal N (Ctrl-C: 130)."
+    "Exit codes: 0 success; 1 invalid file, or a failed check; 2 invalid usage, or a batch row failed; 3 missing"
+    f" dependency, device or server; {FAULT} internal error (please report it); 128 + N killed by signal N (Ctrl-C:"
+    " 130)."
 )
 """Exit codes, for the help."""
 

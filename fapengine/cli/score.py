@@ -20,7 +20,7 @@ def score(
     made: Annotated[
         list[Path] | None,
         typer.Argument(
-            metavar="[MADE]...",
+            metavar="MADE",
             help="The lip sync: FAPs (.fap, .fba), a table of ARKit, Oculus or VRM weights (.csv, .json), an animated"
             " avatar (.glb, .vrm), a VRM animation (.vrma), VMC (.osc), a video (.mp4, .webm, ...), which needs the"
             " face detector, or meshes (.npy, .npz, a folder). A set: several of them, a folder for each system, or a"

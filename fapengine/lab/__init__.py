@@ -18,15 +18,17 @@ rates in Hz; axes are +x to the subject's left, +y up, +z out of the face. Sessi
 
 from fapengine.app.drive_grid import Driven, DriveOptions, drive
 from fapengine.app.fit import fit
+from fapengine.app.score import score
 from fapengine.capture.marker_track import Interval, MarkerTrack, Session, Take
 from fapengine.files.profiles import save_profile
 from fapengine.files.sessions import LoadedSession, read
-from fapengine.lab.scores import score
 from fapengine.laboratory.fit import FitOptions, Fitted
 from fapengine.laboratory.setup import Moment, Setup
 from fapengine.laboratory.tables import Table, tables_of, weights_of_takes
 from fapengine.models.via_points import ViaPoints
 from fapengine.models.via_points import extract_via_points as reduce
+from fapengine.scoring.statistics import compare, estimate
+from fapengine.scoring.vertices import vertex_errors
 from fapengine.trajectory.high_level import expand
 
 __all__ = [
@@ -43,7 +45,9 @@ __all__ = [
     "Table",
     "Take",
     "ViaPoints",
+    "compare",
     "drive",
+    "estimate",
     "expand",
     "fit",
     "read",
@@ -51,5 +55,6 @@ __all__ = [
     "save_profile",
     "score",
     "tables_of",
+    "vertex_errors",
     "weights_of_takes",
 ]

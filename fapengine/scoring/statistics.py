@@ -55,6 +55,11 @@ def estimate(values: ArrayLike, weights: ArrayLike | None = None, *, seed: int =
     seed : int
         The same seed gives the same interval.
 
+    Returns
+    -------
+    Estimate
+        ``mean``, ``low``, ``high`` in the unit of the values, and ``count``.
+
     Raises
     ------
     UsageError
@@ -78,6 +83,11 @@ def compare(one: ArrayLike, other: ArrayLike, weights: ArrayLike | None = None, 
         Values of both systems, utterance by utterance.
     weights, seed
         As of :func:`estimate`; the same draws serve both systems.
+
+    Returns
+    -------
+    PairedTest
+        ``difference``: an :class:`Estimate` of the first less the second; ``p``.
 
     Raises
     ------

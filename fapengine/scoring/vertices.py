@@ -66,6 +66,12 @@ def vertex_errors(
     neutral : (V, 3) or (3 V,), optional
         The face at rest; ``upper`` needs it.
 
+    Returns
+    -------
+    VertexErrors
+        ``frames``; ``mve``, ``lve``, ``fdd`` in the mesh's unit; ``lve_squared``, ``fdd_squared`` in its square, as
+        papers print them. None where vertices are not given.
+
     Raises
     ------
     UsageError

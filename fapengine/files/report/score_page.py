@@ -133,7 +133,7 @@ def write_score_report(
     ResourceError
         If matplotlib is not installed.
     """
-    parts = [f"<h1>{escape(title)}</h1>", html.verdict("good" if verdict.passes else "poor", str(verdict))]
+    parts = [f"<h1>{escape(title)}</h1>", spell_verdict(verdict)]
     parts += [f'<p class="note">{escape(note)}</p>' for note in notes]
     for name, rows in score_rows(score).items():
         parts += [f"<h2>{name}</h2>", html.table(("", "", ""), rows)]
@@ -142,6 +142,12 @@ def write_score_report(
         caption += " Red bands: p b m and their kin; blue: f v; crosses: those that were not made."
     parts += ["<h2>Opening</h2>", html.picture(draw_openings(score, mouth, truth, phones), caption)]
     return html.page(f"{title}: score", parts)
+
+
+def spell_verdict(verdict: Verdict) -> str:
+    """Format the verdict as HTML; what could not be checked has no colour."""
+    grade = "poor" if verdict.faults else "good" if verdict.said else ""
+    return f'<p class="verdict {grade}"><b>{escape(str(verdict))}</b></p>'
 
 
 def draw_openings(score: Score, mouth: Mouth, truth: Mouth | None, phones: PhoneTrack | None) -> bytes:

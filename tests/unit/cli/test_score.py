@@ -52,6 +52,7 @@ def test_everything_at_once(talk: Path, tmp_path: Path) -> None:
     assert "SLCC" in said
     page = (tmp_path / "score.html").read_text(encoding="utf-8")
     assert page.count("<svg") == 1
+    assert '<p class="verdict good"><b>passes: opens ' in page
     assert "mean temporal misalignment" in page
     assert not re.search(r'(src|href)="(?!#)', page.replace("xlink:href", ""))
 

@@ -9,6 +9,7 @@ import pytest
 from fapengine.files.report import page as fit_page
 from fapengine.files.report import score_page
 from fapengine.files.report.parts import page, picture, table
+from fapengine.scoring.verdict import Fault, Verdict
 
 
 def test_a_page_lists_its_headings_and_fits_any_screen() -> None:
@@ -46,17 +47,15 @@ def test_a_fit_says_first_how_good_it_is(r: float, lips_mm: float, grade: str) -
 
 
 @pytest.mark.parametrize(
-    ("recall", "lag_ms", "told"),
+    ("verdict", "told"),
     [
-        (0.95, 20.0, "Good.</b> 95 % of the closures of lips are made (19 of 20), in time (+20 ms)"),
-        (0.8, -100.0, "Fair"),
-        (0.95, 60.0, "Poor.</b> 95 % of the closures of lips are made (19 of 20), too late"),
-        (0.5, 0.0, "Poor"),
-        (1.0, None, "do not move"),
-        (None, 0.0, "Not judged"),
+        (Verdict((), ("lag",), "lag 20 ms"), '<p class="verdict good"><b>passes: lag 20 ms</b></p>'),
+        (Verdict((Fault("lag", "lag 99 ms"),), ("lag",), ""), '<p class="verdict poor"><b>fails: lag 99 ms</b></p>'),
+        (
+            Verdict((), (), "", ("lag",)),
+            '<p class="verdict "><b>passes: nothing could be checked; not checked: lag</b></p>',
+        ),
     ],
 )
-def test_a_score_says_first_how_good_it_is(recall: float | None, lag_ms: float | None, told: str) -> None:
-    judged = Some(closures=Some(recall=recall, met=19, wanted=20), timing=Some(lag_ms=lag_ms))
-    score: Any = Some(phones=judged, truth=None)
-    assert told in score_page._verdict(score)
+def test_a_score_says_first_how_good_it_is(verdict: Verdict, told: str) -> None:
+    assert score_page.spell_verdict(verdict) == told
