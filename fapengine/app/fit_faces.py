@@ -1,21 +1,27 @@
 """Faces for the report of a fit: what each component does, sparse and dense, and the built-in head before and after."""
 
 from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
 
+from fapengine.app.drive_grid import MOVED_BONES, dotted_mesh
 from fapengine.app.inspection.faces import PICTURE_PX, draw_mouths, faps_of_weights
 from fapengine.files.heads.built import load_built
 from fapengine.files.pictures import Picture, contact_sheet
 from fapengine.laboratory.dense_face import DenseFace, make_dense_head, mode_names, moved_by_modes
+from fapengine.laboratory.densify import DenseStudy
+from fapengine.laboratory.few_markers import Choice, FaceGrid
 from fapengine.laboratory.fit import Fitted
 from fapengine.mesh.default_head.style import HeadStyle
-from fapengine.mesh.deform import BONE_COUNT, Pose
+from fapengine.mesh.deform import Pose
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mesh.rig.blendshape_basis import ROW_FAPU
+from fapengine.models.subset import MarkerSubset
 from fapengine.render.drawing import Drawing
 from fapengine.render.renderer import CrowdRenderer, FaceRenderer
 
+FACE = Drawing(size=(PICTURE_PX, PICTURE_PX))
 SHOWN, FAR = 8, 3.0
 """Components drawn at most, and their distance from the mean, in standard deviations."""
 
@@ -32,6 +38,10 @@ def draw_faces(fitted: Fitted, adapted: FaceMesh | None = None) -> Mapping[str, 
     if fitted.dense is not None:
         head, dense = _dense(fitted.dense.face)
         pictures["The mean of all scans, and 3 standard deviations of each dense mode to either side."] = dense
+        caption = (
+            "Registration: the reference with its fitted markers, a scan, and that scan with the same vertices."
+        )
+        pictures[caption] = _registration(fitted.dense)
         if adapted is not None:
             faces = [_still(mesh) for mesh in (load_built(HeadStyle()), adapted, head)]
             labels = [("built-in head", ""), ("adapted", ""), ("dense face", "")]
@@ -63,12 +73,21 @@ def _dense(face: DenseFace) -> tuple[FaceMesh, Picture]:
     steps = FAR * ROW_FAPU * np.eye(count)[:shown]
     mean = -ROW_FAPU * face.estimator.coefficients(face.neutral_mm) / face.deviations_mm  # weights count from neutral
     rows = [mean, *(mean + sign * step for step in steps for sign in (-1, 1))]
-    bones = np.tile(np.eye(4), (BONE_COUNT, 1, 1))
-    with CrowdRenderer([moved_by_modes(imported.mesh, rig)], Drawing(size=(PICTURE_PX, PICTURE_PX))) as crowd:
-        pictures = list(crowd.frames([Pose(row, bones)] for row in rows))
+    with CrowdRenderer([moved_by_modes(imported.mesh, rig)], FACE) as crowd:
+        pictures = list(crowd.frames([Pose(row, MOVED_BONES)] for row in rows))
     return imported.mesh, contact_sheet(pictures, [("mean", ""), *_labels(mode_names(count)[:shown], [""] * shown)])
 
 
+def _registration(study: DenseStudy) -> Picture:
+    pictures: list[Picture] = []
+    for _, surface, markers_mm in study.registration:
+        grid = FaceGrid(surface.vertices_mm, surface.triangles, np.zeros((1, len(surface.vertices_mm))))
+        nothing = MarkerSubset(np.zeros(1, np.intp), np.zeros((1, len(markers_mm))), 0.0)
+        with CrowdRenderer([dotted_mesh(grid, markers_mm, Choice(nothing, ""))], FACE) as crowd:
+            pictures += crowd.frames([[Pose(np.zeros(3), MOVED_BONES)]])
+    return contact_sheet(pictures, [(Path(name).stem, name.partition(", ")[2]) for name, _, _ in study.registration])
+
+
 def _still(mesh: FaceMesh) -> Picture:
-    with FaceRenderer(mesh, Drawing(size=(PICTURE_PX, PICTURE_PX))) as renderer:
+    with FaceRenderer(mesh, FACE) as renderer:
         return renderer.draw(np.zeros(68))

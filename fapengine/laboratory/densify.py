@@ -29,6 +29,9 @@ class DenseStudy:
     face: DenseFace
     fits: tuple[tuple[str, ScanFit, float], ...]
     """Name of the scan, its fit, and the fraction of the vertices that are on it."""
+    registration: tuple[tuple[str, Surface, Array], ...]
+    """Name, surface and fitted markers, (M, 3) mm: of the reference, of the scan that differs most from it, and of that
+    scan with the reference's vertices."""
 
     @property
     def warnings(self) -> list[str]:
@@ -82,7 +85,13 @@ def densify(prepared: Prepared, setup: Setup, *, modes: int) -> DenseStudy:
         left_out_mm=_left_out(dense, scores, marks, noise_mm), scan_weights=scores,
         take_weights={take.name: sparse.scores(prepared.neutral_mm + take.moved_mm) for take in prepared.takes},
     )  # fmt: skip
-    return DenseStudy(face=face, fits=tuple(zip((scan.name for scan in scans), fits, met, strict=True)))
+    far = int(np.linalg.norm(marks - marks[0], axis=-1).mean(axis=1).argmax())
+    registration = (
+        (scans[0].name, fitted[0], points[0]), (scans[far].name, fitted[far], points[far]),
+        (f"{scans[far].name}, registered", Surface(faces[far], fitted[0].triangles), points[far]),
+    )  # fmt: skip
+    names = (scan.name for scan in scans)
+    return DenseStudy(face=face, fits=tuple(zip(names, fits, met, strict=True)), registration=registration)
 
 
 def _find(sparse: GapModel, scan: Scan, prepared: Prepared) -> ScanFit:

@@ -149,7 +149,7 @@ def to_picture(figure: "Figure") -> NDArray[np.uint8]:
     """Draw a figure as an image, (H, W, 3) uint8."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    canvas = FigureCanvasAgg(figure)
+    canvas: Any = FigureCanvasAgg(figure)  # its methods have no types
     figure.set_dpi(110)
     canvas.draw()
     return np.asarray(canvas.buffer_rgba())[..., :3].copy()
