@@ -91,6 +91,8 @@ def shape_set(key: str) -> ShapeSet:
 
 RATE_HZ = 60.0
 """Frame rate of Azure, and of Live Link Face unless its timecodes say otherwise."""
+TIMECODE_RATES_HZ = (24, 25, 30, 48, 50, 60)
+"""Usual rates at which timecodes count frames."""
 AZURE_WIDTH = 55
 SCORES_HZ = 30.0
 """Frame rate of scores without times."""
@@ -297,7 +299,30 @@ def _csv(text: str) -> Found:
         if not (np.isfinite(first_s) and np.isfinite(last_s) and last_s > first_s):
             raise DataError(f"time: got {first_s:g} to {last_s:g} s, expected rising times", where=where)
         rate_hz = _rate(len(rows) - 1, first_s, last_s, where)
+    elif "timecode" in header:
+        column = header.index("timecode")
+        rate_hz = _timecode_rate([row[column] if column < len(row) else "" for row in rows[1:]])
     return shapes, weights, turns, rate_hz
+
+
+def _timecode_rate(cells: Sequence[str]) -> float:
+    """Mean frame rate by Live Link Face's timecodes, ``HH:MM:SS:FF.fraction``; :data:`RATE_HZ` if they do not tell.
+
+    FF counts at a rate that the file does not state: the lowest usual one above its largest value, once a second is
+    complete.
+    """
+    found = [re.fullmatch(r"(\d+):(\d+):(\d+):(\d+(?:\.\d+)?)", cell.strip()) for cell in cells]
+    parts = np.array([[float(part) for part in match.groups()] for match in found if match])
+    if len(parts) != len(cells) or len(parts) < 2:
+        return RATE_HZ
+    seconds_s, frames = parts[:, :3] @ (3600.0, 60.0, 1.0), parts[:, 3]
+    base_hz = next((rate for rate in TIMECODE_RATES_HZ if int(frames.max()) < rate), None)
+    if base_hz is None or np.ptp(seconds_s) < 1:
+        return RATE_HZ
+    times_s = np.unwrap(seconds_s + frames / base_hz, period=86_400.0)
+    if times_s[-1] <= times_s[0]:
+        return RATE_HZ
+    return _rate(len(cells), times_s[0], times_s[-1], "Timecode")
 
 
 def find_set(header: list[str], *, where: str) -> tuple[ShapeSet, dict[str, int]]:

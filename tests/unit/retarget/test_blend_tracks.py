@@ -87,6 +87,34 @@ HEADER = "time," + ",".join(ARKIT_NAMES)
 ROW = ",".join(["0"] * 52)
 
 
+def _timecodes(rate_hz: int, count: int, first: int = 0, step: int = 1) -> list[str]:
+    """Timecodes of Live Link Face that count frames at a rate, every so many of them."""
+    ticks = range(first, first + count * step, step)
+    return [
+        f"{t // rate_hz // 3600 % 24:02}:{t // rate_hz // 60 % 60:02}:{t // rate_hz % 60:02}:{t % rate_hz:02}.125"
+        for t in ticks
+    ]
+
+
+@pytest.mark.parametrize(
+    ("codes", "rate_hz"),
+    [
+        (_timecodes(30, 90), 30.0),
+        (_timecodes(24, 60), 24.0),
+        (_timecodes(60, 90), 60.0),
+        (_timecodes(60, 90, step=2), 30.0),
+        (_timecodes(30, 60, first=86_400 * 30 - 20), 30.0),  # over midnight
+        (_timecodes(30, 20), 60.0),  # within one second: nobody knows what FF counts
+        (["00:00:00:00", "00:00:02:999"], 60.0),
+        (["soon", "later"], 60.0),
+        (["00:00:03:00", "00:00:01:00"], 60.0),
+    ],
+)
+def test_the_rate_is_that_of_the_timecodes(codes: list[str], rate_hz: float) -> None:
+    text = "\n".join([HEADER.replace("time,", "Timecode,"), *(f"{code},{ROW}" for code in codes)])
+    assert parse_blend_track(text.encode()).rate_hz == pytest.approx(rate_hz, rel=1e-3)
+
+
 @pytest.mark.parametrize(
     ("text", "error", "message"),
     [
