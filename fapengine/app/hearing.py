@@ -176,7 +176,7 @@ class _Pronouncer:
     def __init__(self, language: str) -> None:
         self.language = language
         self.by = "espeak-ng"
-        """What pronounces, in words."""
+        """Description of the pronouncer."""
         self._voice: Voice | None = None
         self._neighbours: Neighbours | None = None
 

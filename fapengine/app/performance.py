@@ -471,7 +471,7 @@ def pronounced(
     Raises
     ------
     DataError
-        If nobody chose the voice, and it does not read the script of the words.
+        If the voice was not chosen by the user, and it does not read the script of the words.
     UsageError
         If there is no voice for ``language``.
     """

@@ -253,7 +253,7 @@ class TrackSource(Source):
             self._sound, self._sound_from_s = self._output.play(rest), position_s
 
     def _follow(self, now_s: float) -> None:
-        """Take the position from the sound; until it is heard, wait for it."""
+        """Follow the position of the sound; wait until it is heard."""
         if self._output is None or self._sound is None or self._output.is_over(self._sound, now_s):
             return
         heard_s = self._output.position_s(self._sound, now_s)

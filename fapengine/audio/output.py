@@ -118,7 +118,7 @@ class Output:
             return self._skip_to(stream_s + now_s - at_s)
 
     def _skip_to(self, stream_s: float) -> float:
-        """Fetch samples up to a position of the stream, for nobody to hear; return the position."""
+        """Discard samples up to a position of the stream; return the position."""
         self._mixer.skip(max(round(stream_s * self._rate_hz) + 1 - self._mixer.taken, 0))
         return stream_s
 
@@ -134,7 +134,7 @@ class SilentOutput(Output):
 TELL_EVERY_S = 0.02
 """Interval between two reports of a sound's position."""
 STILL_S = 0.1
-"""Time without a change of its position after which a sound stands still; longer than a late callback."""
+"""Time without a change of its position after which a sound counts as paused; longer than a late callback."""
 SETTLE_S = 1.2
 """Longest wait for a device that was just opened; a hub begins without sound after 1.5 s."""
 
@@ -162,7 +162,7 @@ class Playing:
     _told_s: float = -inf
 
     def is_due(self, place_s: float, now_s: float) -> bool:
-        """Return whether to report this position: at intervals while it moves, once when it stands still."""
+        """Return whether to report this position: at intervals while it moves, once when it pauses."""
         if place_s != self.place_s:
             self.place_s, self._moved_s = place_s, now_s
         was_still, self.is_still = self.is_still, now_s - self._moved_s > STILL_S

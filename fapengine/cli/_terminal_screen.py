@@ -20,7 +20,7 @@ WIDE_OPEN_FAPU = 500.0
 class TerminalScreen:
     """A line of the terminal; nothing where there is none. Stateful.
 
-    ``phones`` are those that will be said; None where nobody knows them: ``doing`` then says what is done.
+    ``phones`` are those that will be said; None if they are unknown: ``doing`` then says what is done.
     """
 
     lead_s = 0.0

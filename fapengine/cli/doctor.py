@@ -20,7 +20,7 @@ class Finding:
     works: bool
     found: str
     """State of the part, or why it does not work."""
-    mend: str = ""
+    fix: str = ""
     """Command that fixes it; empty if nothing is needed."""
 
 
@@ -136,5 +136,5 @@ def _print_table(findings: list[Finding]) -> None:
     table = Table("", "part", "found", "to fix it", box=None, pad_edge=False)
     for finding in findings:
         sign = "[green]✓[/]" if finding.works else "[red]✗[/]"
-        table.add_row(sign, finding.part, escape(finding.found), escape(finding.mend))
+        table.add_row(sign, finding.part, escape(finding.found), escape(finding.fix))
     Console().print(table)

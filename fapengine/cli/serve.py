@@ -151,7 +151,7 @@ def serve(
     For lossless delivery and clock synchronization, use fapengine.Client. See docs/osc.md. Use --sink to send the face
     to other programs.
 
-    One process uses one core. --workers 8 starts eight behind the same ports; if one fails, the others continue.
+    One process uses one core. --workers 8 starts eight that share the ports; if one fails, the others continue.
     --nats nats://HOST:4222 does the same across machines.
 
     Ctrl-C or SIGTERM returns all faces to neutral and stops the server.

@@ -212,7 +212,7 @@ class Connection:
             return self._fault is None and self._sender.handshake.is_connected(self._clock())
 
     def events(self) -> list[schema.Notice]:
-        """Take the events that have arrived: started, underrun, late, concealed, finished, cancelled, error."""
+        """Return the new events: started, underrun, late, concealed, finished, cancelled, error."""
         with self._changed:
             taken = list(self._events)
             self._events.clear()

@@ -226,7 +226,7 @@ class Client(Connection, GestureMethods):
         return pronouncer.words(words)
 
     def sound(self, samples: ArrayLike, rate_hz: int, *, utterance: int | None = None) -> int:
-        """Let the engine's recognizer find the phones of audio, as it arrives.
+        """Send audio as it arrives; the engine's recognizer finds its phones.
 
         The face follows the audio with a delay of 0.5 s, so play it that much later; or :meth:`begin` the utterance at
         the time at which it will be heard.

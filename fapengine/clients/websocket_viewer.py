@@ -156,11 +156,11 @@ class WebSocketViewer:
         return now_s + min(self._trips)[1] if self._trips else None
 
     def sounds(self) -> list[AnnouncedSound]:
-        """Take the sounds that have arrived since the last call."""
+        """Return the sounds that have arrived since the last call."""
         return [self._sounds.popleft() for _ in range(len(self._sounds))]
 
     def ended(self) -> list[int]:
-        """Take the utterances that were cancelled since the last call; call it before :meth:`sounds`."""
+        """Return the utterances that were cancelled since the last call; call it before :meth:`sounds`."""
         return [self._ended.popleft() for _ in range(len(self._ended))]
 
     def faps(self) -> Faps:

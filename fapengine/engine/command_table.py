@@ -132,11 +132,11 @@ class EndlessDuration(FieldSpec):
     tag: str = "i"
 
     def to_osc(self, value: float) -> int:
-        """Give microseconds, or -1."""
+        """Return microseconds, or -1."""
         return -1 if value == inf else round(value * 1e6)
 
     def from_osc(self, value: int) -> float:
-        """Take microseconds, or -1."""
+        """Read microseconds, or -1."""
         return inf if value < 0 else value / 1e6
 
 
@@ -150,11 +150,11 @@ class Time(FieldSpec):
     tag: str = "i"
 
     def to_osc(self, value: float | None) -> int:
-        """Give microseconds, or -1."""
+        """Return microseconds, or -1."""
         return -1 if value is None else max(round(value * 1e6), -1)
 
     def from_osc(self, value: int) -> float | None:
-        """Take microseconds, or -1."""
+        """Read microseconds, or -1."""
         return value / 1e6 if value > 0 else None
 
     def checked(self, value: float | None) -> float | None:

@@ -1,4 +1,4 @@
-"""What faces do besides speaking, for all sessions at once: expressions, gaze, blinks, turns of the head, gestures.
+"""Motion besides speech, for all sessions at once: expressions, gaze, blinks, head turns, gestures.
 
 Gestures are those of :mod:`fapengine.trajectory.gestures`, drawn as time goes by. Commands join them, each as ramps
 (:func:`command_ramps`): those of a live sender, and those of the inline cues of a text

@@ -418,7 +418,7 @@ class Session:
         return max(due_s, nextafter(now_s, inf))
 
     def _settle(self, now_s: float) -> None:
-        """Give each utterance its place as soon as it is known."""
+        """Set the place of each utterance as soon as it is known."""
         if self.is_paused:
             return
         before: Utterance | None = None
@@ -443,7 +443,7 @@ class Session:
         utterance.place(zero_s, self.clock.stream_s(now_s) if skips else 0.0)
 
     def _take(self, now_s: float, utterances: Sequence[Utterance] | None = None) -> None:
-        """Take the phones that are said next, as many as are planned at a time."""
+        """Plan the phones that are said next, a limited number at a time."""
         room = TAKEN_LETTERS - sum(len(phone.label) for _, phone in self.fresh)
         count, soon_s = len(self.fresh), self.clock.stream_s(now_s) + TAKEN_S
         taken: dict[int, list[Phone]] = {}
@@ -462,7 +462,7 @@ class Session:
             self._prepare(number, phones, now_s)
 
     def _feed(self, utterance: Utterance, phones: Iterable[Phone], now_s: float, *, is_counted: bool = True) -> None:
-        """Take phones of an utterance out of turn, if it has a place."""
+        """Plan phones of an utterance out of turn, if it has a place."""
         self._prepare(utterance.number if is_counted else None, utterance.in_stream(phones), now_s)
 
     def _prepare(self, number: int | None, phones: list[Phone], now_s: float) -> None:

@@ -87,7 +87,7 @@ class FramePacer:
         return self.start_s + self._next / self.rate_hz
 
     def due(self, now_s: float) -> tuple[int, int] | None:
-        """Take the frame that is due: its number, and how many before it were skipped; None if none is due."""
+        """Return the frame that is due: its number, and how many before it were skipped; None if none is due."""
         number = math.floor((now_s - self.start_s) * self.rate_hz + 1e-6)  # a clock that says 0.0999999 means 0.1
         if number < self._next:
             return None

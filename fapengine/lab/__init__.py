@@ -5,7 +5,7 @@
 >>> fitted = lab.fit(session, name="s03")  # doctest: +SKIP
 >>> lab.tables_of(fitted)["phones"].rows[0]  # doctest: +SKIP
 
-The functions are those behind ``fapengine fit``, ``drive``, ``reduce`` and ``score``. Lengths are in mm, times in s,
+The functions are those of ``fapengine fit``, ``drive``, ``reduce`` and ``score``. Lengths are in mm, times in s,
 rates in Hz; axes are +x to the subject's left, +y up, +z out of the face. Sessions can be made of arrays, too:
 
 >>> import numpy as np

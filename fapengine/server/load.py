@@ -76,7 +76,7 @@ class Load:
 
 @contextmanager
 def collecting_in_pieces() -> Iterator[None]:
-    """Let Python collect garbage often and little at a time; objects that exist at the beginning are not looked at."""
+    """Make Python collect garbage often, in small steps; objects that exist at the start are excluded."""
     before = gc.get_threshold()
     gc.collect()
     gc.freeze()

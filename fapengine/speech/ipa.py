@@ -191,7 +191,7 @@ def split_stress(label: str) -> tuple[str, int]:
 
 
 def normalise(label: str) -> str:
-    """Give a phone its one spelling: without tie bars and tones, ligatures such as ʧ split, g as ɡ.
+    """Return the canonical spelling of a phone: without tie bars and tones, ligatures such as ʧ split, g as ɡ.
 
     Examples
     --------

@@ -74,7 +74,7 @@ def script_remarks(words: Sequence[Phone], code: str, *, is_chosen: bool) -> tup
     Raises
     ------
     DataError
-        If nobody chose the voice, and it does not read half of the words.
+        If the voice was not chosen by the user, and it does not read half of the words.
     """
     by_script: dict[str, list[Phone]] = {}
     for word in words:
@@ -98,7 +98,9 @@ def remarks_on(track: PhoneTrack) -> tuple[str, ...]:
     remarks = list(track.reading.remarks)
     if track.reading.others:
         remarks.append(f"alphabet: {track.reading}")
-    if not track.spelled:
+    if track.phones and all(phone.is_silence for phone in track.phones):
+        remarks.append("phones: there is nothing but silence, so the mouth stays shut; is there speech in it?")
+    elif not track.spelled:
         remarks += [f"unknown phone {unknown}" for unknown in find_unknown(track)]
         lengths_s = [phone.duration_s for phone in track.phones if not phone.is_silence]
         remarks += _length_remarks(lengths_s, is_file=track.reading != Reading())

@@ -52,7 +52,7 @@ class Token(NamedTuple):
 
 
 def tokens_of(track: PhoneTrack, known: Mapping[str, object]) -> tuple[list[Token], list[str]]:
-    """Take a track apart into what a profile knows.
+    """Split a track into tokens that a profile knows.
 
     A label that it lacks is split into letters that share the time, each under the name of the most similar one.
 
@@ -60,7 +60,7 @@ def tokens_of(track: PhoneTrack, known: Mapping[str, object]) -> tuple[list[Toke
     -------
     tokens : list of Token
     strange : list of str
-        Labels that are no IPA; the neutral vowel stands in.
+        Labels that are not IPA; the neutral vowel is used for them.
     """
     names = tuple(known)
     tokens, strange = [], []
@@ -114,7 +114,7 @@ GESTURELESS = frozenset(letter for letter, row in ARTICULATIONS.items() if max(r
 
 
 class Part(NamedTuple):
-    """What a neighbour sees of a token."""
+    """Features of a token that its neighbours use."""
 
     name: str
     """IPA as it was spoken; the profile may know only a similar phone, which behaves differently."""
@@ -397,5 +397,5 @@ class ContextTables:
 
 @lru_cache(maxsize=16)
 def tables_of(model: ContextModel) -> ContextTables:
-    """Give a model its tables, which all who plan by it share."""
+    """Return the tables of a model, which all planners share."""
     return ContextTables(model)

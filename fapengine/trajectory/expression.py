@@ -62,7 +62,7 @@ class Mood:
 def during_word(
     expression: Expression, strength: float, word: str, phones: PhoneTrack, *, attack_s: float = ATTACK_S
 ) -> list[Mood]:
-    """Let an expression follow a word: fully there while it is spoken, each time that it is."""
+    """Show an expression with a word: at full strength while it is spoken, each time that it is."""
     spans = _spans(words_of(phones.phones), same_word(word))
     if not spans:
         spoken = ", ".join(dict.fromkeys(phone.word for phone in phones.phones if phone.word)) or "no words at all"

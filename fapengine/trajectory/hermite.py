@@ -69,7 +69,7 @@ def derivatives(times_s: Array, values: Array, path_of: NDArray[np.intp]) -> tup
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Path:
-    """Keys with their derivatives, ready to be sampled. Before the first and after the last key it stands still."""
+    """Keys with their derivatives, ready to be sampled. Before the first and after the last key it is constant."""
 
     times_s: Array
     """(N,) s, strictly rising, N >= 2."""

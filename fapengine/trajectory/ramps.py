@@ -113,7 +113,7 @@ class _Motion(NamedTuple):
     momentum: Quintic
 
     def taken_over(self, ramp: Ramp) -> "_Motion":
-        """Let a ramp take over from it."""
+        """Continue with another ramp from here."""
         value = velocity = acceleration = 0.0
         momentum_s = min(ramp.over_s, MOMENTUM_S)
         for quintic, length_s in ((self.way, self.over_s), (self.momentum, self.momentum_s)):
@@ -172,7 +172,7 @@ class Ramps:
         return row
 
     def close(self, row: int) -> None:
-        """Take a row away; the last moves into its place."""
+        """Remove a row; the last moves into its place."""
         last = self._count = self._count - 1
         for array in (self._due_s, self._begun_s, self._rate, self._quintic):
             array[..., row] = array[..., last]
@@ -180,7 +180,7 @@ class Ramps:
         self._waiting.pop()
 
     def send(self, row: int, ramps: Iterable[Ramp]) -> None:
-        """Let channels glide; of ramps that begin at the same time the last one counts."""
+        """Start ramps of channels; of ramps that begin at the same time the last one counts."""
         waiting = self._waiting[row]
         for ramp in ramps:
             if ramp.takes_over:

@@ -294,7 +294,7 @@ def _labels(profile: Profile, context: bool) -> _Labels:
 
 
 def spelled_of(label: str, profile: Profile) -> _Spelled:
-    """What a profile without its context model makes of a label."""
+    """Targets of a label, from a profile without a context model."""
     return _labels(profile, False).spelled_of(label)
 
 

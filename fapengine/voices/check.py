@@ -49,7 +49,7 @@ LATE_S = 0.025
 
 @dataclass(frozen=True, slots=True)
 class Breach:
-    """One place where the phones do not fit the audio."""
+    """A place where the phones do not fit the audio."""
 
     law: Law
     at_s: float

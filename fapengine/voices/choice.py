@@ -112,7 +112,7 @@ def entry_point(name: str) -> "EntryPoint | None":
 
 @dataclass(frozen=True, slots=True)
 class OwnVoice:
-    """A voice of somebody else's: it gets texts without marks, and what it returns or raises is checked."""
+    """A third-party voice: it gets texts without marks, and what it returns or raises is checked."""
 
     name: str
     voice: Voice

@@ -225,7 +225,7 @@ def is_vowel(label: str) -> bool:
 def ends_as(label: str) -> str:
     """``"nasal"`` or ``"liquid"`` for a phone that ends so, glides with the liquids; empty for all others.
 
-    Behind these a vowel is heard by its brightness.
+    After these, the brightness of the sound shows where a vowel begins.
 
     Examples
     --------
@@ -335,7 +335,7 @@ def _with_time(marks: Sequence[Mark], end_s: float) -> list[Mark]:
 
 
 def _share(onsets: list[float], first: int, last: int, marks: Sequence[Mark]) -> None:
-    """Give the phones ``first`` to ``last - 1`` equal parts of a neighbour's time; a pause is asked after a phone."""
+    """Assign equal parts of a neighbour's time to phones ``first`` to ``last - 1``; a pause is asked after a phone."""
     count = last - first
     lengths = {
         index: (bool(marks[index].label), onsets[index + 1] - onsets[index])

@@ -227,7 +227,7 @@ def test_doctor_tells_what_works() -> None:
     assert {"Python", "profile", "OpenGL", "window", "voices", "video", "sound", "live server"} <= set(findings)
     assert findings["OpenGL"]["works"]
     assert findings["voices"]["works"]
-    assert all(line["works"] or line["mend"] for line in findings.values())
+    assert all(line["works"] or line["fix"] for line in findings.values())
     assert "OpenGL" in run("doctor").stdout
 
 

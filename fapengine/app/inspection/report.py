@@ -69,7 +69,7 @@ class Table:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Report:
-    """What was found in a file."""
+    """Description of a file."""
 
     facts: dict[str, Any]
     """Plain values, for JSON."""

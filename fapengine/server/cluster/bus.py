@@ -148,7 +148,7 @@ class Bus:
             self._nats = None
 
     async def step_down(self) -> None:
-        """Give up all sessions. The machine still redirects senders."""
+        """Release all sessions. The machine still redirects senders."""
         if not self._is_up:
             return
         self._is_up = False

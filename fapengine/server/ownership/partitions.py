@@ -39,7 +39,7 @@ machine stops showing its sessions. Workers need up to 0.3 s to return a face to
 
 
 class Machine(msgspec.Struct, frozen=True):
-    """One of several servers, from one beginning to the loss of its lease."""
+    """One of several servers, from its start to the loss of its lease."""
 
     id: str
     """Name, new each time it begins."""
@@ -118,7 +118,7 @@ def decode(data: bytes, kind: type[_Message]) -> _Message:
 
 @dataclass(slots=True)
 class _Known:
-    """What is known of a record. Stateful."""
+    """State of a record, as this machine knows it. Stateful."""
 
     owner: str
     revision: int
@@ -131,7 +131,7 @@ class _Known:
 
 
 class Partitions:
-    """What one machine knows of all machines and records. Stateful.
+    """State of all machines and records, as one machine knows it. Stateful.
 
     Parameters
     ----------

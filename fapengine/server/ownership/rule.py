@@ -155,11 +155,11 @@ class Placement:
     _epoch: int = 0
 
     def join(self, worker: int) -> None:
-        """Give a worker sessions from now on."""
+        """Assign sessions to a worker from now on."""
         self.workers.add(worker)
 
     def pass_over(self, worker: int) -> None:
-        """Give a worker no more sessions; it keeps those that it has."""
+        """Assign no more sessions to a worker; it keeps those that it has."""
         self.workers.discard(worker)
 
     def lose(self, worker: int) -> None:
@@ -219,7 +219,7 @@ class Placement:
         return [(home.worker, session) for session, home in unused]
 
     def left(self, worker: int, session: str) -> bool:
-        """Take back a session that its worker has left; False if something was sent there since."""
+        """Release a session that its worker has left; return False if something was sent there since."""
         home = self._home(worker, session)
         if home is None or not home.leaves:
             return False

@@ -3,7 +3,7 @@
 Only pages of this server, and of the origins that its configuration names, may send requests; other pages are refused.
 Without a token, a host name that is not an address is refused too, because anyone can make a name resolve to this
 machine (DNS rebinding). With one, an address that has tried :data:`MAX_WRONG` other tokens must wait, even if its next
-one is right. A page that repeats an old token does not count, so that it locks nobody out.
+one is right. A page that repeats an old token does not count, so that it locks no client out.
 """
 
 import hmac

@@ -170,7 +170,7 @@ class GuardedHandler(Guarded, web.RequestHandler):
             self.expect(min(IDLE_S, max(self._body_end_s - self._loop.time(), 0.0)))
 
     def late(self) -> None:
-        """Let the handler answer that the body did not come in time; else end the connection."""
+        """Have the handler answer that the body did not come in time; else end the connection."""
         if self._body is None:
             super().late()
         else:

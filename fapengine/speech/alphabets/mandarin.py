@@ -1,6 +1,6 @@
 """Mandarin: pinyin in every spelling, Zhuyin, and the finals of Chinese speech corpora.
 
-Pinyin is read with accents (``mā``), with digits 0 to 5 behind or inside (``ma1n``), with ``v``, ``ü`` or ``u:``, in
+Pinyin is read with accents (``mā``), with digits 0 to 5 after or inside (``ma1n``), with ``v``, ``ü`` or ``u:``, in
 capitals, with an -r (erhua), and joined (``zhong1guo2``). Sources: Hanyu Pinyin (ISO 7098), pronunciation after Lee and
 Zee, JIPA 33 (2003); Zhuyin (Bopomofo) as in Unicode's chart; AISHELL-1's lexicon for ``ii iii ix iy ir``.
 """
@@ -81,7 +81,7 @@ _ZHUYIN = re.compile(f"([{''.join(_BOPOMOFO)}]?)([ㄧㄨㄩ]?[{''.join(_RIMES)}]
 
 
 def plain_pinyin(label: str) -> str:
-    """Take tones off, write ü as v, and small letters.
+    """Remove tones, write ü as v, and use lower case.
 
     Examples
     --------

@@ -14,7 +14,7 @@ _PAIRS = """
     O. ʘ  |1 ǀ  |2 ǁ  |- ǂ  :f ː  .f ˑ  '1 ˈ  '2 ˌ  ~^ \u0303  |v \u0329  0v \u0325  hr ˞
 """
 TRIGRAPHS = dict(zip(_PAIRS.split()[::2], _PAIRS.split()[1::2], strict=True))
-"""The two characters behind a backslash, and what Praat shows for the three."""
+"""The two characters after a backslash, and what Praat shows for the three."""
 
 
 def from_trigraphs(label: str) -> str:

@@ -75,7 +75,7 @@ def without_overlaps(entries: Sequence[Entry]) -> list[Entry]:
 
 
 def with_words(phones: Sequence[Entry], words: Sequence[Entry]) -> list[Entry]:
-    """Give each phone the word at its middle; both are in the order of time."""
+    """Assign to each phone the word at its middle; both are in the order of time."""
     found: list[Entry] = []
     index = 0
     for phone in phones:

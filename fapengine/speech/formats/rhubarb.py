@@ -153,7 +153,7 @@ def _append(cues: list[MouthCue], cue: MouthCue) -> None:
 
 
 def _without_short(cues: Sequence[MouthCue]) -> list[MouthCue]:
-    """Give each short cue that does not touch to its longer neighbour."""
+    """Merge each short cue without contact into its longer neighbour."""
     kept: list[MouthCue] = []
     begin = 0
     for index, cue in enumerate(cues):

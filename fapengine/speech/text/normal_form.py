@@ -34,7 +34,7 @@ _PLAIN = re.compile(
     "[\u2102-\u2138\u2145-\u2149\u214e\u2160-\u217f\u2460-\u24ea\u3000\ufb50-\ufdff\ufe70-\ufefc"
     "\uff04\uff05\uff0b\uff10-\uff19\uff20-\uff3a\uff41-\uff5a\uff61-\uffdc\uffe0-\uffe6\U0001d400-\U0001d7ff]"
 )
-"""Forms that are made plain. Not full-width punctuation: voices pause at it without a space behind it, and the plain
+"""Forms that are made plain. Not full-width punctuation: voices pause at it without a space after it, and the plain
 ``& < >`` would be markup."""
 _NOT_PLAIN = re.compile("[\u2104-\u2108\u210f\u2114\u2116-\u2118\u211e-\u2123\u2125\u2127\u212e]")
 """Signs between the letters of one of these blocks, such as ``№``."""
@@ -50,7 +50,7 @@ class SpeakableText:
     starts: tuple[int, ...]
     """Index in the original at which the stretch of each character begins; never falls."""
     stops: tuple[int, ...]
-    """Index behind that stretch; never falls, and lies behind the start."""
+    """Index after that stretch; never falls, and is greater than the start."""
     replaced: int = 0
     """Halves of surrogate pairs that are U+FFFD now: bytes that were no text."""
 

@@ -145,7 +145,7 @@ def _stripped(text: str, start: int, stop: int) -> Stretch:
 def _chosen(words: Sequence[Stretch], places: Sequence[int]) -> list[int]:
     """Index of the word that each place belongs to.
 
-    A place between two words belongs to the one behind it, unless a later mark begins that one: then the one before has
+    A place between two words belongs to the one after it, unless a later mark begins that one: then the one before has
     several marks, such as the second half of an emoji's name.
     """
     starts = [word.start for word in words]
@@ -163,7 +163,7 @@ def _chosen(words: Sequence[Stretch], places: Sequence[int]) -> list[int]:
 
 
 def _unmarked(text: str, words: Sequence[Stretch], index: int, following: int) -> list[Stretch]:
-    """Words behind one that the voice joined with it: up to the next that has a mark, or a stop."""
+    """Words after one that the voice joined with it: up to the next that has a mark, or a stop."""
     joined: list[Stretch] = []
     for before, word in pairwise(words[index:following]):
         if _STOP.search(text, before.stop, word.start) or not _letters(text, word):

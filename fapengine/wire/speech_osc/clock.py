@@ -209,7 +209,7 @@ class SenderClock:
         return there_s - (self.engine_s(there_s) - engine_s)
 
     def report(self, sent_s: float, offset_s: float, skew_ppm: float) -> None:
-        """Take the sender's estimate of the offset: engine's clock minus its own."""
+        """Use the sender's estimate of the offset: engine's clock minus its own."""
         if self._offset_s is not None and abs(sent_s + offset_s - self.engine_s(sent_s)) > ODD_S:
             self.steps += 1
             self._ways.clear()
@@ -217,7 +217,7 @@ class SenderClock:
         self._skew = min(max(skew_ppm, -MAX_PPM), MAX_PPM) * 1e-6
 
     def ping(self, sent_s: float, now_s: float) -> None:
-        """Take the stamp of a ping without an estimate."""
+        """Use the time stamp of a ping without an estimate."""
         if self._reported_s is not None and abs(sent_s - self._reported_s) <= REPORT_S:
             return
         self._reported_s, self._skew = None, 0.0

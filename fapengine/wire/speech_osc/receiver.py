@@ -170,17 +170,17 @@ class OscReceiver:
         return self._allowed(replies)
 
     def texts(self) -> list[TextRequest]:
-        """Take the texts that the server's voice is to speak."""
+        """Return the texts for the server's voice."""
         taken, self._texts = self._texts, []
         return taken
 
     def words(self) -> list[WordsRequest]:
-        """Take the words whose phones the server's voice is to find; keep the order of those of one utterance."""
+        """Return the words that the server's voice must pronounce; those of one utterance are in order."""
         taken, self._words = self._words, []
         return taken
 
     def sounds(self, now_s: float) -> list[SoundRequest]:
-        """Take the audio for the recognizer; to be called about once per frame."""
+        """Return the audio for the recognizer; call it about once per frame."""
         sounding = sorted(name for name, session in self._sessions.items() if session.sounding)
         return [request for name in sounding for request in self._sessions[name].sounds(now_s)]
 

@@ -299,7 +299,7 @@ class SpeakText(OfSession):
 
 @dataclass(frozen=True, slots=True)
 class Ack(OfUtterance):
-    """What has arrived of an utterance."""
+    """The part of an utterance that has arrived."""
 
     ADDRESS: ClassVar[str] = "/fap/1/ack"
     TAGS: ClassVar[str] = "siihiii"

@@ -34,7 +34,7 @@ MIN_REPEAT_S, MAX_REPEAT_S = 0.06, 0.25
 """Bounds of the timer of a phone. It is longer for an engine that takes longer to answer, so as not to add to its
 load."""
 MARGIN_S = 0.015
-"""What a phone's timer adds to the answer time."""
+"""Time that a phone's timer adds to the answer time."""
 BUSY = 3.0
 """Largest timer, relative to the first."""
 BACKOFF = 1.5

@@ -1,4 +1,4 @@
-"""One session of the robust mode: a receive window for each utterance, and the answers to its senders.
+"""One session of the reliable protocol: a receive window for each utterance, and the answers to its senders.
 
 Theory of operation
 -------------------
