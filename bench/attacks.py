@@ -158,6 +158,7 @@ def main() -> int:
     parser.add_argument("--ports", nargs=2, type=int, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.ports:
+        print("begun", flush=True)
         asyncio.run(ATTACKS[options.attacks[0]](*options.ports))
     watch, stopped = Watch(), threading.Event()
     osc, page, readers = free_port(), free_port(), free_port()
@@ -177,8 +178,10 @@ def main() -> int:
             for name in options.attacks or ATTACKS:
                 quiet, quiet_ms = frames_of(watch, options.seconds, server.pid)
                 again = ["nice", sys.executable, "-m", "bench.attacks", name, "--ports", str(page), str(readers)]
-                attacker = start(again)
-                time.sleep(1.5)  # it begins
+                attacker = start(again, stdout=subprocess.PIPE)
+                assert attacker.stdout is not None
+                attacker.stdout.readline()  # "begun"
+                time.sleep(1.0)
                 during, during_ms = frames_of(watch, options.seconds, server.pid)
                 attacker.kill()
                 attacker.wait()

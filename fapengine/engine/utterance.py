@@ -63,9 +63,9 @@ class Step(Enum):
 
     BEGIN = "begin"
     PLACE = "place"
-    """Give it a place in the session's time, or another one."""
+    """Set its place in the session's time."""
     UNPLACE = "unplace"
-    """Take its place away: what came before it has changed."""
+    """Remove its place: what came before it has changed."""
     START = "start"
     PAUSE = "pause"
     CLOSE = "close"
@@ -169,18 +169,18 @@ class Utterance:
         self.revision = max(self.revision, command.revision)
 
     def place(self, zero_s: float, from_s: float = 0.0) -> None:
-        """Give it a place: stream time of its start, and stream time from which it is spoken."""
+        """Set its place: stream time of its start, and stream time from which it is spoken."""
         self.step(Step.PLACE)
         self.zero_s, self.resume_s = zero_s, None
         self.take_again(from_s)
 
     def unplace(self) -> None:
-        """Take its place away."""
+        """Remove its place."""
         self.step(Step.UNPLACE)
         self.zero_s = None
 
     def pause(self, now_s: float) -> None:
-        """Take its place and keep its position."""
+        """Remove its place, but keep its position."""
         self.resume_s = self.position_s(now_s)
         self.step(Step.PAUSE)
         self.zero_s = None
@@ -243,20 +243,24 @@ class Utterance:
 
     def gap(self) -> tuple[Phone, Phone, range] | None:
         """First gap that is not bridged: the phones on both sides, and the indices between them."""
-        known = self.known
-        if not known or known[-1] - known[0] == len(known) - 1:
+        known, order = self.known, self.order
+        first = bisect_left(known, order[0]) if order else 0
+        if not order or known[-1] - known[first] == len(known) - 1 - first:
             return None
-        place = bisect_right(range(len(known)), known[0], key=lambda place: known[place] - place)
-        before, after = known[place - 1], known[place]
+        between = bisect_right(range(first, len(known)), known[first] - first, key=lambda place: known[place] - place)
+        place = bisect_left(
+            order, known[first + between]
+        )  # beside it there may be others than phones, after a revision
+        before, after = order[place - 1], order[place]
         return self.phones[before], self.phones[after], range(before + 1, after)
 
     def bridge(self, gap: range) -> None:
         """Close a gap."""
-        place = bisect_left(self.known, gap.stop)
-        self.known[place:place] = gap
+        first, stop = bisect_left(self.known, gap.start), bisect_left(self.known, gap.stop)
+        self.known[first:stop] = gap
 
     def take_again(self, from_s: float) -> None:
-        """Let phones be taken again that end after ``from_s``, in stream time."""
+        """Allow phones that end after ``from_s``, in stream time, to be sent again."""
         self.from_s, since_s = from_s, from_s - (self.zero_s or 0.0)
         self.taken = bisect_right(self.order, since_s, key=lambda index: self.phones[index].end_s)
 

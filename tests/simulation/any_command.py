@@ -10,6 +10,7 @@ regularly, late, twice at one time, or after a jump of the clock. In each frame 
 - *lips*: upper and lower lip do not pass through each other by more than rounding;
 - *range*: every value is one that a stream can carry;
 - *speed*: at natural gains the opening changes by no more than :data:`FASTEST_FAPU_S`;
+- *step*: no FAP of jaw and lips changes faster than 1.5 times the fastest of speech, whatever is asked for;
 - *rest*: a face that has nothing to say and shows nothing is at rest, :data:`REST_S` behind its last fade or closure;
 - *faults*: no session is ended for a fault, and no counter falls.
 
@@ -31,7 +32,7 @@ import numpy as np
 from fapengine.engine import commands
 from fapengine.engine.command_table import Choice, EndlessDuration, FieldSpec, Time, fields_of
 from fapengine.engine.commands import Append, Audio, Begin, Cancel, Command, End, Express, Pause, Resume, Seek
-from fapengine.engine.engine import Engine
+from fapengine.engine.engine import JAW_AND_LIPS, Engine
 from fapengine.engine.session import Limits
 from fapengine.errors import UsageError
 from fapengine.expressions import EXPRESSIONS
@@ -51,6 +52,8 @@ CROSSED_FAPU = 2
 REST_S = 2 * RAMP_S + MIN_HOLD_S + 0.2
 FASTEST_FAPU_S = 42_000.0
 """Of the opening: 870 mm/s, what is promised of speech, on the recorded face."""
+STEP_FAPU_S = 45_800.0
+"""1.5 times 509 FAPU in 1/60 s: speech of 60 random texts, FAP 16."""
 RATE_HZ = 30.0
 LABELS = ("p", "b", "m", "f", "v", "s", "ʃ", "n", "w", "i", "uː", "ɑ", "æ", "aɪ", "ɔɪ", "%", SILENCE)
 LENGTHS_S = (0.004, 0.02, 0.05, 0.08, 0.12, 0.2, 0.6, 5.0)
@@ -77,6 +80,7 @@ class Face:
     """Highest level that each expression was sent to since it was last away from all commands."""
     busy_until_s: float = 0.0
     last_opening: np.ndarray | None = None
+    last_row: np.ndarray | None = None
     counters: dict[str, int] = field(default_factory=dict)
     style: Style = field(default_factory=Style.still)
 
@@ -249,6 +253,12 @@ class Trial:
             if speed > FASTEST_FAPU_S:
                 self.fail("speed", f"{face.name}: the opening changes by {speed:.0f} FAPU/s")
         face.last_opening = opening
+        if face.last_row is not None and after_s > 0:
+            step = np.abs(row - face.last_row)[JAW_AND_LIPS].max()
+            self.worst["step"] = max(self.worst["step"], int(step / after_s))
+            if step > STEP_FAPU_S * after_s + 1:
+                self.fail("step", f"{face.name}: a FAP changes by {step} in {after_s:.3f} s")
+        face.last_row = row.copy()
 
     def look_at_state(self, face: Face, row: np.ndarray) -> None:
         """Look whether it rests when it should, and at its counters."""

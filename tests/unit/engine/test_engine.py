@@ -703,6 +703,32 @@ def test_a_session_that_fails_is_ended_alone(part, monkeypatch):
     assert opening(frames(face, 1.0, 2.0, row=1)).max() > 100
 
 
+@pytest.mark.parametrize(
+    "told",
+    [
+        (Express(Expression.SURPRISE, 2.0, attack_s=0.01),),
+        (Express(Expression.FEAR, 2.0, attack_s=0.01), Express(Expression.DISGUST, 2.0, attack_s=0.01, hold_s=0.1)),
+        (SetParameter("jaw", 3.0), SetParameter("lips", 3.0), SetParameter("articulation", 3.0)),
+        (SetParameter("jaw", 3.0), SetParameter("lips", 3.0), Pause(0.01)),
+        (TurnHead(roll_rad=1, pitch_rad=1, yaw_rad=1, over_s=0.01), Seek(1, 1.6), Cancel(fade_s=0.01)),
+    ],
+)
+def test_no_mouth_moves_faster_than_half_as_much_again_as_speech(told):
+    face = engine()
+    face.open("bert", 0.0)  # who says the same, and is told nothing
+    for name in face.sessions:
+        say(face, sentence(SENTENCE * 2, each_s=0.06), session=name)
+    rows = []
+    for number in range(120):
+        for command in told if number == 45 else ():
+            face.apply("anna", command, number / 60)
+        rows.append(face.frame(number / 60).faps.copy())
+    steps = np.abs(np.diff(rows, axis=0))[:, :, fap.column(3) : fap.column(18) + 1].max(axis=(0, 2))
+    assert steps[1] < 509  # speech alone, the fastest of 60 random texts
+    assert steps[0] <= 1.5 * 509
+    assert -min(row[0, LIPS].sum() for row in rows) >= -2
+
+
 def test_late_phones_are_reported_once_each_even_after_one_that_was_dropped():
     face = engine()
     phones = sentence(["a"] * 12)
@@ -744,6 +770,25 @@ def test_late_phones_of_two_utterances_in_one_frame_are_reported_to_each():
     face.frame(1.0)
     late = [(event.utterance, event.count) for event in face.events() if event.kind == "late"]
     assert late == [(1, 3), (2, 1)]
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_whatever_a_revision_takes_gaps_lie_between_phones(seed):
+    chance, told = np.random.default_rng(seed), Utterance(1, StreamClock(0.0))
+    for revision in range(1, 6):
+        for index in chance.choice(12, 5, replace=False).tolist():
+            start_s = chance.uniform(0.0, 1.0)  # indices say the order, whatever times say
+            told.add(Append(1, index, (Phone("a", start_s, start_s + 0.1),)))
+        if seed % 2 and (gap := told.gap()):
+            told.bridge(gap[2])
+        told.revise(revision, chance.uniform(0.2, 0.9))
+        found = told.gap()
+        if found is not None:
+            before, after, between = found
+            assert (before, after) == (told.phones[between.start - 1], told.phones[between.stop])
+    while (gap := told.gap()) is not None:
+        told.bridge(gap[2])
+    assert told.known == sorted(set(told.known))
 
 
 def test_a_concealed_gap_is_not_concealed_again_after_a_revision():
