@@ -6,6 +6,7 @@ a kind, write its function here, or in :mod:`fapengine.app.scene_files`, and add
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,8 +26,8 @@ from fapengine.files.paths import write_bytes
 from fapengine.files.pictures import save_png, straight
 from fapengine.files.sound import save_wav
 from fapengine.mesh.face_mesh import FaceMesh
+from fapengine.mpeg4.fap import FULL_WEIGHT
 from fapengine.mpeg4.track import FapTrack
-from fapengine.mpeg4.visemes import FULL_WEIGHT
 from fapengine.render.drawing import DEFAULT_DRAWING, Drawing, Picture
 from fapengine.render.renderer import FaceRenderer
 from fapengine.speech.phone_track import PhoneTrack
@@ -43,13 +44,16 @@ RHUBARB = "rhubarb"
 TIMED_SETS = ("mpeg4", "oculus", "azure", RHUBARB)
 """Sets of visemes, which have times: :mod:`fapengine.speech.formats.visemes`."""
 SETS = tuple(dict.fromkeys((*WEIGHT_SETS, *TIMED_SETS)))
+RATE_TOLERANCE = 1.02
+"""Fraction of a bit rate above which it is missed."""
+log = logging.getLogger("fapengine.outputs")
 OTHER_NAMES = {"vrm": "vrm1"}
 """Other names of sets."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SaveOptions:
-    """What is saved beside the FAPs, and how."""
+    """Data that is saved with the FAPs, and options of the formats."""
 
     sound: Sound | None = None
     phones: PhoneTrack | None = None
@@ -204,7 +208,19 @@ def _write_fap(track: FapTrack, path: Path, options: SaveOptions) -> None:
 def _write_stream(track: FapTrack, path: Path, options: SaveOptions) -> None:
     from fapengine.codec.encoder import encode  # with Numba, whose import takes 0.2 s
 
-    write_bytes(path, encode(track, options.encoding))
+    data = encode(track, options.encoding)
+    write_bytes(path, data)
+    if remark := missed_rate(len(data), track, options.encoding.kbit_s if options.encoding else None):
+        log.warning("%s: %s", path, remark)
+        options.report.remarks += (remark,)
+
+
+def missed_rate(size: int, track: FapTrack, kbit_s: float | None) -> str:
+    """Say that a stream of ``size`` bytes has more than the bit rate that was asked for; empty if not."""
+    reached = 8 * size / track.duration_s / 1000 if len(track) else 0.0
+    if kbit_s is None or reached <= kbit_s * RATE_TOLERANCE:
+        return ""
+    return f"{round(reached, 3)} kbit/s is more than the {kbit_s:g} asked for"
 
 
 def _write_table(track: FapTrack, path: Path, options: SaveOptions) -> None:

@@ -12,6 +12,7 @@ from fapengine.app.fit import run_fit
 from fapengine.app.manner import manner_of, voice_of
 from fapengine.app.outputs import find_kind, write_output
 from fapengine.app.performance import Performance, animated, perform_speech, spoken
+from fapengine.app.report import Report
 from fapengine.batch.journal import Done, checksum
 from fapengine.batch.rows import Options, Row, loaded_profile
 from fapengine.errors import FapEngineError
@@ -54,12 +55,12 @@ def _do(row: Row, key: str, job: Job) -> Done:
 
 def _save(row: Row, job: Job) -> dict[str, Any]:
     performance = perform_row(row)
-    save_row(performance, row.output(job.folder, job.kind), row.options)
+    report = save_row(performance, row.output(job.folder, job.kind), row.options)
     return {
         "duration_s": round(performance.duration_s, 4), "frames": len(performance.track),
         "phones": sum(not phone.is_silence for phone in performance.phones.phones),
         "unknown": sum(unknown.count for unknown in find_unknown(performance.phones)),
-        "remarks": performance.doubts,
+        "remarks": (*performance.doubts, *report.remarks),
     }  # fmt: skip
 
 
@@ -88,12 +89,13 @@ def perform_row(row: Row) -> Performance:
     return performance
 
 
-def save_row(performance: Performance, path: Path, options: Options) -> None:
-    """Write the file of a row; the ending of its name is the kind."""
+def save_row(performance: Performance, path: Path, options: Options) -> Report:
+    """Write the file of a row, and return its report; the ending of its name is the kind."""
     saving = replace(options.saving(path.suffix[1:]), sound=performance.sound, phones=performance.phones)
     if find_kind(path).is_drawn:
         saving = replace(saving, head=loaded_head(options.head))
     write_output(performance.track, path, saving)
+    return saving.report
 
 
 @lru_cache(maxsize=4)

@@ -94,6 +94,8 @@ def transcript_of(text: Path | None, transcript: str | None) -> str | None:
 
     if text is not None and transcript is not None:
         raise UsageError("--text and --transcript: use only one")
+    if text is not None and not text.exists():
+        raise UsageError(f"--text: file not found: {text}; --transcript takes the words themselves")
     return read_text(text) if text is not None else transcript
 
 

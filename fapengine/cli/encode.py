@@ -6,9 +6,6 @@ import typer
 
 from fapengine.cli import options as shared
 
-RATE_TOLERANCE = 1.02
-"""Fraction of a bit rate above which it is missed."""
-
 
 def encode(
     track: Path = typer.Argument(..., help="FAPs as text (.fap)."),
@@ -53,6 +50,7 @@ def encode(
 
     An MP4 file holds sound and face track together. `decode`, `inspect` and `render` read it.
     """
+    from fapengine.app.outputs import missed_rate
     from fapengine.cli._printing import print_result, working
     from fapengine.codec.encoder import EncoderOptions
     from fapengine.codec.encoder import encode as encode_track
@@ -97,13 +95,14 @@ def encode(
     seconds = float(faps.frame_numbers[-1] - faps.frame_numbers[0] + 1) / faps.rate_hz
     result = {
         "output": str(output), "frames": len(faps), "seconds": round(seconds, 3), "bytes": len(data),
-        "kbit_s": (kbit_s := round(8 * len(data) / seconds / 1000, 3)),
+        "kbit_s": round(8 * len(data) / seconds / 1000, 3),
     }  # fmt: skip
     if kbps is not None:
-        result["missed"] = kbit_s > kbps * RATE_TOLERANCE
-        if result["missed"]:
+        remark = missed_rate(len(data), faps, kbps)
+        result["missed"] = bool(remark)
+        if remark:
             hint = "" if visemes else "; --moving-only and --visemes need fewer"
-            typer.echo(f"{output}: {kbit_s} kbit/s is more than the {kbps:g} asked for{hint}", err=True)
+            typer.echo(f"{output}: {remark}{hint}", err=True)
     told = "{output}: {frames} frames, {seconds} s, {bytes} bytes, {kbit_s} kbit/s".format(**result)
     print_result(result, told, as_json=as_json, err=is_standard(output))
 

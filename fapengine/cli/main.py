@@ -4,6 +4,7 @@ A command's module is imported when it runs or is listed: ``fapengine say`` impo
 ends is in :mod:`fapengine.cli._ending`.
 """
 
+from difflib import get_close_matches
 from importlib import import_module
 from typing import Any
 
@@ -13,6 +14,7 @@ from typer.main import get_command
 
 from fapengine.cli._command import command
 from fapengine.cli._ending import EXITS, run_to_the_end
+from fapengine.errors import UsageError
 
 COMMANDS = (
     "say", "serve", "view", "animate", "batch", "align", "capture", "render", "encode", "decode", "convert", "inspect",
@@ -27,6 +29,14 @@ class Commands(TyperGroup):
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names of all commands."""
         return list(COMMANDS)
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Find the command of the arguments. Raises UsageError for an unknown name."""
+        if args[0] not in COMMANDS and not args[0].startswith("-"):
+            near = get_close_matches(args[0], COMMANDS, n=1)
+            hint = f"did you mean {near[0]}?" if near else f"expected one of {', '.join(COMMANDS)}"
+            raise UsageError(f"command: got {args[0]!r}, {hint}")
+        return super().resolve_command(ctx, args)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """Import a command; None for an unknown name."""
