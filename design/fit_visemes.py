@@ -28,7 +28,7 @@ from fapengine._arrays import read_table
 from fapengine._resources import profile_files
 from fapengine.expressions import STANDARD_EXPRESSIONS, Expression
 from fapengine.mpeg4 import fap
-from fapengine.mpeg4.visemes import VISEMES
+from fapengine.mpeg4.fap import VISEMES
 from fapengine.profiles import Profile, parse_profile
 from fapengine.retarget.arkit import arkit_map
 from fapengine.retarget.blend import ARKIT_NAMES, BlendMap, weights_mm

@@ -1,6 +1,6 @@
 """The expressions of a face: one row each. All other places that need their names take them from here.
 
-The standard's FAP 2 has the first six (:data:`fapengine.mpeg4.visemes.FAP_2_EXPRESSIONS`); the others are our own. A
+The standard's FAP 2 has the first six (:data:`fapengine.mpeg4.fap.FAP_2_EXPRESSIONS`); the others are our own. A
 profile holds poses for the standard's; ours are mixed from its joy (:mod:`fapengine.trajectory.expression`). To add an
 expression, add a row.
 """
@@ -8,7 +8,7 @@ expression, add a row.
 from dataclasses import dataclass
 from enum import IntEnum
 
-from fapengine.mpeg4.visemes import FAP_2_EXPRESSIONS
+from fapengine.mpeg4.fap import FAP_2_EXPRESSIONS
 
 
 @dataclass(frozen=True, slots=True)

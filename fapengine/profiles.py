@@ -21,8 +21,8 @@ from fapengine.errors import ProfileError, UsageError
 from fapengine.expressions import STANDARD_EXPRESSIONS, Expression
 from fapengine.models.viseme_space import VisemeSpace
 from fapengine.mpeg4 import fap
+from fapengine.mpeg4.fap import FEATURE_POINT_NAMES
 from fapengine.mpeg4.fapu import Fapu
-from fapengine.mpeg4.feature_points import FEATURE_POINT_NAMES
 from fapengine.speech import ipa
 
 SCHEMA = 1

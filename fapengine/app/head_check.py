@@ -11,8 +11,8 @@ from fapengine.files.profiles import load_profile
 from fapengine.mesh.deform import POSE_AU, POSE_FAPU, single_fap
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mpeg4 import fap
+from fapengine.mpeg4.fap import VISEMES
 from fapengine.mpeg4.track import to_codable
-from fapengine.mpeg4.visemes import VISEMES
 from fapengine.render.drawing import Drawing
 from fapengine.render.renderer import FaceRenderer
 from fapengine.speaking import DEFAULT_PROFILE

@@ -12,8 +12,8 @@ import numpy as np
 
 from fapengine.errors import DataError, TruncatedError, UsageError
 from fapengine.mpeg4 import fap
+from fapengine.mpeg4.fap import FULL_WEIGHT
 from fapengine.mpeg4.track import FapTrack
-from fapengine.mpeg4.visemes import FULL_WEIGHT
 
 LINES_KEPT = 256
 """Number of lines whose word counts are kept: the digits of a frame may be on one line each."""

@@ -37,7 +37,7 @@ from fapengine.codec.fields import (
 from fapengine.codec.header import IntraHeader, read_parameter_fields
 from fapengine.errors import UnsupportedError, UsageError
 from fapengine.mpeg4 import fap
-from fapengine.mpeg4.visemes import FAP_2_EXPRESSIONS, VISEMES
+from fapengine.mpeg4.fap import FAP_2_EXPRESSIONS, VISEMES
 
 SELECTS = ((len(VISEMES) - 1, (0, 1)), (len(FAP_2_EXPRESSIONS) - 1, (3, 5)))
 """Greatest value of viseme and expression selects, and their fields."""

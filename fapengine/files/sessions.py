@@ -51,7 +51,7 @@ from fapengine.files.paths import locating, read_bytes
 from fapengine.files.recordings import RECORDINGS, load_markers, load_painted, mesh_files
 from fapengine.files.timings import load_timings
 from fapengine.laboratory.setup import HeldPhone, Moment, Pose, Scan, Setup
-from fapengine.mpeg4.feature_points import FEATURE_POINT_NAMES
+from fapengine.mpeg4.fap import FEATURE_POINT_NAMES
 from fapengine.speech import ipa
 from fapengine.speech.phone_track import PhoneTrack
 

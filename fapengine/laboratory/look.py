@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from fapengine._arrays import Array
 from fapengine.capture.marker_track import MarkerTrack
-from fapengine.mpeg4.feature_points import FEATURE_POINT_NAMES
+from fapengine.mpeg4.fap import FEATURE_POINT_NAMES
 
 FRAMES = 200
 """Frames from which the skull is guessed."""

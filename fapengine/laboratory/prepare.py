@@ -30,7 +30,7 @@ from fapengine.geometry.rigid import RigidMotion, fit_rigid, fit_rigid_robust, f
 from fapengine.laboratory.marker_driver import MIN_SKULL, HeadReference
 from fapengine.laboratory.setup import Moment, Setup
 from fapengine.models.missing import choose_rank, fit_gaps
-from fapengine.mpeg4.feature_points import FEATURE_POINT_NAMES
+from fapengine.mpeg4.fap import FEATURE_POINT_NAMES
 from fapengine.speech.phone_track import SILENCE
 
 MIN_FRAMES = 50

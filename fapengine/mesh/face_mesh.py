@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 from fapengine._arrays import Array, Indices, Rebuilt, freeze, frozen
 from fapengine.errors import UsageError
 from fapengine.mpeg4 import fap
+from fapengine.mpeg4.fap import FEATURE_POINT_NAMES
 from fapengine.mpeg4.fapu import Fapu
-from fapengine.mpeg4.feature_points import FEATURE_POINT_NAMES
 
 BROWN_IRIS = (0.280, 0.148, 0.060)
 """Linear RGB near the pupil."""

@@ -1,7 +1,8 @@
-"""The 68 Face Animation Parameters: ISO/IEC 14496-2, Annex C, Table C.1, one row per row.
+"""The standard's tables: face animation parameters, feature points, visemes, expressions (ISO/IEC 14496-2, Annex C).
 
-FAP 1 and 2 are high-level (a viseme and an expression, each several numbers; see :mod:`fapengine.mpeg4.visemes`
-and :class:`fapengine.mpeg4.track.FapTrack`). FAP 3 to 68 each move one feature point along one axis.
+FAP 1 and 2 are high-level: a viseme and an expression (Tables C.4 and C.5), each several numbers
+(:class:`fapengine.mpeg4.track.FapTrack`). FAP 3 to 68 (Table C.1) each move one of the 84 feature points along one
+axis.
 
 Deviation: the default symbol ranges of FAP 3, 14 and 47 have both signs, and FAP 47 has +-1080 / +-420, as every
 known stream and decoder of the reference family does; the printed table is one-sided and gives +300 / +60.
@@ -82,7 +83,7 @@ VISEME_FAP = 1
 EXPRESSION_FAP = 2
 
 
-def read_rows(table: str) -> list[dict[str, str]]:
+def _rows(table: str) -> list[dict[str, str]]:
     """Read one of this package's tables of the standard, ``.csv``: rows by the names in its first line."""
     return list(csv.DictReader((files(__package__) / table).read_text("utf-8").splitlines()))
 
@@ -95,7 +96,7 @@ def _spec(row: dict[str, str]) -> FapSpec:
     )  # fmt: skip
 
 
-FAPS: tuple[FapSpec, ...] = tuple(map(_spec, read_rows("faps.csv")))
+FAPS: tuple[FapSpec, ...] = tuple(map(_spec, _rows("faps.csv")))
 """The 66 low-level FAPs, numbers 3..68 in order."""
 
 _BY_NAME = {spec.name: spec for spec in FAPS}
@@ -105,6 +106,42 @@ GROUPS: tuple[tuple[int, ...], ...] = (
     *(tuple(spec.number for spec in FAPS if spec.group == group) for group in range(2, 11)),
 )
 """FAP numbers of the ten groups, in order."""
+
+
+@dataclass(frozen=True, slots=True)
+class FeaturePoint:
+    """One numbered point on the face."""
+
+    name: str
+    """``"group.index"`` as the standard numbers it."""
+    place: str
+    """Place on the face, with its side at the end, if it is not in the middle: the subject's left or right."""
+
+
+FEATURE_POINTS = tuple(FeaturePoint(**row) for row in _rows("feature_points.csv"))
+FEATURE_POINT_NAMES: tuple[str, ...] = tuple(point.name for point in FEATURE_POINTS)
+
+
+@dataclass(frozen=True, slots=True)
+class Viseme:
+    """One row of Table C.4: a value of FAP 1."""
+
+    number: int
+    label: str
+    """Short label in common use; ``sil`` for 0."""
+    phonemes: tuple[str, ...]
+    """IPA. The table lists SAMPA; rewritten once here."""
+    example: str
+
+
+VISEMES = tuple(
+    Viseme(int(row["number"]), row["label"], tuple(row["phonemes"].split()), row["example"])
+    for row in _rows("visemes.csv")
+)
+FULL_WEIGHT = 63
+"""Blend of a viseme, or intensity of an expression, that is shown alone."""
+FAP_2_EXPRESSIONS = ("neutral", "joy", "sadness", "anger", "fear", "disgust", "surprise")
+"""Expressions of FAP 2 by their numbers; 0 is no expression."""
 
 
 def column(number: int) -> int:

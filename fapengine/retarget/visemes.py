@@ -32,8 +32,8 @@ from numpy.typing import ArrayLike, NDArray
 from fapengine._arrays import Array, frozen
 from fapengine.errors import UsageError
 from fapengine.mpeg4 import fap
+from fapengine.mpeg4.fap import VISEMES
 from fapengine.mpeg4.fapu import AU_RAD
-from fapengine.mpeg4.visemes import VISEMES
 from fapengine.retarget.blend import BlendMap, shape_rows, weights_mm
 from fapengine.retarget.moods import MOODS, find_moods, without_moods
 

@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 from fapengine.errors import DataError
 from fapengine.expressions import EXPRESSIONS, Expression
 from fapengine.mpeg4 import fap
+from fapengine.mpeg4.fap import FAP_2_EXPRESSIONS, FULL_WEIGHT, VISEMES
 from fapengine.mpeg4.track import FapTrack, to_codable
-from fapengine.mpeg4.visemes import FAP_2_EXPRESSIONS, FULL_WEIGHT, VISEMES
 from fapengine.profiles import Profile
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory.expression import expression_faps

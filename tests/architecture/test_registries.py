@@ -29,8 +29,8 @@ from fapengine.engine.engine import Engine
 from fapengine.expressions import EXPRESSION_NAMES, EXPRESSIONS, STANDARD_EXPRESSIONS, Expression
 from fapengine.files.profiles import load_profile
 from fapengine.mpeg4 import fap
+from fapengine.mpeg4.fap import FAP_2_EXPRESSIONS
 from fapengine.mpeg4.track import to_codable
-from fapengine.mpeg4.visemes import FAP_2_EXPRESSIONS
 from fapengine.server.config import ServeConfig
 from fapengine.server.sinks.kinds import SINK_KINDS, SinkKind
 from fapengine.speaking import GENERATORS, Described, SpeakingOptions

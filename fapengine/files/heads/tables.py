@@ -25,7 +25,7 @@ from fapengine._strict_toml import MAX_BYTES, parse_toml, spell_path
 from fapengine.errors import DataError, UnsupportedError
 from fapengine.files.paths import locating, read_bytes
 from fapengine.mpeg4 import fap
-from fapengine.mpeg4.feature_points import FEATURE_POINT_NAMES
+from fapengine.mpeg4.fap import FEATURE_POINT_NAMES
 
 Points = dict[str, dict[str, int]]
 """Vertex by feature point, by submesh: the chin's point may also move the teeth."""

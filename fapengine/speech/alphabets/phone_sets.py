@@ -4,7 +4,7 @@ Each table says where it comes from. A label that stands for silence maps to the
 to one phone that shows the class well: they name what is seen, so any phone of the class would do.
 """
 
-from fapengine.mpeg4.visemes import VISEMES
+from fapengine.mpeg4.fap import VISEMES
 from fapengine.speech.alphabets.japanese import KANA, OPENJTALK, VOICEVOX
 from fapengine.speech.alphabets.mandarin import FINALS, PINYIN, from_zhuyin
 from fapengine.speech.alphabets.phone_set import PhoneSet

@@ -11,7 +11,7 @@ from functools import cache
 from typing import NamedTuple
 
 from fapengine.errors import UsageError
-from fapengine.mpeg4.visemes import VISEMES
+from fapengine.mpeg4.fap import VISEMES
 from fapengine.speech import ipa
 from fapengine.speech.formats.rhubarb import (
     FIRST_SHARE,

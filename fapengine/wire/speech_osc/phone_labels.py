@@ -7,7 +7,7 @@ and ``po:p`` are of Azure, Rhubarb and Polly.
 
 from functools import lru_cache
 
-from fapengine.mpeg4.visemes import VISEMES
+from fapengine.mpeg4.fap import VISEMES
 from fapengine.speech.alphabets import convert as alphabets
 from fapengine.speech.alphabets.phone_sets import PHONE_SETS
 from fapengine.speech.phone_track import SILENCE, Phone

@@ -8,7 +8,7 @@ import pytest
 from fapengine.capture.conventions import understand
 from fapengine.capture.landmarks import EYE_CORNERS, FEATURE_POINTS, Picture, parse_landmarks
 from fapengine.errors import DataError, TruncatedError, UsageError
-from fapengine.mpeg4.feature_points import FEATURE_POINT_NAMES
+from fapengine.mpeg4.fap import FEATURE_POINT_NAMES
 
 PICTURE = Picture(width_px=640, height_px=480, eye_corners_mm=90.0, rate_hz=30.0)
 

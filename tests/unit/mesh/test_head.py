@@ -12,7 +12,7 @@ from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.deform import HEAD, bone_transforms, channel_weights, deform
 from fapengine.mesh.face_mesh import Channel, DeformationBasis, FaceMesh, Material
 from fapengine.mpeg4 import fap
-from fapengine.mpeg4.feature_points import FEATURE_POINT_NAMES, FEATURE_POINTS
+from fapengine.mpeg4.fap import FEATURE_POINT_NAMES, FEATURE_POINTS
 
 MOVING = [row for row in fap.FAPS if row.positive in fap.HEAD_AXES and row.unit is not fap.FapUnit.AU]
 MIRROR = np.array([-1.0, 1.0, 1.0])

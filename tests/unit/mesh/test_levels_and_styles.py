@@ -17,7 +17,7 @@ from fapengine.mesh.default_head.surface import AXIS_Z_MM
 from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import FaceMesh, Material
 from fapengine.mpeg4 import fap
-from fapengine.mpeg4.feature_points import FEATURE_POINT_NAMES
+from fapengine.mpeg4.fap import FEATURE_POINT_NAMES
 
 Array = NDArray[np.float64]
 Moved = Callable[[FaceMesh, NDArray[np.int64], Array], Array]

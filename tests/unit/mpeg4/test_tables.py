@@ -8,10 +8,9 @@ import pytest
 
 from fapengine.errors import UsageError
 from fapengine.mpeg4 import fap
+from fapengine.mpeg4.fap import FEATURE_POINT_NAMES, FEATURE_POINTS, VISEMES
 from fapengine.mpeg4.fapu import AU_RAD, Fapu, faps_of_displacements, measure_distances
-from fapengine.mpeg4.feature_points import FEATURE_POINT_NAMES, FEATURE_POINTS
 from fapengine.mpeg4.track import FapTrack
-from fapengine.mpeg4.visemes import VISEMES
 
 pytestmark = pytest.mark.conformance
 

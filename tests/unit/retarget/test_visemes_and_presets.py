@@ -8,8 +8,8 @@ import pytest
 from fapengine.errors import DataError, UsageError
 from fapengine.expressions import STANDARD_EXPRESSIONS, Expression
 from fapengine.mpeg4 import fap
+from fapengine.mpeg4.fap import VISEMES
 from fapengine.mpeg4.track import FapTrack
-from fapengine.mpeg4.visemes import VISEMES
 from fapengine.retarget import visemes
 from fapengine.retarget.blend import ALL_MOODS, VISEME_NAMES, BlendMap, weights_mm
 from fapengine.retarget.blend_tracks import SHAPE_SETS, format_blend_csv, parse_blend_track, shape_set

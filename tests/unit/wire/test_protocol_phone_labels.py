@@ -4,7 +4,7 @@ import pytest
 
 from fapengine.engine.commands import expression_named
 from fapengine.expressions import Expression
-from fapengine.mpeg4.visemes import VISEMES
+from fapengine.mpeg4.fap import VISEMES
 from fapengine.speech import ipa
 from fapengine.speech.alphabets.convert import ALPHABETS
 from fapengine.speech.alphabets.phone_sets import PHONE_SETS
