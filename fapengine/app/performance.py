@@ -12,7 +12,6 @@ import numpy as np
 from fapengine._arrays import Sound, SoundLike, as_sound
 from fapengine._strict_toml import check_fields, checked
 from fapengine.app.manner import Expressions, Manner, check_expressions, moods_of
-from fapengine.app.motion import Weights, weights
 from fapengine.app.outputs import SaveOptions, timed_visemes, write_output
 from fapengine.app.report import Report
 from fapengine.engine.commands import Express
@@ -37,6 +36,7 @@ from fapengine.voices.protocol import SHORT_S, Speech, Voice
 
 if TYPE_CHECKING:
     from fapengine.app.hearing import Hearing
+    from fapengine.app.motion import Weights
     from fapengine.app.scene_files import Into
     from fapengine.codec.encoder import EncoderOptions
 
@@ -104,6 +104,8 @@ class Performance:
 
     def weights(self, shapes: str = "arkit") -> Weights:
         """Convert the motion to weights of blendshapes: see :func:`fapengine.weights`."""
+        from fapengine.app.motion import weights
+
         return weights(self.track, shapes)
 
     def visemes(self, shapes: str = "mpeg4") -> list[tuple[str, float, float]]:

@@ -7,7 +7,6 @@ from fapengine.codec.fapfile import format_fap, parse_fap
 from fapengine.errors import DataError
 from fapengine.files.paths import is_mp4, naming, read_bytes, write_bytes
 from fapengine.mpeg4.fap import column
-from fapengine.mpeg4.plausible import motion_remarks
 from fapengine.mpeg4.track import FapTrack
 from fapengine.speaking import DEFAULT_PROFILE
 
@@ -75,6 +74,8 @@ def load_motion(path: Path, *, strict: bool = False) -> FapTrack:
     DataError
         If its content is wrong, or ``strict`` finds a remark; the message names the file.
     """
+    from fapengine.mpeg4.plausible import motion_remarks
+
     track = _read(path)
     remarks = (*track.remarks, *motion_remarks(track))
     if strict and remarks:
