@@ -28,6 +28,8 @@ GRID = 4
 NUMBER = re.compile(r"-?\d+\.\d+(?:[eE][-+]?\d+)?|-?\d+(?:[eE][-+]?\d+)?")
 AVATARS = (".glb", ".usda", ".usdc")
 SHA256 = re.compile(r"\b[0-9a-f]{64}\b")
+VERSION = re.compile(r"^version = .*$", re.MULTILINE)
+"""Of the program that made a file."""
 UNSTEADY = ("seconds", "total_s", "times_real_time", "drawn_hz", "drawn_per_s", "wall_s", "finished_at")
 """Keys of results that say how long the work took. Avatars hold floats as text: other processors, other sizes."""
 
@@ -101,8 +103,8 @@ def _table(data: bytes) -> tuple[bytes, Near]:
 
 
 def _numbers(data: bytes) -> tuple[bytes, Near]:
-    """Numbers alone, in their order; not those in digests of other files."""
-    text = SHA256.sub("", data.decode("utf-8", "replace"))
+    """Numbers alone, in their order; not those in digests of other files, nor those of our version."""
+    text = VERSION.sub("", SHA256.sub("", data.decode("utf-8", "replace")))
     return " ".join(rounded(float(word)) for word in NUMBER.findall(text)).encode(), ()
 
 
