@@ -112,7 +112,7 @@ def decode(data: bytes, kind: type[_Message]) -> _Message:
     """
     try:
         return msgspec.json.decode(data, type=kind)
-    except msgspec.DecodeError as error:
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise DataError(f"{kind.__name__.lower()}: {error}") from error
 
 

@@ -1,9 +1,11 @@
 """A server's parts that speak to other machines: the end of the bus, with a store of our own; relays; senders."""
 
 import asyncio
+import random
 import socket
 import time
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -16,6 +18,7 @@ from fapengine.server.cluster.front import MAX_RELAYS, Relays, copied
 from fapengine.server.config import BusChoice
 from fapengine.server.ownership import partitions
 from fapengine.server.ownership.partitions import Here, Machine, Record, partition_of
+from tests.fuzz.mutated import mutated
 from tests.live.stage import on_a_loop, until
 
 errors = pytest.importorskip("nats.js.errors", reason="nats-py is absent: pip install fapengine[nats]")
@@ -207,11 +210,32 @@ def test_a_bus_that_cannot_be_is_refused(wrong: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize("data", [b"", b"{}", b"[1]", b'{"partition":4096,"owner":"","revision":1}', b"\xff"])
-def test_what_is_no_message_is_refused(data: bytes) -> None:
+def test_what_is_not_a_message_is_refused(data: bytes) -> None:
     with pytest.raises(DataError):
         partitions.decode(data, Record)
     with pytest.raises(DataError):
         partitions.decode(data, Machine)
+
+
+def test_no_bytes_from_nats_do_more_than_a_message_may() -> None:
+    """Any bytes under any subject: nothing is raised, few machines are remembered, and no record is believed."""
+    chance, troubles = random.Random(3), []
+    bus = Bus(BusChoice(url="nats://127.0.0.1"), "127.0.0.1", lambda until_s: None, lambda: None)
+    good = partitions.encode(Machine("a" * 32, "10.0.0.1", 9110, 8110)), partitions.encode(Record(3, "a" * 32, 7))
+
+    async def receive() -> None:
+        for number in range(20_000):
+            data = bytes(mutated(chance, good))
+            subject = f"fapengine.x.{chance.choice(('alive', 'gone', 'record', 'other', ''))}"
+            try:
+                await bus._receive(SimpleNamespace(subject=subject, data=data))  # type: ignore[arg-type]
+            except Exception as error:  # noqa: BLE001  that is what is looked for
+                troubles.append(f"{number} {data!r}: {error!r}")
+
+    asyncio.run(receive())
+    assert troubles == []
+    assert len(bus._table._seen) <= partitions.MAX_MACHINES
+    assert bus._table._records == {}
 
 
 def test_a_message_comes_back_as_it_was() -> None:
