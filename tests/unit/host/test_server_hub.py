@@ -309,6 +309,29 @@ def test_texts_of_a_session_are_said_in_the_order_in_which_they_came() -> None:
     assert said == ["a long one. " * 60, "short", "s"]
 
 
+@pytest.mark.parametrize("steps", [0, 1, 3, 8, 20, 60])
+def test_a_coroutine_that_is_cancelled_says_nothing_and_keeps_nothing(steps: int) -> None:
+    async def main() -> None:
+        hub, _ = hub_of(ReadVoice())
+        hub.open("anna")
+        said: list[str] = []
+        hub.listeners.on_speech(None, lambda spoken: said.append(spoken.text), plays=False)
+        asked = [asyncio.create_task(hub.speak("anna", f"Some text, number {n}. And more.")) for n in range(3)]
+        for _ in range(steps):
+            await asyncio.sleep(0)
+        ended = sum(task.done() for task in asked)
+        for task in asked:
+            task.cancel()
+        await asyncio.gather(*asked, return_exceptions=True)
+        assert len(said) == ended
+        assert (hub.speaker._asked, hub.speaker._lines) == ([], {})
+        spoken = await hub.speak("anna", "The next.")
+        assert spoken is not None
+        assert said[ended:] == ["The next."]
+
+    asyncio.run(main())
+
+
 def test_a_long_text_costs_the_others_a_piece_each_and_not_all_of_it() -> None:
     voice = ReadVoice()
     hub, _ = hub_of(voice)
