@@ -6,7 +6,8 @@ The header of a table decides:
 * wide, one frame per row: columns ``NAME_x NAME_y NAME_z`` (or ``NAME.x``, ``NAME:X``, ``NAME X``);
 * Vicon Nexus: a row of names, each above its first column, a row ``Frame, Sub Frame, X, Y, Z ...``, a row of units;
 * OptiTrack Motive: ``Format Version`` in the first cell, rows ``Type``, ``Name`` ..., then ``Frame, Time (Seconds)``;
-* Qualisys QTM: lines ``NO_OF_FRAMES``, ``FREQUENCY``, ``MARKER_NAMES`` ..., then numbers.
+* Qualisys QTM: lines ``NO_OF_FRAMES``, ``FREQUENCY``, ``MARKER_NAMES`` ..., then numbers;
+* NDI Wave: ``Sensor 1 Id``, ``Sensor 1 Status`` ... (:mod:`.articulography`).
 
 TRC, the format of Motion Analysis and OpenSim, has five header lines, then a line per frame.
 """
@@ -17,6 +18,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine.capture.articulography import is_wave, parse_wave
 from fapengine.capture.marker_track import MarkerTrack, RawTrack
 from fapengine.capture.text import decode_text, numbers, rate_of, split_rows, whole
 from fapengine.errors import DataError, TruncatedError
@@ -47,6 +49,8 @@ def parse_table(data: bytes) -> RawTrack:
     rows = split_rows(decode_text(data, "table"))
     if not any(any(row) for row in rows):
         raise DataError("table: empty", where="line 1")
+    if is_wave(rows[0]):
+        return parse_wave(rows)
     first = rows[0][0].lower() if rows[0] else ""
     if first == "format version":
         return _optitrack(rows)

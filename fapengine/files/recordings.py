@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.capture.arrays import format_npz, parse_npz
+from fapengine.capture.articulography import parse_mview, parse_pos
+from fapengine.capture.bvh import parse_bvh
 from fapengine.capture.c3d import format_c3d, parse_c3d
 from fapengine.capture.conventions import UNITS_MM, check_track, understand
 from fapengine.capture.landmarks import Picture, parse_landmarks
@@ -25,10 +27,15 @@ from fapengine.geometry.surface import Surface
 from fapengine.laboratory.setup import Paint
 from fapengine.models.via_points import ViaPoints
 
-RECORDINGS = (".c3d", ".trc", ".csv", ".tsv", ".npz", ".json", ".jsonl")
+PARSERS: dict[str, Callable[[bytes], RawTrack]] = {
+    ".trc": parse_trc, ".csv": parse_table, ".tsv": parse_table, ".npz": parse_npz,
+    ".pos": parse_pos, ".mat": parse_mview, ".bvh": parse_bvh,
+}  # fmt: skip
+"""Readers of markers by ending; C3D is mapped, and tracks of face landmarks need a picture's size."""
+LANDMARK_ENDINGS = (".json", ".jsonl")
+RECORDINGS = (".c3d", *PARSERS, *LANDMARK_ENDINGS)
 """Endings of recordings; a folder of meshes is also a recording."""
 MESHES = (".obj", ".ply", ".glb", ".gltf", ".stl")
-LANDMARK_ENDINGS = (".json", ".jsonl")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,10 +107,9 @@ def _parse(path: Path, picture: Picture | None) -> RawTrack:
                 " fractions of an image, not millimetres"
             )
         return parse_landmarks(read_bytes(path), picture)
-    parsers = {".trc": parse_trc, ".csv": parse_table, ".tsv": parse_table, ".npz": parse_npz}
-    if ending not in parsers:
+    if ending not in PARSERS:
         raise UsageError(f"{path}: got ending {ending!r}, expected one of {', '.join(RECORDINGS)}")
-    return parsers[ending](read_bytes(path))
+    return PARSERS[ending](read_bytes(path))
 
 
 def is_table(path: Path) -> bool:

@@ -20,6 +20,8 @@ from PIL import Image
 from fapengine._resources import profile_files
 from fapengine.app.manner import parse_expression
 from fapengine.capture.arrays import format_npz, parse_npz
+from fapengine.capture.articulography import parse_mview, parse_pos
+from fapengine.capture.bvh import parse_bvh
 from fapengine.capture.c3d import format_c3d, parse_c3d
 from fapengine.capture.conventions import understand
 from fapengine.capture.landmarks import Picture, parse_landmarks
@@ -59,6 +61,7 @@ from fapengine.wire import fap_osc, osc
 from fapengine.wire.framing import LengthDecoder, SlipDecoder, encode_length, encode_slip
 from fapengine.wire.rtp import RtpSender
 from fapengine.wire.speech_osc import codec, schema
+from tests.recordings import BVH, mview_file, pos_file, wave_file
 from tests.serve_example import EXAMPLE
 from tests.unit.files.glb import Builder, square, write_rig
 from tests.unit.files.test_gltf import vrm
@@ -143,8 +146,11 @@ def _capture() -> Iterable[Reader]:
     for name, parse, *good in (
         ("C3D", parse_c3d, format_c3d(track)),
         ("TRC", parse_trc, format_trc(track)),
-        ("marker table", parse_table, format_table(track), format_table(track, long=True)),
+        ("marker table", parse_table, format_table(track), format_table(track, long=True), wave_file(track)),
         ("NPZ", parse_npz, format_npz(track)),
+        ("POS", parse_pos, pos_file(track), pos_file(track, header=False)),
+        ("MVIEW", parse_mview, mview_file(track)),
+        ("BVH", parse_bvh, BVH),
         ("landmarks", lambda data: parse_landmarks(data, picture), json.dumps(few).encode()),
     ):
         yield Reader(name, lambda data, parse=parse: understand(parse(data)), tuple(good))

@@ -32,6 +32,7 @@ from tests.fuzz.mutated import mutated
 from tests.fuzz.readers import readers
 
 ENDINGS = {
+    "POS": ".pos", "MVIEW": ".mat", "BVH": ".bvh",
     "FBA": ".fba", "fap": ".fap", "epf": ".epf", "shapes": ".csv", "C3D": ".c3d", "TRC": ".trc", "marker table": ".csv",
     "NPZ": ".npz", "landmarks": ".json", "glTF, a face": ".glb", "mesh, obj": ".obj", "session.toml": ".toml",
     "sound, WAV": ".wav", "sound, mp3": ".mp3", "picture": ".png", "text": ".txt", "VMC recording": ".osc",

@@ -9,12 +9,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fapengine.capture.arrays import format_npz, parse_npz
+from fapengine.capture.articulography import parse_mview, parse_pos
+from fapengine.capture.bvh import parse_bvh
 from fapengine.capture.c3d import format_c3d, parse_c3d
 from fapengine.capture.conventions import understand
 from fapengine.capture.landmarks import Picture, parse_landmarks
 from fapengine.capture.marker_track import MarkerTrack
 from fapengine.capture.table import format_table, format_trc, parse_table, parse_trc
 from fapengine.errors import DataError
+from tests.recordings import BVH, mview_file, pos_file, wave_file
 
 TRACK = MarkerTrack(
     positions_mm=np.random.default_rng(0).normal(0, 60, (5, 4, 3)), labels=("8.1", "8.2", "8.3", "8.4"), rate_hz=100.0
@@ -32,18 +35,22 @@ READERS = {
     "wide": (parse_table, format_table(TRACK)),
     "long": (parse_table, format_table(TRACK, long=True)),
     "npz": (parse_npz, format_npz(TRACK)),
+    "pos": (parse_pos, pos_file(TRACK)),
+    "wave": (parse_table, wave_file(TRACK)),
+    "mview": (parse_mview, mview_file(TRACK)),
+    "bvh": (parse_bvh, BVH),
     "landmarks": (landmarks, json.dumps(np.random.default_rng(1).random((2, 468, 3)).round(3).tolist()).encode()),
 }
 
 
 def test_every_reader_is_here() -> None:
-    assert len(READERS) == 6
+    assert len(READERS) == 10
 
 
 def total(name: str, data: bytes) -> None:
     parse, _ = READERS[name]
     with contextlib.suppress(DataError):
-        track, _ = understand(parse(data))
+        track, _ = understand(parse(data), units="mm")
         assert track.frame_count > 0
 
 

@@ -17,7 +17,7 @@ from fapengine.laboratory.look import Look, look_over, session_lines
 from fapengine.mesh.default_head.style import HeadStyle
 
 MARKERS_SHOWN = 12
-MARKER_ENDINGS = (".c3d", ".trc", ".npz")
+MARKER_ENDINGS = (".c3d", ".trc", ".npz", ".pos", ".mat", ".bvh")
 LANDMARK_ENDINGS = (".json", ".jsonl", ".csv")
 
 

@@ -1,0 +1,133 @@
+"""BVH, the text format of skeletons in motion: every joint is a marker.
+
+A hierarchy of joints with offsets and channels, then one line of numbers for each frame. Rotations are in degrees and
+apply in the order of the channels, about axes that move with the joint; positions replace the joint's offset. Lengths
+have no unit. Layout: Meredith and Maddock 2001, "Motion capture file formats explained".
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from fapengine.capture.marker_track import RawTrack
+from fapengine.capture.text import decode_text
+from fapengine.errors import DataError, TruncatedError
+
+MAX_JOINTS, MAX_DEPTH = 2000, 200
+AXES = {"x": 0, "y": 1, "z": 2}
+
+
+@dataclass(slots=True)
+class _Joint:
+    name: str
+    parent: int
+    """Its index; -1 for a root."""
+    offset: NDArray[np.float64]
+    channels: list[tuple[str, int]]
+    """``"position"`` or ``"rotation"``, and the axis."""
+
+
+def parse_bvh(data: bytes) -> RawTrack:
+    """Read a recording.
+
+    Raises
+    ------
+    TruncatedError
+        If it ends before its last frame.
+    DataError
+        If it is not BVH; ``where`` is the word.
+    """
+    words = decode_text(data, "BVH").split()
+    if not words or words[0].upper() != "HIERARCHY":
+        raise DataError(f"BVH: begins with {words[:1]}, expected HIERARCHY", where="word 1")
+    try:
+        joints, at = _hierarchy(words)
+        if words[at].upper() != "MOTION" or words[at + 1].lower() != "frames:":
+            raise DataError(f"BVH: got {words[at]!r:.20}, expected MOTION and Frames:", where=f"word {at + 1}")
+        count, step_s = int(words[at + 2]), float(words[at + 5])
+    except IndexError as error:
+        raise TruncatedError("BVH: ends within its header", where=f"word {len(words)}") from error
+    except ValueError as error:
+        raise DataError(f"BVH: {error}", where="header") from error
+    width = sum(len(joint.channels) for joint in joints)
+    cells = words[at + 6 : at + 6 + count * width] if count > 0 else []
+    if not cells or len(cells) < count * width:
+        raise TruncatedError(f"BVH: has {len(cells)} of {max(count, 0) * width} numbers", where=f"word {len(words)}")
+    try:
+        frames = np.array(cells, np.float64).reshape(count, width)
+    except ValueError as error:
+        raise DataError(f"BVH: {error}", where="frames") from error
+    frames[~np.isfinite(frames)] = np.nan
+    return RawTrack(
+        positions=_places(joints, frames),
+        labels=tuple(joint.name for joint in joints),
+        rate_hz=1 / step_s if math.isfinite(step_s) and step_s > 1e-6 else None,
+        notes=("every joint counts as a marker; BVH does not state its unit",),
+    )
+
+
+def _hierarchy(words: list[str]) -> tuple[list[_Joint], int]:
+    """Joints in the order of their channels, and the position of the word after them."""
+    joints: list[_Joint] = []
+    open_joints: list[int] = []
+    at = 1
+    while words[at].upper() != "MOTION":
+        word = words[at].lower()
+        if word in ("root", "joint", "end"):
+            parent = open_joints[-1] if open_joints else -1
+            name = f"{joints[parent].name} end" if word == "end" else words[at + 1]
+            joints.append(_Joint(name, parent, np.zeros(3), []))
+            if words[at + 2] != "{" or len(joints) > MAX_JOINTS or len(open_joints) >= MAX_DEPTH:
+                raise ValueError(f"joint {name!r:.30}: has no block, or is one too many")
+            open_joints.append(len(joints) - 1)
+            at += 3
+        elif word == "offset" and open_joints:
+            joints[open_joints[-1]].offset = np.array(words[at + 1 : at + 4], np.float64)
+            at += 4
+        elif word == "channels" and open_joints:
+            names = words[at + 2 : at + 2 + int(words[at + 1])]
+            joints[open_joints[-1]].channels = [(name[1:].lower(), AXES.get(name[0].lower(), -1)) for name in names]
+            wrong = [name for name, (kind, axis) in zip(names, joints[open_joints[-1]].channels, strict=True)
+                     if kind not in ("position", "rotation") or axis < 0]  # fmt: skip
+            if wrong or not 0 < len(names) <= 6:
+                raise ValueError(f"channels: got {names}, expected up to six such as Xposition and Zrotation")
+            at += 2 + len(names)
+        elif word == "}" and open_joints:
+            open_joints.pop()
+            at += 1
+        else:
+            raise ValueError(f"got {words[at]!r:.20}, expected a joint, OFFSET, CHANNELS or a brace")
+    if not joints or open_joints or any(joint.offset.shape != (3,) for joint in joints):
+        raise ValueError("no joint, an open brace, or an offset without three numbers")
+    return joints, at
+
+
+def _places(joints: list[_Joint], frames: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(T, J, 3): every joint in every frame."""
+    places = np.empty((len(frames), len(joints), 3))
+    turns: list[NDArray[np.float64]] = []
+    column = 0
+    for index, joint in enumerate(joints):
+        local = np.tile(joint.offset, (len(frames), 1))
+        values = frames[:, column : column + len(joint.channels)]
+        column += len(joint.channels)
+        turned = [(number, axis) for number, (kind, axis) in enumerate(joint.channels) if kind == "rotation"]
+        for number, (kind, axis) in enumerate(joint.channels):
+            if kind == "position":
+                local[:, axis] = values[:, number]
+        turn = np.tile(np.eye(3), (len(frames), 1, 1))
+        for number, axis in turned:
+            angles = np.zeros((len(frames), 3))
+            angles[:, axis] = np.radians(np.nan_to_num(values[:, number]))
+            turn = turn @ Rotation.from_rotvec(angles).as_matrix()
+        if joint.parent < 0:
+            places[:, index] = local
+            turns.append(turn)
+        else:
+            above = turns[joint.parent]
+            places[:, index] = places[:, joint.parent] + np.einsum("tij,tj->ti", above, local)
+            turns.append(above @ turn)
+    return places
