@@ -106,6 +106,8 @@ def with_flags(text: str, flags: Mapping[str, str], *, names_parameter: bool = T
     --------
     >>> with_flags("size: got 3, expected edges=soft", {"size": "--size", "antialias": "--antialias"})
     '--size: got 3, expected --antialias soft'
+    >>> with_flags("columns: got 'fps=nan'", {"columns": "--columns", "fps": "--fps"})
+    "--columns: got 'fps=nan'"
     """
 
     def option(match: re.Match[str]) -> str:
@@ -114,7 +116,7 @@ def with_flags(text: str, flags: Mapping[str, str], *, names_parameter: bool = T
             return flags[match[0]]
         return f"{flags[name]} {match['value']}" if name in flags else match[0]
 
-    text = re.sub(r"\b(?P<name>[a-z_]+)=(?P<value>'[^']*'|[A-Za-z]+)", option, text)
+    text = re.sub(r"(?<!')\b(?P<name>[a-z_]+)=(?P<value>'[^']*'|[A-Za-z]+)", option, text)
     name, colon, rest = text.partition(":")
     name = _own(name, flags)
     return f"{flags[name]}{colon}{rest}" if names_parameter and colon and name in flags else text
