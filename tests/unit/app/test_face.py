@@ -123,7 +123,7 @@ def test_a_closed_face_says_so(use: Callable[[fapengine.Face], object]) -> None:
 def test_what_is_no_speech_is_refused(speech: object) -> None:
     with (
         fapengine.Face(style=STILL, silent=True) as face,
-        pytest.raises(fapengine.UsageError, match=r"speech: got .*expected a text"),
+        pytest.raises(fapengine.UsageError, match=r"speech: got .*expected a string or Performance or Speech"),
     ):
         face.say(speech)  # type: ignore[arg-type]
 

@@ -155,7 +155,7 @@ def test_heads_have_many_names() -> None:
         (lambda m, p: m.save(p / "a.avi"), r"path: got .*a\.avi, expected a name that ends with \.fap, \.fba"),
         (lambda m, p: fapengine.load(p / "a.mp4"), r"path: got .*a\.mp4, expected a name that ends with \.fap, \.fba"),
         (lambda m, p: fapengine.load(p / "none.fap"), r"none\.fap: cannot be read"),
-        (lambda m, p: fapengine.save(m.track, p / "a.wav"), "sound: got none"),
+        (lambda m, p: fapengine.save(m.track, p / "a.wav"), "sound: missing"),
         (lambda m, p: m.save(p / "a.mp4", size=(63, 64)), "size: got 63x64, expected even sides"),
         (lambda m, p: m.save(p / "a.csv", shapes="lips"), "shapes: got 'lips'"),
         (lambda m, p: m.save(p / "a.fba", kbit_s=1, encoding=fapengine.EncoderOptions()), "kbit_s and encoding"),
