@@ -13,7 +13,7 @@ from fapengine._arrays import SoundLike
 from fapengine._late import needed
 from fapengine._strict_toml import checked
 from fapengine.app.drawing import resized
-from fapengine.app.outputs import SaveOptions, draw_frames, write_output
+from fapengine.app.outputs import OTHER_NAMES, SaveOptions, draw_frames, write_output
 from fapengine.errors import UsageError
 from fapengine.files.motion import ANIMATED_ENDINGS, BLEND_ENDINGS, RECORDED_ENDINGS, load_motion, shown
 from fapengine.mesh.face_mesh import FaceMesh
@@ -85,7 +85,7 @@ def save(
         ``.fap`` text; ``.fba`` stream; ``.csv`` table of weights; ``.mp4``, ``.webm``, ``.mkv``, ``.mov`` video;
         ``.gif``, ``.webp`` animation; ``frame_%04d.png`` or the name of a folder: numbered images; ``.png`` one image;
         ``.wav`` the sound alone; ``.glb``, ``.vrm`` the avatar ``into`` with the motion inside, ``.usda``, ``.usdc`` a
-        built-in head; ``.vrma`` a VRM animation; ``.json``, ``.tsv``, ``.xml``, ``.dat`` mouth shapes.
+        built-in head; ``.vrma`` a VRM animation; ``.json``, ``.tsv``, ``.xml``, ``.dat`` visemes.
     sound : (array_like, int), optional
         Samples and their rate in Hz, for a video, from its start, and for ``.wav``: (N,) mono or (N, channels), which
         are averaged; float in -1..1, int16, int32 or uint8, as librosa and soundfile give them.
@@ -99,7 +99,8 @@ def save(
         Time of the frame that ``.png`` shows.
     shapes : str, optional
         Columns of ``.csv``: ``"arkit"`` (52, the default), ``"oculus"`` (15 visemes), ``"vrm0"`` or ``"vrm1"``.
-        ``"rhubarb"``, the nine shapes of mouth-shape files, is required for these.
+        Visemes with times (:func:`fapengine.visemes`), in ``.json``, ``.tsv`` and ``.csv``: ``"mpeg4"``, ``"azure"``,
+        ``"rhubarb"`` (also ``.xml``, ``.dat``) and ``"oculus"`` (not ``.csv``).
         Expressions of ``.vrma``: ``"vrm1"``, the presets, by default, or ``"arkit"``.
     kbit_s : float, optional
         Bit rate of ``.fba``; by default as ``encoding`` says.
@@ -160,7 +161,8 @@ def weights(track: FapTrack, shapes: str = "arkit") -> Weights:
     ----------
     track : FapTrack
     shapes : str
-        ``"arkit"`` (52, named as Apple names them: ``jawOpen``), ``"oculus"`` (15 visemes), ``"vrm0"`` or ``"vrm1"``.
+        ``"arkit"`` (52, named as Apple names them: ``jawOpen``), ``"oculus"`` (15 visemes), ``"vrm0"``, or ``"vrm1"``,
+        which ``"vrm"`` means too.
 
     Raises
     ------
@@ -174,6 +176,7 @@ def weights(track: FapTrack, shapes: str = "arkit") -> Weights:
     """
     from fapengine.retarget.blend_tracks import shape_set
 
+    shapes = OTHER_NAMES.get(shapes, shapes)
     chosen = shape_set(shapes)
     names = ARKIT_NAMES if shapes == "arkit" else chosen.names
     return Weights(chosen.from_faps(track.values.astype(np.float64)), names, track.times_s)

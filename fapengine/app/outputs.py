@@ -43,6 +43,8 @@ RHUBARB = "rhubarb"
 """The set of nine mouth shapes of Rhubarb Lip Sync."""
 TIMED_SETS = ("mpeg4", "oculus", "azure", RHUBARB)
 """Sets of visemes, which have times: :mod:`fapengine.speech.formats.visemes`."""
+EVENT_SETS = tuple(name for name in TIMED_SETS if name not in WEIGHT_SETS)
+"""Sets that are written to standard output as JSON."""
 SETS = tuple(dict.fromkeys((*WEIGHT_SETS, *TIMED_SETS)))
 RATE_TOLERANCE = 1.02
 """Fraction of a bit rate above which it is missed."""
@@ -120,6 +122,11 @@ class OutputKind:
     takes_avatar: bool = False
     keeps_visemes: bool = False
     """FAP 1 and 2 are written as they are; elsewhere as the low-level FAPs that show them."""
+
+    @property
+    def names_sound(self) -> bool:
+        """True for visemes, whose files name the recording that they belong to."""
+        return self.write is _write_visemes
 
     @property
     def is_drawn(self) -> bool:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fapengine.app.outputs import RHUBARB, OutputKind, SaveOptions, find_kind
+from fapengine.app.outputs import OutputKind, SaveOptions, find_kind
 from fapengine.app.performance import Performance
 from fapengine.app.report import Report
 from fapengine.files.moving import beside, moving_files
@@ -49,7 +49,7 @@ def _companions(
     if is_standard(path):
         return []
     names = [beside(path, ending) for ending in kind.beside]
-    has_sound = sound and not (recording and RHUBARB in kind.shapes)
+    has_sound = sound and not (recording and kind.names_sound)
     return [name for name in names if name.suffix != ".wav" or (has_sound and not _is_among(name, inputs))]
 
 
@@ -104,7 +104,7 @@ def write_talk(performance: Performance, path: Path, options: SaveOptions, *, in
     kind.write(track, path, options)
     files = [name for name in (path, *companions) if name != sheet and not is_standard(name)]
     report.files += [(name, find_kind(name).name) for name in files]
-    if has_sound and _is_among(wav, inputs) and RHUBARB not in kind.shapes:
+    if has_sound and _is_among(wav, inputs) and not kind.names_sound:
         report.files.append((wav, "sound, as it was"))
     if kept:
         with report.stage("contact sheet"):

@@ -51,7 +51,7 @@ def animate(
 
     from fapengine.app.hearing import is_sound
     from fapengine.app.manner import manner_of
-    from fapengine.app.outputs import RHUBARB, SaveOptions, check_output
+    from fapengine.app.outputs import EVENT_SETS, SaveOptions, check_output
     from fapengine.app.performance import animated
     from fapengine.app.report import Report
     from fapengine.app.talk import outputs_of
@@ -61,7 +61,7 @@ def animate(
     from fapengine.files.paths import is_standard, standard_output
 
     listens = is_sound(source)
-    output = standard_output(output, ".json" if shapes == RHUBARB else ".fap")
+    output = standard_output(output, ".json" if shapes in EVENT_SETS else ".fap")
     chosen, how, into = manner_of(manner), drawing.value(), avatar.value()
     inputs = [source, *([audio] if audio else [])]
     has_words = text is not None or transcript is not None

@@ -134,7 +134,8 @@ def batch(
     facts: dict[str, object] = {"rows": len(mine), "done": len(done) - len(failed), "new": len(plan.left)}
     facts["failed"], facts["bad"] = {one.id: one.error for one in failed}, bad
     facts["remarks"] = {row.id: list(done[row.id].remarks) for row in mine if row.id in done and done[row.id].remarks}
-    print_result(facts, *_lines(str(output), len(mine), len(done) - len(failed), failed, 0), as_json=as_json)
+    lines = _lines(str(output), len(mine), len(done) - len(failed), failed, 0)
+    print_result(facts, *lines, *([f"{len(bad)} invalid rows were left out"] if bad else []), as_json=as_json)
     remarks = [f"{row.id}: {remark}" for row in mine if row.id in done for remark in done[row.id].remarks]
     print_remarks(remarks[:MAX_LISTED])
     if len(remarks) > MAX_LISTED:

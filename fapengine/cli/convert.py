@@ -37,13 +37,13 @@ def convert(
     targets.
     """
     from fapengine.app.dense_film import TAKES, is_take
-    from fapengine.app.outputs import RHUBARB, SaveOptions, check_output
+    from fapengine.app.outputs import EVENT_SETS, SaveOptions, check_output
     from fapengine.cli._printing import print_remarks, print_result
     from fapengine.files.motion import load_motion
     from fapengine.files.paths import is_standard, standard_output
     from fapengine.files.recordings import load_markers, save_markers
 
-    output = standard_output(output, ".json" if shapes == RHUBARB else ".csv")
+    output = standard_output(output, ".json" if shapes in EVENT_SETS else ".csv")
     options = SaveOptions(shapes=shapes, into=avatar.value(), name=motion.stem)
     writing.check([output], [motion, avatar.into, avatar.mapping])
     if is_take(motion) and output.suffix.lower() in TAKES:

@@ -29,8 +29,8 @@ Output = Annotated[
         "-o",
         help="Output file. Video: .mp4, .webm, .mkv, .mov. Animation: .gif, .webp. Image sequence: frame_%04d.png or a"
         " folder; one image: .png. FAPs: .fap (- writes them to standard output), .fba. Weights of blendshapes: .csv."
-        " Sound: .wav. With --into: .glb, .vrm, .usda, .usdc, .usd. Animation for VRM avatars: .vrma. With --shapes"
-        " rhubarb: .json, .tsv, .xml, .dat.",
+        " Sound: .wav. With --into: .glb, .vrm, .usda, .usdc, .usd. Animation for VRM avatars: .vrma. With --shapes:"
+        " .json, .tsv, .xml, .dat.",
     ),
 ]
 HeadName = Annotated[
@@ -56,8 +56,9 @@ Shapes = Annotated[
     str | None,
     typer.Option(
         "--shapes",
-        help="Shapes of a table (.csv): arkit (52, the default), oculus (15 visemes), vrm0 or vrm1 (presets). Of .vrma:"
-        " vrm1 (the default) or arkit. Of .json, .tsv, .xml, .dat: rhubarb (nine mouth shapes).",
+        help="Weights in a table (.csv): arkit (52, the default), oculus (15 visemes), vrm0, vrm1 (presets). Of .vrma:"
+        " vrm1 (the default) or arkit. Visemes with times (.json, .tsv; .csv but for oculus): mpeg4, oculus, azure or"
+        " rhubarb (also .xml, .dat).",
     ),
 ]
 Strict = Annotated[

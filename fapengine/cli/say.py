@@ -84,7 +84,7 @@ def say(
     import sys
 
     from fapengine.app.manner import manner_of, voice_of
-    from fapengine.app.outputs import RHUBARB, SaveOptions, check_output
+    from fapengine.app.outputs import EVENT_SETS, SaveOptions, check_output
     from fapengine.app.performance import perform_speech, spoken
     from fapengine.app.report import Report
     from fapengine.app.talk import outputs_of
@@ -95,7 +95,7 @@ def say(
     from fapengine.speech.plausible import refuse, remarks_on, sound_remarks
     from fapengine.speech.text.normal_form import decoded
 
-    output = standard_output(output, ".json" if shapes == RHUBARB else ".fap")
+    output = standard_output(output, ".json" if shapes in EVENT_SETS else ".fap")
     chosen, how, into = manner_of(speaking), drawing.value(), avatar.value()
     if mic or mic_device is not None:
         if text is not None or not live:

@@ -245,3 +245,12 @@ def test_every_command_and_python_write_the_same_bytes(name: str, given: dict[st
 def test_help_lists_every_ending() -> None:
     (output,) = [meta for meta in get_args(options_module.Output) if hasattr(meta, "help")]
     assert not [row.ending for row in OUTPUT_KINDS if row.ending not in output.help]
+
+
+@pytest.mark.parametrize(("name", "has_copy"), [("b.csv", True), ("b.json", False)])
+def test_visemes_name_the_recording_and_weights_get_a_copy(name: str, has_copy: bool, tmp_path: Path) -> None:
+    save_wav(tmp_path / "in.wav", np.arange(8000, dtype=np.int16), 16_000)
+    (tmp_path / "in.pho").write_text("_ 100\nm 100\na 200\n")
+    shapes = [] if has_copy else ["--shapes", "azure"]
+    command("animate", tmp_path / "in.pho", "-a", tmp_path / "in.wav", "-o", tmp_path / name, *shapes)
+    assert (tmp_path / "b.wav").exists() == has_copy
