@@ -13,7 +13,7 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.files.profiles import load_profile
@@ -55,7 +55,7 @@ class AgentOptions:
     profile: str = DEFAULT_PROFILE
     """Speaker profile: a shipped name, or a folder."""
     voice: str = "en-us"
-    """Language of words with times."""
+    """Language of words with times, or another name of :class:`fapengine.voices.choice.VoiceChoice`."""
     style: Style = Style()  # noqa: RUF009  frozen
     seed: int = 1
     hears: bool = True
@@ -129,14 +129,28 @@ class AgentFace:
 
     # Events of the framework -----------------------------------------------------------------------------------------
 
-    def sound(self, data: bytes, rate_hz: int, channels: int = 1) -> None:
-        """Add audio of the TTS: little-endian int16, channels interleaved, split anywhere.
+    def sound(self, data: bytes | ArrayLike, rate_hz: int, channels: int = 1) -> None:
+        """Add audio of the TTS.
+
+        Parameters
+        ----------
+        data : bytes or array_like
+            Little-endian int16, channels interleaved, split anywhere; or samples, (N,) or (N, channels), as
+            :func:`fapengine.save` takes them.
+        rate_hz : int
+        channels : int
+            Of bytes.
 
         Raises
         ------
         DataError
             If the number of channels is not 1 to 8.
+        UsageError
+            If the samples have another form.
         """
+        if not isinstance(data, bytes | bytearray | memoryview):
+            self.host.push(data, rate_hz)
+            return
         if not 1 <= channels <= 8:
             raise DataError(f"channels: got {channels}, expected 1 to 8")
         data = self._half + data
@@ -213,12 +227,15 @@ class AgentFace:
 
 @lru_cache(maxsize=8)
 def _pronouncer(voice: str) -> Pronounce | None:
-    """Return the pronunciation of espeak-ng; None if it is not installed, because there is a recognizer too.
+    """Return the pronunciation of a voice; None if espeak-ng is not installed, because there is a recognizer too.
 
     All faces of a process share it and its cache.
     """
+    choice = VoiceChoice(voice)
     try:
-        loaded = VoiceChoice(voice).load()
+        loaded = choice.load()
     except ResourceError:
+        if not choice.is_language:
+            raise
         return None
     return Pronouncer(loaded).words

@@ -45,6 +45,21 @@ def test_bytes_cut_anywhere_are_the_same_sound(channels: int) -> None:
     assert np.array_equal(heard, sound)
 
 
+@pytest.mark.parametrize("form", ["float32", "float64", "int32", "stereo"])
+def test_samples_in_any_form_are_the_same_sound(form: str) -> None:
+    actor, sound = AgentFace(stage(), 25.0), noise(0.5)
+    forms = {
+        "float32": (sound / 2**15).astype(np.float32), "float64": sound / 2**15,
+        "int32": sound.astype(np.int32) << 16, "stereo": np.stack([sound, sound], axis=1),
+    }  # fmt: skip
+    actor.sound(forms[form], 24_000)
+    with pytest.raises(UsageError, match="samples: got dtype int64"):
+        actor.sound(sound.astype(np.int64), 24_000)
+    actor.end()
+    _, heard, _ = run(actor, 1.5)
+    assert np.array_equal(heard, sound)
+
+
 def test_no_such_channels() -> None:
     with pytest.raises(DataError, match="channels: got 0"):
         AgentFace(stage(), 25.0).sound(b"", 24_000, 0)
