@@ -69,7 +69,12 @@ def test_options_make_a_style() -> None:
 @pytest.mark.parametrize(
     ("method", "without", "jaw", "message"),
     [
-        ("magic", [], 1.0, "method: unknown value 'magic'; use one of context, paper, minimum-jerk, dominance"),
+        (
+            "magic",
+            [],
+            1.0,
+            "method: unknown value 'magic'; use one of context, paper, published, minimum-jerk, dominance",
+        ),
         (
             "paper",
             ["ears"],

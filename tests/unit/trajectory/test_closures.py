@@ -109,7 +109,8 @@ ANY_STYLE = st.builds(
     lambda method, articulation, jaw, lips, loudness_db: replace(
         STILL, method=method, articulation=articulation, jaw=jaw, lips=lips, loudness_db=loudness_db
     ),
-    st.sampled_from(METHOD_NAMES), GAIN, GAIN, GAIN, st.sampled_from([-20.0, 0.0, 20.0]),
+    st.sampled_from([name for name in METHOD_NAMES if name != "published"]), GAIN, GAIN, GAIN,
+    st.sampled_from([-20.0, 0.0, 20.0]),
 )  # fmt: skip
 ANY_MOOD = st.dictionaries(
     st.sampled_from([mood for mood in Expression if mood]), st.sampled_from([0.3, 1.0, 2.0]), max_size=3

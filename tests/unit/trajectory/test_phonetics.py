@@ -24,7 +24,7 @@ STYLES = {
     "mumbled": Style.still(articulation=0.4),
     "loud": Style(1.2, jaw=1.5, lips=0.8, loudness_db=6.0),
     "over": Style.still(articulation=2.0),
-    **{method: Style.still(method=method) for method in METHOD_NAMES},
+    **{method: Style.still(method=method) for method in METHOD_NAMES if method != "published"},
 }
 FEELINGS = {"neutral": {}, "joy": JOY}
 WORDS = {  # the phone that is looked at has a capital place: its index

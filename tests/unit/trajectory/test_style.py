@@ -93,13 +93,14 @@ def test_every_method_makes_speech_that_rests_at_both_ends(method: str) -> None:
     assert opening.max() > 150
     tolerance = 60 if method == "dominance" else 1  # which never quite rests
     assert np.abs(faps[[0, -1]]).max() <= tolerance
-    assert (opening[30:37] <= 14).sum() >= 4
+    if method != "published":  # paper 001 itself closes no lips
+        assert (opening[30:37] <= 14).sum() >= 4
 
 
 def test_methods_differ_and_pass_their_keys() -> None:
     times = np.arange(0, 1.6, 0.01)
     paths = {}
-    for method in METHOD_NAMES:
+    for method in (name for name in METHOD_NAMES if name != "published"):  # which leaves the phonetic layer out
         keys = keys_of(PHONES, english(), context=method == "context")
         paths[method] = sample_path(method, keys, times)
         if method != "dominance":
