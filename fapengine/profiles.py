@@ -51,6 +51,8 @@ class PhoneTarget(Rebuilt):
     """One of :data:`CONTACTS`."""
     origin: str
     """Origin of the target."""
+    tongue_mm: tuple[float, ...] | None = None
+    """Tip up, tip forward, middle up, from rest and beside what the jaw carries; None: the built-in table's."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -161,6 +163,7 @@ def format_profile(profile: Profile) -> dict[str, bytes]:
             f"targets = [{', '.join(map(_row, phone.targets))}]",
             f"contact = {quoted(phone.contact)}",
             f"origin = {quoted(phone.origin)}",
+            *([] if phone.tongue_mm is None else [f"tongue_mm = {list(phone.tongue_mm)}"]),
         ]
     for expression, face in profile.expressions.items():
         values = {row.name: round(float(face.fap[fap.column(row.number)]), 1) for row in fap.FAPS}
@@ -267,6 +270,7 @@ class _Phone:
     targets: tuple[tuple[float, ...], ...]
     contact: Contact
     origin: str
+    tongue_mm: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -382,6 +386,9 @@ def _phones(rows: tuple[_Phone, ...], count: int) -> dict[str, PhoneTarget]:
             targets=_numbers(row.targets, (len(fractions), count), "phone", index, "targets"),
             contact=row.contact,
             origin=row.origin,
+            tongue_mm=None
+            if row.tongue_mm is None
+            else tuple(_numbers(row.tongue_mm, (3,), "phone", index, "tongue_mm").tolist()),
         )
     if not phones:
         raise _wrong("contains no phone", "phone")

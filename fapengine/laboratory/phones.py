@@ -1,7 +1,7 @@
 """Phones as points of the space, with error bars: paper 001, section 5.1."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +17,8 @@ from fapengine.speech import ipa
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.trajectory.context import Token, tokens_of
 
+TONGUE_ON_JAW = {"6.1": np.array([0.0, 0.91, 0.52]), "6.2": np.array([0.0, 0.28, 0.21])}
+"""How far the jaw carries tip and middle of the tongue, as shares of the chin's way: those of the built-in head."""
 KEY, LATE = 0.3, 0.8
 """Fraction of a phone's duration at its keyframe (paper 001), and at the second one of a diphthong or affricate."""
 RARE = 8
@@ -83,7 +85,29 @@ def study_phones(
         point = np.median(values, axis=0)[None]
         target = _target(name, point, f"held pose, {len(values)} frames")
         studies[name] = PhoneStudy(target, len(tokens.get(name, ())), (), False, np.full_like(point, np.nan))
-    return studies, strange
+    return _with_tongue(studies, takes, prepared), strange
+
+
+def _with_tongue(
+    studies: dict[str, PhoneStudy], takes: tuple[Displacements, ...], prepared: Prepared
+) -> dict[str, PhoneStudy]:
+    """Add the median position of the tongue to phones of one letter, where sensors 6.1 and 6.2 were on it."""
+    if not {"6.1", "6.2", "2.1"} <= set(prepared.named):
+        return studies
+    tokens: dict[str, list[Array]] = {}
+    for take in takes:
+        at = prepared.by_point(take.moved_mm.astype(np.float64))
+        tip, body = (at[point] - share * at["2.1"] for point, share in TONGUE_ON_JAW.items())
+        track = np.stack([tip[:, 1], tip[:, 2], body[:, 1]], axis=1)
+        for phone in take.phones:
+            name = "".join(ipa.letters(phone.label))
+            row = sample_phones(track, prepared.rate_hz, [phone.start_s], [phone.end_s], KEY)[0]
+            tokens.setdefault(name, []).append(row)
+    for name, study in studies.items():
+        if name in tokens and len(ipa.letters(name)) == 1:
+            tongue_mm = tuple(np.median(tokens[name], axis=0).round(2).tolist())
+            studies[name] = replace(study, target=replace(study.target, tongue_mm=tongue_mm))
+    return studies
 
 
 def _target(name: str, targets: Array, origin: str) -> PhoneTarget:

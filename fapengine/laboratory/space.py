@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from fapengine._arrays import Array
 from fapengine.errors import DataError, UsageError
 from fapengine.expressions import Expression
-from fapengine.laboratory.phones import spoken
+from fapengine.laboratory.phones import TONGUE_ON_JAW, spoken
 from fapengine.laboratory.prepare import Displacements, Prepared
 from fapengine.laboratory.setup import Setup
 from fapengine.models.viseme_space import MARKERS, ComponentName, VisemeSpace, fit_viseme_space, name_components
@@ -29,8 +29,8 @@ from fapengine.trajectory.closures import MIN_HOLD_S, Hold, close_lips, held
 from fapengine.trajectory.faps import DETERMINED_POINTS, displacements_to_faps
 
 STAND_INS = {
-    "2.2": ("8.1",), "2.3": ("8.2",), "2.4": ("8.3", "2.5", "8.4"), "2.5": ("8.4", "2.4", "8.3"), "2.6": ("8.5",),
-    "2.7": ("8.6",), "2.8": ("8.7",), "2.9": ("8.8",), "8.1": ("2.2",), "8.2": ("2.3",),
+    "2.2": ("8.1",), "2.3": ("8.2",), "2.4": ("8.3", "2.5", "8.4"), "2.5": ("8.4", "2.4", "8.3"), "2.6": ("8.5", "8.1"),
+    "2.7": ("8.6", "8.1"), "2.8": ("8.7", "8.2"), "2.9": ("8.8", "8.2"), "8.1": ("2.2",), "8.2": ("2.3",),
     "8.3": ("2.4", "8.4", "2.5"), "8.4": ("2.5", "8.3", "2.4"),
     "8.5": ("2.6", "8.1"), "8.6": ("2.7", "8.1"), "8.7": ("2.8", "8.2"), "8.8": ("2.9", "8.2"), "2.1": ("2.10",),
     "2.10": ("2.1",), "5.1": ("5.3",), "5.2": ("5.4",), "5.3": ("5.1",), "5.4": ("5.2",),
@@ -236,6 +236,8 @@ def split(moved: Array, prepared: Prepared, space: VisemeSpace, fapu: Fapu) -> t
     weights = space.to_space(np.stack([at[point] for point in space.markers], axis=1))
     carried = dict(zip(space.points, np.moveaxis(space.to_points_mm(weights), 1, 0), strict=True))
     left = {point: place - carried[point] if point in DETERMINED_POINTS else place for point, place in at.items()}
+    for point in TONGUE_ON_JAW.keys() & left.keys():
+        left[point] = left[point] - TONGUE_ON_JAW[point] * carried["2.1"]
     return weights, faps_of_displacements(left, fapu)
 
 

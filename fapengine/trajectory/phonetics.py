@@ -39,6 +39,7 @@ LAYER = (*AXES, "hole")
 WIDTH = len(LAYER)
 """Number of axes."""
 ROUND, HOLE = LAYER.index("round"), LAYER.index("hole")
+TONGUE = [LAYER.index(axis) for axis in ("tip_up", "tip_out", "body_up")]
 REACH = 3
 """Neighbours to either side, as in :data:`.context.REACH`: what makes a stream equal its offline plan."""
 AHEAD = 0.65
@@ -106,8 +107,19 @@ def kinds_of(label: str) -> tuple[int, ...]:
     return tuple(_INDEX[letter] for letter in ipa.letters(label) or _NEUTRAL)
 
 
-def in_context(kinds: NDArray[np.intp], at: NDArray[np.intp]) -> Array:
-    """(N, axes): values of the letters ``at`` these places; ``kinds`` has :data:`REACH` more at both ends.
+@lru_cache(maxsize=16)
+def values_of(profile: Profile) -> Array:
+    """(letters + 2, axes): the table, with the tongue of letters that the profile's speaker was recorded with."""
+    values = _VALUES.copy()
+    for name, phone in profile.phones.items():
+        if phone.tongue_mm is not None and name in _INDEX:
+            values[_INDEX[name], TONGUE] = phone.tongue_mm
+    values.setflags(write=False)
+    return values
+
+
+def in_context(kinds: NDArray[np.intp], at: NDArray[np.intp], values: Array) -> Array:
+    """(N, axes): ``values`` of the letters ``at`` these places; ``kinds`` has :data:`REACH` more at both ends.
 
     Equal places side by side, keys of one letter, are computed once.
     """
@@ -119,11 +131,11 @@ def in_context(kinds: NDArray[np.intp], at: NDArray[np.intp]) -> Array:
     past[:, 1] *= past[:, 0]
     weights = insists * _SHARES
     weights[:, 1:] *= past
-    wanted = (weights * _VALUES[around]).sum(axis=(0, 1))
+    wanted = (weights * values[around]).sum(axis=(0, 1))
     wanted /= weights.sum(axis=(0, 1)) + 1e-9
     mine = kinds[at]
     keeps = _INSISTS[mine]
-    taken: Array = (keeps * _VALUES[mine] + (1.0 - keeps) * wanted)[place]
+    taken: Array = (keeps * values[mine] + (1.0 - keeps) * wanted)[place]
     return taken
 
 

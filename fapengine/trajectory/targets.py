@@ -148,7 +148,7 @@ def speech_keys(tracks: Sequence[tuple[Sequence[Phone], int]], profile: Profile,
     phone, letters_hz = phone[token], (count[phone] / whole_s)[token]
     passed = np.floor((times_s - start_s[phone]) * letters_hz).astype(np.intp)
     letters, at = np.array(row.letters), first[phone] + np.minimum(passed, count[phone] - 1)
-    layer = phonetics.in_context(letters, at)
+    layer = phonetics.in_context(letters, at, phonetics.values_of(profile))
     phonetics.hold_long(layer, letters[at], long_s)
     targets = np.concatenate([weights, layer], axis=1)
     return SpeechKeys(row.said, own[phone], times_s, targets, row.rests, row.unknown)
