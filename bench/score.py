@@ -3,11 +3,10 @@
     python -m bench.score [--train data/speech_train.npz] [--every 13]
 
 The file is that of bench/fidelity.py. Every thirteenth sentence: its tracked lips against its phones, and the plan of
-its phones against both.
+its phones against both; means with 95 % intervals over sentences, weighted as in a test set.
 """
 
 import argparse
-from collections import defaultdict
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +15,12 @@ import fapengine
 from bench.fidelity import NAMES, load
 from design.data_files import FOLDER
 from fapengine.files.profiles import load_profile
+from fapengine.files.report.score_page import spell_estimate
 from fapengine.mpeg4.track import FapTrack
-from fapengine.scoring.mouth import Contacts, mouth_of
-from fapengine.scoring.score import score_mouth
+from fapengine.scoring.mouth import mouth_of
+from fapengine.scoring.score import Score, score_mouth
+from fapengine.scoring.statistics import estimate
+from fapengine.scoring.verdict import MEASURES, judge
 from fapengine.trajectory.faps import displacements_to_faps
 
 
@@ -28,35 +30,23 @@ def main() -> None:
     parser.add_argument("--every", type=int, default=13)
     options = parser.parse_args()
     corpus, fapu = load(options.train), load_profile("grid_s1_en").fapu
-    counts: dict[str, list[Contacts]] = defaultdict(list)
-    figures: dict[str, list[float]] = defaultdict(list)
-
-    def note(name: str, value: float | None) -> None:
-        if value is not None:
-            figures[name].append(value)
-
+    scores: dict[str, list[Score]] = {"filmed": [], "planned": [], "planned against filmed": []}
     for clip in corpus.clips[:: options.every]:
         faps = displacements_to_faps(clip.points, NAMES, fapu)
-        filmed = FapTrack.of(np.round(faps).astype(int), rate_hz=corpus.rate_hz)
-        planned = fapengine.animate(clip.phones, rate_hz=corpus.rate_hz).track
-        for who, track in (("filmed", filmed), ("planned", planned)):
-            found = score_mouth(mouth_of(track), phones=clip.phones).phones
-            assert found is not None
-            counts[f"{who}: p b m"].append(found.closures)
-            counts[f"{who}: f v"].append(found.teeth)
-            note(f"{who}: lag by phones, ms", found.timing.lag_ms)
-        against = score_mouth(mouth_of(planned), truth=mouth_of(filmed)).truth
-        assert against is not None
-        note("planned against filmed: opening r", against.likeness.opening_r)
-        note("planned against filmed: lag, ms", against.timing.lag_ms)
-        note("planned against filmed: MTM, ms", against.timing.mtm_ms)
-        note("planned against filmed: LVE, mm2", against.likeness.lve_mm2)
-    for name, each in counts.items():
-        precisions = [one.precision for one in each if one.precision is not None]
-        shut = f", {100 * np.mean(precisions):.0f} % of the shut time called for" if precisions else ""
-        print(f"{name}: {sum(one.met for one in each)} of {sum(one.wanted for one in each)}{shut}")
-    for name, values in figures.items():
-        print(f"{name}: median {np.median(values):.2f} of {len(values)} sentences")
+        filmed = mouth_of(FapTrack.of(np.round(faps).astype(int), rate_hz=corpus.rate_hz))
+        planned = mouth_of(fapengine.animate(clip.phones, rate_hz=corpus.rate_hz).track)
+        scores["filmed"].append(score_mouth(filmed, phones=clip.phones))
+        scores["planned"].append(score_mouth(planned, phones=clip.phones))
+        scores["planned against filmed"].append(score_mouth(planned, truth=filmed))
+    for who, found in scores.items():
+        verdicts = [judge(score, MEASURES) for score in found]
+        print(f"{who}: {sum(verdict.passes for verdict in verdicts)} of {len(found)} sentences pass")
+        for measure in MEASURES:
+            weighed = [(value, measure.weight(score)) for score in found if (value := measure.value(score)) is not None]
+            if any(weight for _, weight in weighed):
+                values, weights = zip(*weighed, strict=True)
+                told = f"{spell_estimate(estimate(values, weights))} {measure.row.unit}, median {np.median(values):.4g}"
+                print(f"  {measure.row.help}: {told}, {len(values)} sentences")
 
 
 if __name__ == "__main__":

@@ -98,6 +98,8 @@ class Scored:
     score: Score | VertexErrors | None
     """None if it could not be scored."""
     verdict: Verdict
+    remarks: tuple[str, ...] = ()
+    """What looks wrong in the recording, and what was assumed."""
     frames: tuple[float, float] = (0.0, 0.0)
     """Time of the first frame, s, and frame rate, Hz, of a table with a line per frame; 0 Hz for others."""
 
@@ -109,9 +111,8 @@ class Scored:
             "checked": list(self.verdict.checked),
             "unchecked": list(self.verdict.unchecked),
         }
-        if isinstance(self.score, VertexErrors):
-            return {"verdict": verdict, **asdict(self.score)}
-        return {"verdict": verdict, **(self.score.as_dict() if self.score is not None else {})}
+        figures = asdict(self.score) if isinstance(self.score, VertexErrors) else self.score and self.score.as_dict()
+        return {"verdict": verdict, "remarks": list(self.remarks), **(figures or {})}
 
 
 @checked
@@ -209,9 +210,9 @@ def run_score(job: ScoreJob, *, on_frame: Callable[[], None] = lambda: None) -> 
     if sound is None and is_film(job.made) and not job.offset_s and _has_sound(job.made):
         sound = job.made
     _check_sources(job, sound)
-    made = _mouth(job.made, job.offset_s, on_frame)
+    made, remarks = _mouth(job.made, job.offset_s, on_frame)
     phones, is_heard = _phones(job, sound)
-    truth = _mouth(job.against, 0.0, on_frame) if job.against is not None else None
+    truth = _mouth(job.against, 0.0, on_frame)[0] if job.against is not None else None
     rate_hz = (len(made.times_s) - 1) / (made.end_s - float(made.times_s[0]))
     if job.plan and phones is not None:
         truth = mouth_of(plan_of(phones, rate_hz))
@@ -226,7 +227,8 @@ def run_score(job: ScoreJob, *, on_frame: Callable[[], None] = lambda: None) -> 
         )
         write_bytes(job.output, report)
     is_table = isinstance(job.made, Path) and job.made.suffix.lower() == ".csv"
-    return Scored(job=job, score=found, verdict=verdict, frames=(job.offset_s, rate_hz) if is_table else (0.0, 0.0))
+    frames = (job.offset_s, rate_hz) if is_table else (0.0, 0.0)
+    return Scored(job=job, score=found, verdict=verdict, remarks=remarks, frames=frames)
 
 
 def _score_meshes(job: ScoreJob) -> Scored:
@@ -285,17 +287,17 @@ def is_film(made: Path | FapTrack) -> TypeGuard[Path]:
     return isinstance(made, Path) and made.suffix.lower() in FILMS
 
 
-def _mouth(made: Path | FapTrack, offset_s: float, on_frame: Callable[[], None]) -> Mouth:
-    if isinstance(made, FapTrack):
-        return mouth_of(made, offset_s=offset_s)
+def _mouth(made: Path | FapTrack, offset_s: float, on_frame: Callable[[], None]) -> tuple[Mouth, tuple[str, ...]]:
+    """Measure a mouth; also remarks on what looks wrong in the file."""
     if not is_film(made):
-        return mouth_of(load_motion(made), offset_s=offset_s)
+        track = made if isinstance(made, FapTrack) else load_motion(made)
+        return mouth_of(track, offset_s=offset_s), track.remarks
     times_s, landmarks = landmarks_of(made, on_frame=on_frame)
     times_s, kept = times_s + offset_s, times_s + offset_s >= -1e-9
     if kept.sum() < MIN_SEEN:
         raise DataError(f"{made}: got {int(kept.sum())} images from 0 s on, expected {MIN_SEEN} or more")
     with naming(made):
-        return mouth_of_landmarks(times_s[kept], landmarks[kept])
+        return mouth_of_landmarks(times_s[kept], landmarks[kept]), ()
 
 
 def _has_sound(path: Path) -> bool:

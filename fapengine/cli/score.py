@@ -233,7 +233,7 @@ def _score_one(job: "ScoreJob", *, as_json: bool) -> "Scored":
     lines = [str(found.verdict)]
     for name, rows in sections.items():
         lines += [name, *(f"  {measure:30} {figure:22} {meaning}".rstrip() for measure, figure, meaning in rows)]
-    lines += notes + ([] if job.output is None else [f"report: {job.output}"])
+    lines += [*found.remarks, *notes] + ([] if job.output is None else [f"report: {job.output}"])
     print_result(found.as_dict(), *lines, as_json=as_json)
     return found
 

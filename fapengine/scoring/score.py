@@ -14,6 +14,7 @@ from fapengine._arrays import Array
 from fapengine.errors import UsageError
 from fapengine.scoring.mouth import (
     CLOSED_MM,
+    LIP_POINTS,
     Contacts,
     Mouth,
     closures_of_phones,
@@ -22,6 +23,7 @@ from fapengine.scoring.mouth import (
     teeth_of_phones,
 )
 from fapengine.scoring.timing import GRID_HZ, Timing, grid, timing_of_phones, timing_of_truth
+from fapengine.scoring.vertices import vertex_errors
 from fapengine.speech.phone_track import PhoneTrack
 
 MIN_MM = 1e-6
@@ -55,22 +57,23 @@ def likeness_of(mouth: Mouth, truth: Mouth) -> Likeness:
 
     Notes
     -----
-    LVE is that of TorchMetrics 1.9 (``LipVertexError``: the mean over frames of the maximum over lip vertices of the
-    squared distance), with the lip points of MPEG-4 as vertices. Sets of vertices differ between papers, and so their
-    figures cannot be compared with each other or with these.
+    LVE is that of :mod:`fapengine.scoring.vertices`, with the lip points of MPEG-4 as vertices. Sets of vertices differ
+    between papers, and so their figures cannot be compared with each other or with these.
     """
     times_s = truth.times_s[truth.times_s <= mouth.end_s + 1e-9]
     true, made = truth.at(times_s), mouth.at(times_s)
-    squared = ((made.lips_mm - true.lips_mm) ** 2).sum(axis=-1)
+    apart = vertex_errors(made.lips_mm, true.lips_mm, lips=range(len(LIP_POINTS)))
+    assert apart.lve is not None
+    assert apart.lve_squared is not None
     return Likeness(
         opening_r=correlation(made.opening_mm, true.opening_mm),
         opening_slope=slope(made.opening_mm, true.opening_mm),
         opening_mm=float(np.abs(made.opening_mm - true.opening_mm).mean()),
         width_r=correlation(made.width_mm, true.width_mm),
         width_slope=slope(made.width_mm, true.width_mm),
-        lips_mm=float(np.sqrt(squared).mean()),
-        lve_mm2=float(squared.max(axis=1).mean()),
-        lve_root_mm=float(np.sqrt(squared.max(axis=1)).mean()),
+        lips_mm=apart.mve,
+        lve_mm2=apart.lve_squared,
+        lve_root_mm=apart.lve,
     )
 
 

@@ -48,7 +48,7 @@ LIP_THRESHOLDS = (
     Threshold("opens",     "mm",  LEAST, 2.0,   (),                  "how far the mouth opens in speech"),
     Threshold("lag",       "ms",  MOST,  90.0,  SPEECH,              "how late the lips are"),
     Threshold("lead",      "ms",  MOST,  185.0, SPEECH,              "how early the lips are"),
-    Threshold("closures",  "%",   LEAST, 90.0,  SPEECH,              "p b m that close"),
+    Threshold("closures",  "%",   LEAST, 90.0,  SPEECH,              "p b m that close, or closures of the reference"),
     Threshold("teeth",     "%",   LEAST, None,  ("phones", "audio"), "f v that meet the teeth"),
     Threshold("explained", "%",   LEAST, None,  SPEECH,              "closed time near a p b m f v"),
     Threshold("r",         "",    LEAST, None,  TRUTH,               "correlation of the opening"),

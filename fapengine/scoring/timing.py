@@ -2,7 +2,8 @@
 
 Theory of operation
 -------------------
-*Lag*: the shift at which two openings correlate best, to a fraction of a grid step by a parabola. Without a
+*Lag*: the shift at which the speeds of two openings correlate best where both are known, to a fraction of a grid step
+by a parabola; speeds have sharper peaks than openings. Of shifts that fit nearly as well, the smaller counts. Without a
 reference, the opening that phones lead to expect is used: shut on p b m, wide on open vowels.
 
 *Mean temporal misalignment* (MTM; Chae-Yeon et al., "Perceptually Accurate 3D Talking Head Generation", CVPR 2025,
@@ -35,6 +36,9 @@ MET_S = 0.02
 """Distance from the path at which an extremum still counts as met: half a frame of the published measure."""
 MIN_PROMINENCE_MM = 0.1
 """Extrema that stand out by less are noise."""
+LAG_SMOOTHING_S, NEARER = 0.03, 0.1
+"""Smoothing of openings before their speeds are compared, and correlation that the largest shift loses. Of 130 filmed
+sentences delayed by 0 and 0.2 s, 3 and 9 lags are wrong by more than 0.12 s (by openings: 9 and 26)."""
 PHONE_SMOOTHING_S = 0.04
 """Smoothing of what phones lead to expect: lips that move that fast follow their phones closely."""
 
@@ -91,16 +95,20 @@ def _opens(phone: Phone) -> float:
 
 def lag_ms(made: Array, true: Array) -> float | None:
     """Shift of ``made`` against ``true``, both (T,) at :data:`GRID_HZ`, ms; None if either does not move."""
-    reach = min(int(REACH_S * GRID_HZ), len(made) - 2)
+    reach = min(int(REACH_S * GRID_HZ), len(made) // 2)
     if reach < 1 or np.ptp(made) < MIN_PROMINENCE_MM or np.ptp(true) < 1e-6:
         return None
-    a, b = made - made.mean(), true - true.mean()
-    score = np.correlate(np.pad(a, reach), b, "valid")
+    a, b = (np.gradient(gaussian_filter1d(each, LAG_SMOOTHING_S * GRID_HZ)) for each in (made, true))
+    score = np.full(2 * reach + 1, -1.0)
+    for place, shift in enumerate(range(-reach, reach + 1)):
+        one, other = a[max(shift, 0) : len(a) + min(shift, 0)], b[max(-shift, 0) : len(b) - max(shift, 0)]
+        if np.ptp(one) > 0 and np.ptp(other) > 0:
+            score[place] = np.corrcoef(one, other)[0, 1] - NEARER * abs(shift) / (REACH_S * GRID_HZ)
     best = int(np.clip(score.argmax(), 1, len(score) - 2))
     before, at, after = score[best - 1 : best + 2]
     bend = before - 2 * at + after
-    shift = 0.5 * (before - after) / bend if bend < 0 else 0.0
-    return float(1000 * (best - reach + shift) / GRID_HZ)
+    part = 0.5 * (before - after) / bend if bend < 0 else 0.0
+    return float(1000 * (best - reach + np.clip(part, -0.5, 0.5)) / GRID_HZ)
 
 
 def misalignment(made: Array, true: Array) -> tuple[float | None, float | None]:

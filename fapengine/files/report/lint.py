@@ -46,11 +46,10 @@ def format_junit(results: Sequence[Judged]) -> bytes:
                 found.text = _plain("\n".join([faults[check].message, *map(_spell, faults[check].times_s)]))
             elif check in verdict.unchecked:
                 ElementTree.SubElement(case, "skipped", message="could not be measured")
-        for owner in (suite, top):
-            counts = {"tests": "testcase", "failures": "failure", "errors": "error", "skipped": "skipped"}
-            for name, tag in counts.items():
-                owner.set(name, str(len(list(owner.iter(tag)))))
-            owner.set("time", "0")
+    for owner in (top, *top):
+        for name, tag in (("tests", "testcase"), ("failures", "failure"), ("errors", "error"), ("skipped", "skipped")):
+            owner.set(name, str(len(list(owner.iter(tag)))))
+        owner.set("time", "0")
     ElementTree.indent(top)
     text: bytes = ElementTree.tostring(top, "utf-8", xml_declaration=True)
     return text + b"\n"

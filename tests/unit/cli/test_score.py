@@ -256,3 +256,48 @@ def test_meshes_have_the_errors_of_papers(tmp_path: Path) -> None:
     np.savez(tmp_path / "two.npz", one=true, other=true)
     with pytest.raises(DataError, match=r"two\.npz: NPZ: got arrays \['one', 'other'\]"):
         run("score", tmp_path / "two.npz", "--against", tmp_path / "true.npz")
+
+
+def test_people_are_asked_and_their_answers_analysed(talk: Path, tmp_path: Path) -> None:
+    for system, name in (("ours", "hello.webm"), ("theirs", "hello.mp4"), ("theirs", "bye.mp4")):
+        (tmp_path / system).mkdir(exist_ok=True)
+        (tmp_path / system / name).write_bytes(b"a film")
+    folders = (tmp_path / "ours", tmp_path / "theirs")
+    said = run("score", "--listen", *folders, "-o", tmp_path / "page")
+    assert "1 pairs and 2 attention checks" in said
+    assert "left out, as one system lacks them: bye" in said
+    page = (tmp_path / "page" / "index.html").read_text(encoding="utf-8")
+    assert page.count("<script") == 2
+    assert not re.search(r'(src|href)="', page)  # nothing but the films is beside it
+    first = json.loads(page.split('id="config">')[1].split("</script>")[0])
+    assert (first["systems"], first["seed"], first["checks"]) == (["ours", "theirs"], 1, 2)
+    assert sorted(first["items"][0]["clips"]) == sorted(
+        f"clips/{p.name}" for p in (tmp_path / "page" / "clips").iterdir()
+    )
+    header = ",".join(first["columns"])
+    rows = [f"{who},1,{n},hello,ours,theirs,left,2.0,2" for who in ("x", "y") for n in range(3)]
+    checks = ["x,1,4,hello,still,moving,right,1,2", "y,1,4,hello,still,moving,left,1,2"]
+    (tmp_path / "answers.csv").write_text("\n".join([header, *rows, *checks]), encoding="utf-8")
+    told = run("score", "--answers", tmp_path / "answers.csv")
+    assert told.startswith("ours preferred to theirs: 100.0 % (3 of 3), 95 % interval 29.2 to 100.0 % (binomial)")
+    assert "left out for failed attention checks: 1\n  y: passed 0 %" in told
+    found = json.loads(run("score", "--answers", tmp_path / "answers.csv", "--json"))
+    assert (found["chosen"], found["excluded"]) == (3, {"y": 0.0})
+    (tmp_path / "ours" / "bye.fap").write_bytes((talk / "talk.fap").read_bytes())
+    for arguments, message in (
+        ((*folders, "-o", tmp_path / "other"), r"audio: got no sound for bye.fap, expected a folder with bye.wav"),
+        ((folders[0], "-o", tmp_path / "other"), "--listen: expected two folders and an output folder"),
+        ((folders[0], folders[0], "-o", tmp_path / "other"), "got two folders called ours"),
+        ((folders[0], talk, "-o", tmp_path / "other"), "got no file of one name"),
+        ((folders[0], tmp_path / "none", "-o", tmp_path / "other"), "expected a folder of films"),
+    ):
+        with pytest.raises(UsageError, match=message):
+            run("score", "--listen", *arguments)
+    assert not (tmp_path / "other").exists()
+    with pytest.raises(UsageError, match="--answers: cannot be combined"):
+        run("score", talk / "talk.fap", "--answers", tmp_path / "answers.csv")
+
+
+def test_remarks_on_the_file_are_passed_on(talk: Path) -> None:
+    assert "motion: no FAP moves" in run("score", talk / "dead.csv")
+    assert json.loads(run("score", talk / "dead.csv", "--json"))["remarks"]
