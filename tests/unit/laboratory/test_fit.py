@@ -10,12 +10,17 @@ from fapengine.expressions import Expression
 from fapengine.geometry.surface import Surface
 from fapengine.laboratory import selection, space
 from fapengine.laboratory.fit import STEPS, FitOptions, fit_session
+from fapengine.laboratory.phones import TONGUE_ON_JAW
 from fapengine.laboratory.prepare import prepare
 from fapengine.laboratory.setup import HeldPhone, Moment, Pose, Scan, Setup
 from fapengine.laboratory.space import captured_faps, contacts, count_closures
 from fapengine.models.viseme_space import MARKERS
 from fapengine.mpeg4 import fap
 from fapengine.profiles import format_profile, parse_profile
+from fapengine.speech.articulation import ARTICULATIONS
+from fapengine.speech.phone_track import Phone, PhoneTrack
+from fapengine.trajectory.planner import plan
+from fapengine.trajectory.style import Style
 
 from .conftest import INNER_LIPS, SKULL, edited
 
@@ -294,6 +299,51 @@ def test_captured_lips_close_where_the_outer_lips_are_nearest(make, run, monkeyp
     changed = (with_contacts != without).any(axis=1)
     assert 0 < changed.mean() < 0.6  # the rest is as it was captured
     assert not (with_contacts != without)[:, fap.column(19) : fap.column(50)].any()
+
+
+def test_the_tongue_of_phones_is_learned_beside_the_jaw(make, run, face_mm):
+    made = make(6, head=False, room=False)
+    raised_mm = {"t": (6.0, -1.0, 1.0), "u": (0.0, -3.0, 5.0)}
+    truths = iter(made.truth_mm)
+
+    def with_tongue(take):
+        track, truth = take.markers, next(truths)
+        times = np.arange(len(truth)) / track.rate_hz
+        tongue = np.zeros((len(truth), 2, 3))
+        for phone in take.phones:
+            up, out, body = raised_mm.get(phone.label, (0.0, 0.0, 0.0))
+            tongue[(times >= phone.start_s) & (times < phone.end_s)] = [[0, up, out], [0, body, 0]]
+        chin = truth[:, list(MARKERS).index("2.1")]
+        for index, (point, share) in enumerate(TONGUE_ON_JAW.items()):
+            tongue[:, index] += face_mm[point] + share * chin
+        return replace(track, positions_mm=np.concatenate([track.positions_mm, tongue], axis=1),
+                       labels=(*track.labels, "TT", "TB"))  # fmt: skip
+
+    setup = replace(HEAD, points={"TT": "6.1", "TB": "6.2"})
+    found = run(edited(made.session, with_tongue), setup)
+    learned = {name: phone.tongue_mm for name, phone in found.profile.phones.items()}
+    for name in ("t", "u", "s"):
+        np.testing.assert_allclose(learned[name], raised_mm.get(name, (0, 0, 0)), atol=0.3, err_msg=name)
+    assert learned["aɪ"] is None  # the table's, letter by letter
+    back = parse_profile(format_profile(found.profile))
+    assert back.phones["t"].tongue_mm == learned["t"]
+    take = found.prepared.takes[0]
+    faps = captured_faps(take, found.prepared, back).values
+    phone = next(phone for phone in take.phones if phone.label == "t")
+    at = round((phone.start_s + phone.end_s) / 2 * found.prepared.rate_hz)
+    unit_mm = back.fapu.unit(fap.spec(44).unit)
+    assert faps[at, fap.column(44)] * unit_mm == pytest.approx(6.0, abs=0.3)
+    without = replace(back, phones={**back.phones, "t": replace(back.phones["t"], tongue_mm=None)})
+    said = PhoneTrack((Phone("t", 0.0, 0.3),))
+    tips_mm = [
+        plan(said, profile, rng=np.random.default_rng(0), style=Style.still(), duration_s=0.3)
+        .track.values[:, fap.column(44)]
+        .max()
+        * unit_mm
+        for profile in (back, without)
+    ]
+    table_mm = ARTICULATIONS["t"].tip_up
+    assert tips_mm[0] - tips_mm[1] == pytest.approx(learned["t"][0] - table_mm, abs=0.5)
 
 
 def test_few_takes_flatter_and_say_so(make, run):
