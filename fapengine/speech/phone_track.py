@@ -5,11 +5,12 @@ labels that no alphabet explains.
 """
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import inf
 from numbers import Real
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 from fapengine.errors import UsageError
 from fapengine.speech import ipa
@@ -200,8 +201,8 @@ class PhoneTrack:
         return self.phones[-1].end_s if self.phones else 0.0
 
 
-def _check_phones(phones: Any, kind: type | tuple[type, ...]) -> None:
-    if not isinstance(phones, kind) or not all(isinstance(phone, Phone) for phone in phones):
+def _check_phones(phones: object, kind: type[tuple[Phone, ...]] | tuple[type, ...]) -> None:
+    if not (isinstance(phones, kind) and isinstance(phones, Sequence) and all(isinstance(p, Phone) for p in phones)):
         raise UsageError(f"phones: got {phones!r:.60}, expected Phone objects")
 
 
