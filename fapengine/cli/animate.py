@@ -44,6 +44,8 @@ def animate(
     The phones of a recording are recognized. With a transcript (--text, --transcript) they are nearly as accurate as
     timed by hand; without one, the mouth still follows the speech. Music and noise do not move it.
 
+    Writes the same files next to the output as `say`, but no copy of a recording next to visemes.
+
     With --channel each, two speakers in two channels give two videos: out/two-1.mp4 and out/two-2.mp4.
     """
     from dataclasses import replace

@@ -75,8 +75,9 @@ def say(
         fapengine say "Hello there." --live
         fapengine say --live --mic --sink vmc://127.0.0.1
 
-    Also writes OUT.fap, OUT.wav and OUT.png (a contact sheet) next to a video, animation or image sequence. Inline
-    cues such as [laughs] or emoji move the face and are not spoken.
+    Also writes OUT.wav next to every output but an image; next to an avatar or a video also OUT.fap, and next to a
+    video OUT.png (a contact sheet). Files of other programs are not replaced. Inline cues such as [laughs] or emoji
+    move the face and are not spoken.
 
     With --live, nothing is written: the sound plays now, and the face stays in sync with it. Add --mic to speak
     yourself instead of giving a text.

@@ -254,3 +254,12 @@ def test_visemes_name_the_recording_and_weights_get_a_copy(name: str, has_copy: 
     shapes = [] if has_copy else ["--shapes", "azure"]
     command("animate", tmp_path / "in.pho", "-a", tmp_path / "in.wav", "-o", tmp_path / name, *shapes)
     assert (tmp_path / "b.wav").exists() == has_copy
+
+
+def test_the_help_says_what_is_written_beside() -> None:
+    """The sentence of ``say --help`` against the table."""
+    for row in OUTPUT_KINDS:
+        expected = [".wav"] if not (row.is_drawn and not row.is_image) and row.ending != ".wav" else []
+        expected += [".fap"] if row.is_image or row.write is find_kind(Path("a.vrma")).write else []
+        expected += [".png"] if row.is_image else []
+        assert sorted(row.beside) == sorted(expected), row.ending
