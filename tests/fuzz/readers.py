@@ -33,6 +33,7 @@ from fapengine.codec.epf import parse_epf
 from fapengine.codec.fapfile import parse_fap
 from fapengine.codec.fit import PARTNERS, format_fit, parse_fit
 from fapengine.errors import DataError
+from fapengine.files.gltf.compression import decode_draco
 from fapengine.files.gltf.document import parse_gltf
 from fapengine.files.gltf.scene import read_scene
 from fapengine.files.heads.folder import HeadInfo, load_folder, save_head
@@ -64,6 +65,7 @@ from fapengine.wire.speech_osc import codec, schema
 from tests.recordings import BVH, mview_file, pos_file, wave_file
 from tests.serve_example import EXAMPLE
 from tests.unit.files.glb import Builder, square, write_rig
+from tests.unit.files.test_avatars import packed, with_draco
 from tests.unit.files.test_gltf import vrm
 from tests.unit.mesh.rigs import own_rig
 from tests.unit.speech.samples import SAMPLES
@@ -165,6 +167,8 @@ def _meshes() -> Iterable[Reader]:
     builder.node(mesh=square(builder, targets=("rise", "fall")))
     small = (builder.glb(), builder.gltf(), vrm(0).glb(), vrm(1).glb())
     yield Reader("glTF", lambda data: read_scene(parse_gltf(data, _no_file)), small)
+    yield Reader("glTF, Draco", lambda data: read_scene(parse_gltf(data, _no_file)), (with_draco(packed()).glb(),))
+    yield Reader("Draco", lambda data: decode_draco(data, {"POSITION": 0}, ""), (packed(),))
     rig = write_rig(own_rig(("jawOpen", "mouthClose"))).glb()
     yield Reader("glTF, a face", lambda data: read_scene(parse_gltf(data, _no_file)), (rig,))
     obj = b"v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0.5\nvt 0 1\nvn 0 0 1\nf 1/1/1 2/1/1 3/1/1\nf 1 3 4\n"

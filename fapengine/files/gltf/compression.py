@@ -294,11 +294,11 @@ def decode_draco(data: bytes, wanted: dict[str, int], where: str) -> tuple[dict[
     try:
         mesh = decode(data)
         corners = np.asarray(mesh.faces).astype(np.int64).reshape(-1)
-        found = {row["unique_id"]: np.asarray(row["data"]) for row in mesh.attributes}
+        found = {row["unique_id"]: np.atleast_1d(row["data"]) for row in mesh.attributes}
+        count = len(np.asarray(mesh.points))
     except Exception as error:  # whatever the library fails with, the data are at fault
         raise DataError(f"Draco: cannot be decoded ({type(error).__name__}: {error})", where=where) from error
     numbers: dict[str, NDArray[Any]] = {}
-    count = len(np.asarray(mesh.points))
     for name, unique in wanted.items():
         if unique not in found:
             raise DataError(f"Draco: contains no attribute {unique}, expected it as {name}", where=where)
