@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from fapengine.capture.marker_track import RawTrack
 from fapengine.capture.text import decode_text
@@ -120,9 +119,7 @@ def _places(joints: list[_Joint], frames: NDArray[np.float64]) -> NDArray[np.flo
                 local[:, axis] = values[:, number]
         turn = np.tile(np.eye(3), (len(frames), 1, 1))
         for number, axis in turned:
-            angles = np.zeros((len(frames), 3))
-            angles[:, axis] = np.radians(np.nan_to_num(values[:, number]))
-            turn = turn @ Rotation.from_rotvec(angles).as_matrix()
+            turn = turn @ _about(axis, np.radians(np.nan_to_num(values[:, number])))
         if joint.parent < 0:
             places[:, index] = local
             turns.append(turn)
@@ -131,3 +128,14 @@ def _places(joints: list[_Joint], frames: NDArray[np.float64]) -> NDArray[np.flo
             places[:, index] = places[:, joint.parent] + np.einsum("tij,tj->ti", above, local)
             turns.append(above @ turn)
     return places
+
+
+def _about(axis: int, angles_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(T, 3, 3): turns about an axis, counter-clockwise seen from its end."""
+    turn = np.zeros((len(angles_rad), 3, 3))
+    first, second = (axis + 1) % 3, (axis + 2) % 3
+    turn[:, axis, axis] = 1.0
+    turn[:, first, first] = turn[:, second, second] = np.cos(angles_rad)
+    turn[:, second, first] = np.sin(angles_rad)
+    turn[:, first, second] = -np.sin(angles_rad)
+    return turn
