@@ -56,6 +56,7 @@ def batch(
     skip_bad: Annotated[
         bool, typer.Option("--skip-bad", help="Leave out invalid rows; the report lists them. Exit code 2.")
     ] = False,
+    strict: shared.Strict = False,
     as_json: shared.AsJson = False,
     no_overwrite: Annotated[
         bool,
@@ -108,7 +109,7 @@ def batch(
             raise UsageError("output: missing; give a folder with --output")
         avatar.value()
         into, mapping = (_place(path) for path in (avatar.into, avatar.mapping))
-        options = Options(keys=avatar.keys, into=into, map=mapping)
+        options = Options(keys=avatar.keys, into=into, map=mapping, strict=strict)
         pattern = manifest if any(letter in manifest for letter in "*?[") else str(resolved(folder))
         corpus = Corpus(manifest=pattern, kind=to, text=text, options=options, skip_bad=skip_bad)
     number, count = _share(shard)

@@ -40,6 +40,7 @@ def encode(
         False, "--clamp", help="With --epf: clamp values that are out of range instead of failing."
     ),
     start_codes: bool = typer.Option(False, "--start-codes", help="Write a start code before each I plane."),
+    strict: shared.Strict = False,
     as_json: shared.AsJson = False,
     writing: shared.WriteOptions = shared.WriteOptions(),
 ) -> None:
@@ -51,7 +52,7 @@ def encode(
     An MP4 file holds sound and face track together. `decode`, `inspect` and `render` read it.
     """
     from fapengine.app.outputs import missed_rate
-    from fapengine.cli._printing import print_result, working
+    from fapengine.cli._printing import print_remarks, print_result, working
     from fapengine.codec.encoder import EncoderOptions
     from fapengine.codec.encoder import encode as encode_track
     from fapengine.codec.epf import encode_orders
@@ -60,6 +61,8 @@ def encode(
     from fapengine.files.motion import as_visemes, load_fap, load_motion
     from fapengine.files.paths import is_standard, standard_output, write_bytes
     from fapengine.mpeg4.fapu import Fapu
+    from fapengine.mpeg4.plausible import motion_remarks
+    from fapengine.speech.plausible import refuse
 
     output = standard_output(output, ".fba")
     film = output.suffix.lower() == ".mp4"
@@ -70,6 +73,10 @@ def encode(
     writing.check([output], [track, epf, audio])
     with working(f"reading {track.name}"):
         faps = as_visemes(load_motion(track)) if visemes else load_fap(track)
+    remarks = motion_remarks(faps)
+    if strict:
+        refuse(remarks, str(track))
+    print_remarks(remarks)
     if epf is not None:
         if any(choice is not None for choice in (quant, kbps, intra_every, max_error_mm)) or fitted or moving_only:
             raise UsageError("--epf: can only be combined with --clamp and --start-codes")

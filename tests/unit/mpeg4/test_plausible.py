@@ -86,6 +86,19 @@ def test_weights_that_are_no_per_cent_are_refused(table: Path) -> None:
         fapengine.load(wrong)
 
 
+def test_encode_and_batch_are_strict_too(tmp_path: Path) -> None:
+    fapengine.save(track(0), tmp_path / "still.fap")
+    words = ["encode", str(tmp_path / "still.fap"), "-o", str(tmp_path / "still.fba")]
+    assert "no FAP moves" in CliRunner().invoke(app, words).stderr
+    strict = CliRunner().invoke(app, [*words, "--strict"])
+    assert "no FAP moves" in str(strict.exception)
+    (tmp_path / "a.pho").write_text("m 900\na 900\n" * 6)
+    (tmp_path / "rows.csv").write_text("id,timings\na,a.pho\n")
+    words = ["batch", str(tmp_path / "rows.csv"), "--to", "fap", "--workers", "0", "-o", str(tmp_path / "out")]
+    assert CliRunner().invoke(app, words).exit_code == 0
+    assert CliRunner().invoke(app, [*words, "--strict"]).exit_code == 2
+
+
 @pytest.mark.parametrize("words", ["convert {} -o out.fap", "inspect {}", "render {} --size 64x64 -o out.png"])
 def test_the_command_line_says_so_too(words: str, table: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
