@@ -13,6 +13,11 @@ SHORTEST_S = 1e-3
 """Shortest sleep: time must pass."""
 
 
+TRIES = 10
+"""How often what a sound card plays is compared with what is seen, until they agree.
+
+On a machine with too much to do the card stalls, and whoever hears it has a clock of its own: one quiet time is enough.
+"""
 SOFTNET = Path("/proc/net/softnet_stat")
 """Of each processor a line of hexadecimal numbers."""
 BACKLOG = 11

@@ -149,7 +149,7 @@ async def until(true: Callable[[], bool], limit_s: float = 100.0) -> None:
     while not true():
         if asyncio.get_running_loop().time() > stop_s:
             raise AssertionError("it never became so")
-        await asyncio.sleep(0.005)
+        await asyncio.sleep(0.01)
 
 
 STARTED: list[subprocess.Popen[bytes]] = []
@@ -188,4 +188,4 @@ def wait(true: Callable[[], bool], limit_s: float = 100.0, work: Callable[[], ob
     while not true():
         assert time.monotonic() < stop_s, "it never became so"
         work()
-        time.sleep(0.005)
+        time.sleep(0.01)

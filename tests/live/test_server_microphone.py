@@ -41,10 +41,13 @@ def test_what_the_microphone_hears_moves_a_face(null_sink: Mapping[str, str], tm
     path = tmp_path / "baby.wav"
     save_wav(path, np.concatenate([np.zeros(RATE_HZ, np.int16), spoken("rms", BABY).samples]), RATE_HZ)
 
+    open_mm: list[float] = []
+
     def opening() -> np.ndarray:
         ear.listen()
-        values = np.array([frame.values for frame in ear.frames.get("face", [])]).reshape(-1, 68)
-        return -(values[:, 3] + values[:, 4]) * FAPU_MM
+        more = ear.frames.get("face", [])[len(open_mm) :]
+        open_mm.extend(-(frame.values[3] + frame.values[4]) * FAPU_MM for frame in more)
+        return np.array(open_mm)
 
     wait(lambda: len(opening()) > 60)
     time.sleep(1.0)  # the ear starts

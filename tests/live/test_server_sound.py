@@ -5,8 +5,11 @@ import time
 from collections.abc import Mapping
 from pathlib import Path
 
+import pytest
+
 from tests.live import sound_ear
 from tests.live.stage import JAW, Ear, Sender, Serve, wait
+from tests.patient import TRIES
 from tests.processes import start
 
 LOUD = 300.0
@@ -39,15 +42,25 @@ def _use(ear: Ear, server: Serve, heard: Path) -> None:
     wait(lambda: len(sound()) > 10)
     assert max(loud for _, loud in sound()) < LOUD
     sender = Sender(server.address)
-    sender.tell("/tts/text", "s", TEXT)
-    wait(lambda: max(ear.jaw("face"), default=0) > 50 and any(loud > LOUD for _, loud in sound()))
-    onset_s = next(at for at, loud in sound() if loud > LOUD)
-    opened_s = next(frame.time_us * 1e-6 for frame in ear.frames["face"] if frame.values[JAW] > 50)
-    assert abs(opened_s - onset_s) < 0.5  # the mouth opens with the voice, each by its own clock
-    sender.tell("/tts/stop")
-    told_s = time.monotonic()
-    wait(lambda: ear.jaw("face")[-1] == 0)
-    wait(lambda: sound()[-1][0] > told_s + QUIET_S and all(loud < LOUD for _, loud in sound()[-10:]))
-    last_s = max(at for at, loud in sound() if loud > LOUD)
-    assert last_s < onset_s + 0.8 * TEXT_S  # not all was said
+    for _ in range(TRIES):
+        begun_s = sound()[-1][0]
+        ear.frames.clear()
+        sender.tell("/tts/text", "s", TEXT)
+        wait(lambda: max(ear.jaw("face"), default=0) > 50 and len(_loud_s(sound(), begun_s)) > 0)  # noqa: B023
+        onset_s = _loud_s(sound(), begun_s)[0]
+        opened_s = next(frame.time_us * 1e-6 for frame in ear.frames["face"] if frame.values[JAW] > 50)
+        sender.tell("/tts/stop")
+        told_s = time.monotonic()
+        wait(lambda: ear.jaw("face")[-1] == 0)
+        wait(lambda: sound()[-1][0] > told_s + QUIET_S and all(loud < LOUD for _, loud in sound()[-10:]))  # noqa: B023
+        assert _loud_s(sound(), begun_s)[-1] < onset_s + 0.8 * TEXT_S  # not all was said
+        if abs(opened_s - onset_s) < 0.5:  # the mouth opens with the voice, each by its own clock
+            break
+    else:
+        pytest.fail(f"the mouth opened at {opened_s}, the voice began at {onset_s}")
     sender.close()
+
+
+def _loud_s(sound: list[tuple[float, float]], begun_s: float) -> list[float]:
+    """When something was heard."""
+    return [at for at, loud in sound if at > begun_s and loud > LOUD]

@@ -155,7 +155,9 @@ class Talk:
             return
         if self.number is None:
             self.number = sender.begin(now_s, anchor=self.anchor, at_s=self.zero_s)
-        known = sum(phone.start_s + self.zero_s - self.slack_s <= now_s for phone in self.phones)
+        known = self.told
+        while known < len(self.phones) and self.phones[known].start_s + self.zero_s - self.slack_s <= now_s:
+            known += 1
         if known > self.told:
             sender.append(self.number, self.phones[self.told : known])
             self.told = known
