@@ -45,7 +45,7 @@ def test_spoiled_files_are_read_or_refused() -> None:
 def test_what_a_search_has_found() -> None:
     known = {reader.name: reader for reader in readers()}
     far = NUMBER.sub(b"1e301", known["landmarks"].good[0], count=1)
-    no_points = b"DRACO\x02\x02\x01" + bytes(7)
+    no_points = bytes.fromhex("445241434f020201000204010001020000000080")
     for name, data in (
         ("timings, ctm", b"#"),
         ("timings, ctm", b"talk 1 0.0 0.1 \x0c"),
