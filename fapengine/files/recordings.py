@@ -13,12 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.capture.arrays import format_npz, parse_npz
-from fapengine.capture.articulography import parse_mview, parse_pos
+from fapengine.capture.articulography import parse_mview, parse_mview_sound, parse_pos
 from fapengine.capture.bvh import parse_bvh
-from fapengine.capture.c3d import format_c3d, parse_c3d
+from fapengine.capture.c3d import Buffer, format_c3d, parse_c3d, parse_c3d_sound
 from fapengine.capture.conventions import UNITS_MM, check_track, understand
 from fapengine.capture.landmarks import Picture, parse_landmarks
 from fapengine.capture.marker_track import MarkerTrack, RawTrack
+from fapengine.capture.sound import RecordedSound
 from fapengine.capture.table import format_table, format_trc, parse_table, parse_trc
 from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.files.paths import MAX_BYTES, locating, open_file, read_bytes, write_bytes
@@ -33,6 +34,8 @@ PARSERS: dict[str, Callable[[bytes], RawTrack]] = {
 }  # fmt: skip
 """Readers of markers by ending; C3D is mapped, and tracks of face landmarks need a picture's size."""
 LANDMARK_ENDINGS = (".json", ".jsonl")
+MIN_VIA_S, MAX_FRAMES_PER_VIA = 1e-4, 1000
+"""Least distance of two via points, and mean number of frames per point: a small file cannot ask for gigabytes."""
 RECORDINGS = (".c3d", *PARSERS, *LANDMARK_ENDINGS)
 """Endings of recordings; a folder of meshes is also a recording."""
 MESHES = (".obj", ".ply", ".glb", ".gltf", ".stl")
@@ -89,6 +92,11 @@ def _recovered(raw: RawTrack, times_s: NDArray[np.float64], rate_hz: float | Non
     rate_hz = rate_hz or raw.rate_hz
     if rate_hz is None:
         raise DataError("via points: the file does not state the take's rate; give one, or reduce the take again")
+    is_regular = times_s.dtype.kind == "f" and times_s.shape == (len(raw.positions),) and np.isfinite(times_s).all()
+    if not is_regular or (np.diff(times_s) < MIN_VIA_S).any() or not np.isfinite(raw.positions).all():
+        raise DataError(f"via points: must be finite, with a time each, strictly rising by {MIN_VIA_S:g} s or more")
+    if abs(times_s).max() * rate_hz > MAX_FRAMES_PER_VIA * len(times_s):
+        raise DataError(f"via points: {len(times_s)} in {times_s[-1]:g} s at {rate_hz:g} Hz are too far apart")
     try:
         points = ViaPoints(times_s=times_s, positions_mm=raw.positions)
     except UsageError as error:
@@ -99,7 +107,7 @@ def _recovered(raw: RawTrack, times_s: NDArray[np.float64], rate_hz: float | Non
 def _parse(path: Path, picture: Picture | None) -> RawTrack:
     ending = path.suffix.lower()
     if ending == ".c3d":
-        return _mapped_c3d(path)
+        return _mapped_c3d(path, parse_c3d)
     if ending in LANDMARK_ENDINGS or (picture is not None and ending in (".csv", ".tsv")):
         if picture is None:
             raise DataError(
@@ -123,17 +131,25 @@ def is_table(path: Path) -> bool:
     return True
 
 
-def _mapped_c3d(path: Path) -> RawTrack:
-    """Map the file into memory: analog channels between the points are never read."""
+def load_recorded_sound(path: Path) -> RecordedSound | None:
+    """Read the sound that a C3D or MVIEW file has beside its positions; None without one. Raises as load_markers."""
+    with locating(path):
+        if path.suffix.lower() == ".c3d":
+            return _mapped_c3d(path, parse_c3d_sound)
+        return parse_mview_sound(read_bytes(path)) if path.suffix.lower() == ".mat" else None
+
+
+def _mapped_c3d[T](path: Path, parse: Callable[[Buffer], T]) -> T:
+    """Map the file into memory: what is not wanted is never read."""
     try:
         if not path.stat().st_size:
-            return parse_c3d(b"")
+            return parse(b"")
         with (
             open_file(path) as file,
             mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as mapped,
             memoryview(mapped) as view,
         ):
-            return parse_c3d(view)
+            return parse(view)
     except OSError as error:
         raise UsageError(f"{path}: cannot be read ({error.strerror})") from error
 

@@ -76,7 +76,13 @@ def test_via_points_are_a_recording_for_every_reader(take, capsys):
     np.testing.assert_allclose(load_markers(back).markers.positions_mm, read.positions_mm, atol=0.01)
     with np.load(via) as arrays:
         kept = {name: arrays[name] for name in arrays.files}
-    for wrong, message in (({"rate_hz": None}, "rate"), ({"times_s": kept["times_s"][::-1]}, "strictly rising")):
+    for wrong, message in (
+        ({"rate_hz": None}, "rate"), ({"times_s": kept["times_s"][::-1]}, "strictly rising"),
+        ({"times_s": kept["times_s"] * 1e-9}, "strictly rising"), ({"times_s": kept["times_s"] * 1e9}, "too far apart"),
+        ({"times_s": kept["times_s"][1:]}, "a time each"), ({"times_s": kept["labels"]}, "a time each"),
+        ({"via_mm": kept["via_mm"] * np.nan}, "finite"),
+        ({"via_mm": kept["via_mm"][:2], "times_s": np.arange(2.0)}, "at least 3"),
+    ):  # fmt: skip
         changed = {name: value for name, value in (kept | wrong).items() if value is not None}
         np.savez(via, **changed)
         with pytest.raises(DataError, match=message):
