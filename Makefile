@@ -66,9 +66,10 @@ tests: $(VENV)/.ready-dev detector
 nightly: $(VENV)/.ready-dev detector
 	$(PYTEST) -m nightly --at-least $(NIGHTLY_AT_LEAST)
 
-# As in a clone with nothing beside it: the measurement data are hidden.
+# As in a clone with nothing beside it: the measurement data are hidden. Only files that have such tests are read.
 conformance: $(VENV)/.ready-dev
-	FAPENGINE_SHARED=/nonexistent $(BIN)/python -m pytest -q -m conformance --at-least $(CONFORMANCE_AT_LEAST) tests
+	FAPENGINE_SHARED=/nonexistent $(BIN)/python -m pytest -q -m conformance --at-least $(CONFORMANCE_AT_LEAST) \
+	    $$(grep -rl --include='test_*.py' 'mark\.conformance' tests)
 
 check: $(VENV)/.ready-dev
 	$(BIN)/ruff format --check --quiet .

@@ -32,7 +32,8 @@ Indices = NDArray[np.int64]
 Moved = Callable[[FaceMesh, Indices, Array], Array]
 
 RANDOM_PEOPLE = int(os.environ.get("RANDOM_PEOPLE", "15"))
-"""Number of random people that are tried; ``make people`` tries 200."""
+"""Number of random people that are tried, the first of them at every change; ``make people`` tries 200."""
+AT_EVERY_CHANGE = 5
 MOVING = [row for row in fap.FAPS if row.positive in fap.HEAD_AXES and row.unit is not fap.FapUnit.AU]
 
 
@@ -79,7 +80,16 @@ def smallest_gap(head: FaceMesh, style: HeadStyle, moved: Moved, frames: Array) 
     return min(float((heights(a) - heights(b)).min()) for a, b in zip(upper, lower, strict=True))
 
 
-@pytest.mark.parametrize("name", [*PEOPLE, *(f"random:{seed}" for seed in range(RANDOM_PEOPLE))])
+@pytest.mark.parametrize(
+    "name",
+    [
+        *PEOPLE,
+        *(
+            pytest.param(f"random:{seed}", marks=[pytest.mark.nightly] * (seed >= AT_EVERY_CHANGE))
+            for seed in range(RANDOM_PEOPLE)
+        ),
+    ],
+)
 def test_a_person_keeps_what_the_default_head_promises(name: str, moved: Moved, frames: Array) -> None:
     person = parse_person(name)
     assert person is not None

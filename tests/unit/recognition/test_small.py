@@ -46,11 +46,11 @@ def test_phones_of_a_sentence() -> None:
 
 
 @pytest.mark.parametrize("name", no_speech(0.1))
-def test_no_speech_moves_the_lips_less_than_a_millimetre(ear: SmallRecognizer, name: str) -> None:
-    for seed in (1, 2):
-        phones = PhoneTrack.of(heard(ear, no_speech(seed=seed)[name]))
-        assert np.abs(opening_mm(phones, 4.0)).max() < 1.0
-        assert phones.duration_s == pytest.approx(4.0)
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.nightly)])
+def test_no_speech_moves_the_lips_less_than_a_millimetre(ear: SmallRecognizer, name: str, seed: int) -> None:
+    phones = PhoneTrack.of(heard(ear, no_speech(seed=seed)[name]))
+    assert np.abs(opening_mm(phones, 4.0)).max() < 1.0
+    assert phones.duration_s == pytest.approx(4.0)
 
 
 def test_loudness_hardly_matters() -> None:
