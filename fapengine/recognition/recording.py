@@ -21,6 +21,7 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine.recognition import sphinx
 from fapengine.recognition.loudness import (
     FRAME_HZ,
     HOP,
@@ -31,15 +32,7 @@ from fapengine.recognition.loudness import (
     spoken_frames,
 )
 from fapengine.recognition.protocol import RATE_HZ, UNSURE, Recognizer
-from fapengine.recognition.sphinx import (
-    MODEL_PHONES,
-    Frames,
-    decode,
-    frames_of,
-    new_phone_loop,
-    new_word_decoder,
-    pronounced,
-)
+from fapengine.recognition.sphinx import MODEL_PHONES, Frames
 from fapengine.recognition.sphinx_aligner import Aligned, SphinxAligner
 from fapengine.recognition.sphinx_recognizer import labelled
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
@@ -288,7 +281,7 @@ def listen(
     on_heard : callable
         Called with the length of each processed piece in s.
     """
-    loop = new_phone_loop()
+    loop = sphinx.new_phone_loop()
     guesser = _Guesser() if words else None
     gathered = _Gathered()
     for piece, _ in in_pieces(sound):
@@ -346,7 +339,7 @@ def follow(
     on_heard : callable
         Called with the length of each processed piece in s.
     """
-    loop = new_phone_loop()
+    loop = sphinx.new_phone_loop()
     gathered, mismatches = _Gathered(), list[Mismatch]()
     cursor, unheard = 0, 0
     for piece, is_last in in_pieces(sound):
@@ -379,13 +372,14 @@ class _Guesser:
     """Guesses words, and aligns their phones. Stateful: it has loaded its models."""
 
     def __init__(self) -> None:
-        self._words = new_word_decoder()
+        self._words = sphinx.new_word_decoder()
         self._aligner = SphinxAligner(("the",))
 
     def improve(self, found: Sequence[Frames], piece: NDArray[np.int16]) -> list[Frames]:
         """Phones of the model for a piece: those of guessed words where they agree with ``found``."""
-        decode(self._words, piece)
-        said = [name for name, _, _ in frames_of(self._words.seg() or []) if pronounced(self._words, name)]
+        sphinx.decode(self._words, piece)
+        frames = sphinx.frames_of(self._words.seg() or [])
+        said = [name for name, _, _ in frames if sphinx.pronounced(self._words, name)]
         self._aligner.take([name.split("(")[0] for name in said])
         aligned = [phone for phone in self._aligner.align(piece, 0, len(said)) if phone.behind > phone.first]
         words = [
@@ -437,8 +431,8 @@ def _hear(
 ) -> tuple[list[Frames], NDArray[np.bool_]]:
     """Find the model's phones in a piece, and which of its frames are speech."""
     frames = -(-len(piece) // HOP)
-    decode(loop, piece)
-    found = frames_of(loop.seg() or [])  # type: ignore[attr-defined]
+    sphinx.decode(loop, piece)
+    found = sphinx.frames_of(loop.seg() or [])  # type: ignore[attr-defined]
     if not only_speech:
         return found, np.ones(frames, dtype=bool)
     return found, spoken_frames(found, pitch_hz(piece), loudness_db(piece))

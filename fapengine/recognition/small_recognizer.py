@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.errors import UsageError
+from fapengine.recognition import small_net
 from fapengine.recognition.loudness import (
     FRAME_HZ,
     HOP,
@@ -31,27 +32,16 @@ from fapengine.recognition.loudness import (
     voiced_frames,
 )
 from fapengine.recognition.protocol import MIN_FRAMES, RATE_HZ, UNSURE, BlockRecognizer, Labelled, due
-from fapengine.recognition.small_net import (
-    AHEAD,
-    BEFORE,
-    STEPS,
-    WINDOW,
-    RunningMean,
-    SmallNet,
-    Weights,
-    log_mel,
-    shipped,
-)
 from fapengine.recognition.sphinx_recognizer import BLOCK as SPHINX_BLOCK
 from fapengine.recognition.sphinx_recognizer import SphinxRecognizer
 from fapengine.speech.phone_track import SILENCE, Phone
 
 LOOK_AHEAD_S = 0.15
 """Look-ahead by default."""
-BLOCK_FRAMES = 2 * STEPS
+BLOCK_FRAMES = 2 * small_net.STEPS
 BLOCK = BLOCK_FRAMES * HOP
 """Samples that are processed at a time, 40 ms."""
-LATE = 2 * AHEAD + BLOCK_FRAMES
+LATE = 2 * small_net.AHEAD + BLOCK_FRAMES
 """Longest delay of the scores after the sound, in frames."""
 ORDER_WEIGHT = 0.6
 """Weight of the order of phones."""
@@ -72,7 +62,7 @@ Floats = NDArray[np.float32]
 class Search:
     """The best path through the phones, as scores come. Stateful."""
 
-    def __init__(self, weights: Weights) -> None:
+    def __init__(self, weights: small_net.Weights) -> None:
         shares = np.log(np.maximum(weights.shares, 1e-4))
         self._bonus = (-SHARE_WEIGHT * shares).astype(np.float32)
         counts = weights.pairs.astype(np.float64) + 0.5
@@ -143,12 +133,12 @@ class Search:
 class Scores:
     """Scores of the network's labels for each frame of a stream. Stateful."""
 
-    def __init__(self, weights: Weights) -> None:
-        self._waiting = np.zeros(BEFORE, np.int16)
+    def __init__(self, weights: small_net.Weights) -> None:
+        self._waiting = np.zeros(small_net.BEFORE, np.int16)
         """Samples from the first of the next block's windows on."""
-        self._mean = RunningMean(weights.first_mean)
-        self._net = SmallNet(weights)
-        self._skip = 2 * AHEAD
+        self._mean = small_net.RunningMean(weights.first_mean)
+        self._net = small_net.SmallNet(weights)
+        self._skip = 2 * small_net.AHEAD
         """Frames of scores that lie before the first frame."""
         self._classes = len(weights.labels)
         self.seen = 0
@@ -158,9 +148,9 @@ class Scores:
         """Add (N,) int16; return the scores of the next frames, (T, C), natural logarithms up to a constant."""
         self._waiting = np.concatenate([self._waiting, np.asarray(samples, dtype=np.int16)])
         found = [np.zeros((0, self._classes), np.float32)]
-        while len(self._waiting) >= BLOCK + WINDOW - HOP:
-            near = np.lib.stride_tricks.sliding_window_view(self._waiting, WINDOW)[: BLOCK_FRAMES * HOP : HOP]
-            seen = np.stack([self._mean.push(frame) for frame in log_mel(near)])
+        while len(self._waiting) >= BLOCK + small_net.WINDOW - HOP:
+            near = np.lib.stride_tricks.sliding_window_view(self._waiting, small_net.WINDOW)[: BLOCK_FRAMES * HOP : HOP]
+            seen = np.stack([self._mean.push(frame) for frame in small_net.log_mel(near)])
             self._waiting = self._waiting[BLOCK:]
             self.seen += BLOCK_FRAMES
             found.append(self._net.push(seen)[self._skip :])
@@ -246,11 +236,11 @@ class SmallRecognizer(BlockRecognizer):
 
     _block = BLOCK
 
-    def __init__(self, look_ahead_s: float = LOOK_AHEAD_S, *, weights: Weights | None = None) -> None:
+    def __init__(self, look_ahead_s: float = LOOK_AHEAD_S, *, weights: small_net.Weights | None = None) -> None:
         if not 0.12 <= look_ahead_s <= 1.0:
             raise UsageError(f"look_ahead_s: must be 0.12 to 1, got {look_ahead_s}")
         self.look_ahead_s = look_ahead_s
-        self._weights = weights or shipped()
+        self._weights = weights or small_net.shipped()
         self.reset()
 
     def _process(self, block: NDArray[np.int16]) -> list[Phone]:
@@ -352,8 +342,8 @@ class JointRecognizer(SmallRecognizer):
 
     _block = SPHINX_BLOCK
 
-    def __init__(self, look_ahead_s: float = LOOK_AHEAD_S, *, weights: Weights | None = None) -> None:
-        self._other = SphinxFrames((weights or shipped()).labels)
+    def __init__(self, look_ahead_s: float = LOOK_AHEAD_S, *, weights: small_net.Weights | None = None) -> None:
+        self._other = SphinxFrames((weights or small_net.shipped()).labels)
         super().__init__(look_ahead_s, weights=weights)
 
     def reset(self) -> None:

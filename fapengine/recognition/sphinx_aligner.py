@@ -8,17 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.errors import UsageError
+from fapengine.recognition import sphinx
 from fapengine.recognition.loudness import HOP, loudness_db
-from fapengine.recognition.sphinx import (
-    Pronounce,
-    Pronunciation,
-    decode,
-    dictionary_key,
-    ipa_of,
-    new_aligner,
-    of_dictionary,
-    of_voice,
-)
 
 BEAMS = (1e-48, 1e-300)
 """Beams of the first try and, if it fails, of the second, which cuts off nothing (as 1e-120 still did)."""
@@ -69,7 +60,9 @@ class SphinxAligner:
         Look words up in the model's dictionary (American English); otherwise ``pronounce`` speaks all.
     """
 
-    def __init__(self, words: Sequence[str], pronounce: Pronounce | None = None, *, dictionary: bool = True) -> None:
+    def __init__(
+        self, words: Sequence[str], pronounce: sphinx.Pronounce | None = None, *, dictionary: bool = True
+    ) -> None:
         if not words:
             raise UsageError("text: contains no words")
         self.words = tuple(words)
@@ -77,12 +70,12 @@ class SphinxAligner:
         """Whether words come from the model's dictionary, which is of its own language."""
         self._decoders = {(SILENCES[0], BEAMS[0]): self._new_decoder(SILENCES[0], BEAMS[0])}
         self._first = self._decoders[SILENCES[0], BEAMS[0]]
-        self._own: dict[str, tuple[str, Pronunciation]] = {}
+        self._own: dict[str, tuple[str, sphinx.Pronunciation]] = {}
         self.pronounced: tuple[str, ...] = ()
         """Words that the dictionary lacks, which ``pronounce`` spoke; of English alone."""
         for word in dict.fromkeys(self.words):
             if not (dictionary and self._lookup(word)):
-                spoken = of_voice(pronounce(word)) if pronounce else Pronunciation((), ())
+                spoken = sphinx.of_voice(pronounce(word)) if pronounce else sphinx.Pronunciation((), ())
                 self._own[word] = f"{_OWN}{len(self._own)}", spoken
         if strange := [word for word, (_, spoken) in self._own.items() if not spoken.spelling]:
             raise UsageError(f"text: got {', '.join(map(repr, strange[:10]))}, expected words that can be pronounced")
@@ -158,18 +151,18 @@ class SphinxAligner:
             if stop > start
         ]
 
-    def _pronunciation(self, index: int) -> Pronunciation:
+    def _pronunciation(self, index: int) -> sphinx.Pronunciation:
         word = self.words[index]
-        return self._own[word][1] if word in self._own else of_dictionary(self._lookup(word).split())
+        return self._own[word][1] if word in self._own else sphinx.of_dictionary(self._lookup(word).split())
 
     def _try(self, decoder: Any, samples: NDArray[np.int16], keys: Sequence[str], first: int) -> list[Aligned] | None:
         try:
             decoder.set_align_text(" ".join(keys))
-            decode(decoder, samples)  # words first
+            sphinx.decode(decoder, samples)  # words first
             if decoder.hyp() is None:
                 return None
             decoder.set_alignment()
-            decode(decoder, samples)  # then the phones inside them
+            sphinx.decode(decoder, samples)  # then the phones inside them
             alignment = decoder.get_alignment()
         except RuntimeError:  # its only word for everything
             return None
@@ -189,7 +182,7 @@ class SphinxAligner:
     def _phones(self, index: int, phones: Sequence[tuple[str, int, int]], frames: int) -> list[Aligned]:
         word = self.words[index]
         if word not in self._own:
-            return [Aligned(index, ipa_of(name), 0, a, min(b, frames), name) for name, a, b in phones]
+            return [Aligned(index, sphinx.ipa_of(name), 0, a, min(b, frames), name) for name, a, b in phones]
         spoken = self._own[word][1]
         told: list[Aligned] = []
         at = 0
@@ -201,13 +194,13 @@ class SphinxAligner:
         return told
 
     def _new_decoder(self, silence: float, beam: float) -> Any:
-        return new_aligner(beam=beam, silence=silence, noise=NOISES[self.dictionary])
+        return sphinx.new_aligner(beam=beam, silence=silence, noise=NOISES[self.dictionary])
 
     def _lookup(self, word: str) -> str:
-        return self._first.lookup_word(dictionary_key(word)) or ""
+        return self._first.lookup_word(sphinx.dictionary_key(word)) or ""
 
     def _key(self, word: str) -> str:
-        return self._own[word][0] if word in self._own else dictionary_key(word)
+        return self._own[word][0] if word in self._own else sphinx.dictionary_key(word)
 
     def _learn(self, decoder: Any) -> None:
         for number, (key, spoken) in enumerate(self._own.values(), start=1):

@@ -32,17 +32,9 @@ from fapengine.errors import DataError, TruncatedError, UsageError
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD
 from fapengine.mpeg4.track import FapTrack, to_codable
+from fapengine.retarget import visemes
 from fapengine.retarget.arkit import approximate_arkit, arkit_map, arkit_to_faps
 from fapengine.retarget.blend import ARKIT_NAMES
-from fapengine.retarget.visemes import (
-    OCULUS_NAMES,
-    VRM0_NAMES,
-    VRM1_NAMES,
-    approximate_presets,
-    approximate_visemes,
-    presets_to_faps,
-    visemes_to_faps,
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,11 +58,12 @@ SHAPE_SETS = {
     for entry in (
         ShapeSet("arkit", tuple(name[0].upper() + name[1:] for name in ARKIT_NAMES), approximate_arkit, arkit_to_faps),
         ShapeSet(
-            "oculus", OCULUS_NAMES, approximate_visemes, visemes_to_faps,
-            tuple((f"{before}{name}", name) for before in ("viseme_", "vrc.v_") for name in OCULUS_NAMES) + _RPM_VOWELS,
+            "oculus", visemes.OCULUS_NAMES, visemes.approximate_visemes, visemes.visemes_to_faps,
+            tuple((before + name, name) for before in ("viseme_", "vrc.v_") for name in visemes.OCULUS_NAMES)
+            + _RPM_VOWELS,
         ),
-        ShapeSet("vrm0", VRM0_NAMES, approximate_presets, presets_to_faps),
-        ShapeSet("vrm1", VRM1_NAMES, approximate_presets, presets_to_faps),
+        ShapeSet("vrm0", visemes.VRM0_NAMES, visemes.approximate_presets, visemes.presets_to_faps),
+        ShapeSet("vrm1", visemes.VRM1_NAMES, visemes.approximate_presets, visemes.presets_to_faps),
     )
 }  # fmt: skip
 """Sets by key."""

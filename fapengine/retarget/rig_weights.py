@@ -11,17 +11,10 @@ from numpy.typing import ArrayLike
 
 from fapengine._arrays import Array, frozen
 from fapengine.mpeg4 import fap
+from fapengine.retarget import visemes
 from fapengine.retarget.arkit import approximate_arkit
 from fapengine.retarget.blend import ARKIT_NAMES, BlendMap
 from fapengine.retarget.blendshape_names import OCULUS, OCULUS_SPELLINGS, UNUSED, Role, by_role, is_arkit, plain
-from fapengine.retarget.visemes import (
-    OCULUS_NAMES,
-    SHOWN,
-    VRM0_NAMES,
-    VRM1_NAMES,
-    approximate_presets,
-    approximate_visemes,
-)
 
 Weights = dict[str, Array]
 """(T,) float64, 0..1, by the name of a shape."""
@@ -111,12 +104,12 @@ def _targets(faps: Array, roles: Sequence[Mapping[Role, Mapping[str, str]]], loo
 def _mouth(faps: Array, present: Mapping[Role, set[str]], looks: bool) -> Targets:
     """Weights of visemes, or of VRM's presets if there are only vowels."""
     if len(present[Role.VISEME] & set(OCULUS)) >= MIN_OCULUS:
-        visemes = zip(OCULUS_NAMES, approximate_visemes(faps).T, strict=True)
-        return {(Role.VISEME, OCULUS_SPELLINGS[name.lower()]): weight for name, weight in visemes}
-    presets = dict(zip(VRM1_NAMES, approximate_presets(faps).T, strict=True))
-    targets: Targets = {(Role.VISEME, name): presets[name] for name in VRM1_NAMES[:SHOWN]}
+        found = zip(visemes.OCULUS_NAMES, visemes.approximate_visemes(faps).T, strict=True)
+        return {(Role.VISEME, OCULUS_SPELLINGS[name.lower()]): weight for name, weight in found}
+    presets = dict(zip(visemes.VRM1_NAMES, visemes.approximate_presets(faps).T, strict=True))
+    targets: Targets = {(Role.VISEME, name): presets[name] for name in visemes.VRM1_NAMES[: visemes.SHOWN]}
     shown = (*MOODS, *LOOKS) if looks else MOODS
-    for older, name in zip(VRM0_NAMES, VRM1_NAMES, strict=True):
+    for older, name in zip(visemes.VRM0_NAMES, visemes.VRM1_NAMES, strict=True):
         if name in shown:
             targets[None, plain(older)] = targets[None, plain(name)] = presets[name]
     return targets

@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.errors import DataError, ResourceError, UnsupportedError
+from fapengine.files.gltf import scene
 from fapengine.files.gltf.document import (
     BINARY_CHUNK,
     JSON_CHUNK,
@@ -36,15 +37,6 @@ from fapengine.files.gltf.document import (
     fetch_uri,
     parse_gltf,
     split_glb,
-)
-from fapengine.files.gltf.scene import (
-    bindings,
-    carrier,
-    find_bones,
-    local_transform,
-    named_targets,
-    subtree,
-    world_transforms,
 )
 from fapengine.files.gltf.writing import Curves, Row, Writer, quaternions_of
 from fapengine.models.via_points import STRAIGHT
@@ -152,14 +144,14 @@ class _Rig:
 
     @classmethod
     def of(cls, gltf: Gltf) -> "_Rig":
-        world, children = world_transforms(gltf)
+        world, children = scene.world_transforms(gltf)
         parents = {child: node for node, below in enumerate(children) for child in below}
-        return cls(gltf, gltf.rows["nodes"], parents, world, children, find_bones(gltf, world))
+        return cls(gltf, gltf.rows["nodes"], parents, world, children, scene.find_bones(gltf, world))
 
     def local_turns(self, node: int, turns: Array) -> Array:
         """(T, 4) quaternions x y z w of a node for rotations in head space, (T, 3, 3)."""
         above = self.world[self.parents[node]][:3, :3] if node in self.parents else np.eye(3)
-        outer, rest = _rotation(above), _rotation(local_transform(self.nodes[node])[:3, :3])
+        outer, rest = _rotation(above), _rotation(scene.local_transform(self.nodes[node])[:3, :3])
         facing = self._facing()
         return quaternions_of(outer.T @ facing @ turns @ facing.T @ outer @ rest)
 
@@ -188,7 +180,7 @@ def _shape_weights(rig: _Rig, faps: Array, meanings: Meanings | None) -> tuple[d
     They follow the targets' names if these are ARKit's or the file is not a VRM, else VRM's expressions.
     """
     titles = [_titles(rig.gltf, mesh) for mesh in rig.gltf.rows["meshes"]]
-    bound = bindings(rig.gltf)
+    bound = scene.bindings(rig.gltf)
     looks = not any(eye in rig.bones for eye in EYES)
     by_mesh = {number: np.zeros((len(faps), len(names))) for number, names in enumerate(titles)}
     used: dict[str, None] = {}
@@ -210,7 +202,7 @@ def _titles(gltf: Gltf, mesh: Item) -> list[str]:
     """Names of a mesh's targets, which all its primitives share; empty for one that moves nothing."""
     titles: list[str] = []
     for item in mesh.items("primitives"):
-        named = named_targets(gltf, mesh, item)
+        named = scene.named_targets(gltf, mesh, item)
         titles += [""] * (len(named) - len(titles))
         for place, (name, target) in enumerate(named):
             titles[place] = titles[place] or (name if _moves(gltf, target) else "")
@@ -241,14 +233,14 @@ def _shapes_turn(rig: _Rig, eye: int) -> bool:
 
     If that cannot be known (the data are damaged, or compressed and not read here), it does: shapes are more usual.
     """
-    below = subtree(eye, rig.children)
+    below = scene.subtree(eye, rig.children)
     for number in rig.world:
         node = rig.nodes[number]
         if "mesh" not in node:
             continue
         mesh = rig.gltf.row(node, "mesh", "meshes")
         for primitive in mesh.items("primitives"):
-            for name, target in named_targets(rig.gltf, mesh, primitive):
+            for name, target in scene.named_targets(rig.gltf, mesh, primitive):
                 if not plain(name).startswith("eyelookdown") or "POSITION" not in target:
                     continue
                 try:
@@ -257,7 +249,7 @@ def _shapes_turn(rig: _Rig, eye: int) -> bool:
                     return True
                 try:
                     moves = rig.gltf.numbers(target, "POSITION")
-                    carry = carrier(rig.gltf, number, primitive.item("attributes"), len(moves), rig.world)
+                    carry = scene.carrier(rig.gltf, number, primitive.item("attributes"), len(moves), rig.world)
                 except (UnsupportedError, ResourceError):
                     return True
                 far = np.linalg.norm(moves, axis=1)
