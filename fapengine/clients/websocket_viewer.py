@@ -101,12 +101,7 @@ class WebSocketViewer:
     """
 
     def __init__(
-        self,
-        url: str,
-        *,
-        session: str | None = None,
-        plays: bool = False,
-        clock: Callable[[], float] = time.monotonic,
+        self, url: str, *, session: str | None = None, plays: bool = False, clock: Callable[[], float] = time.monotonic
     ) -> None:
         self._url = web_socket_of(url, session)
         self._plays = plays

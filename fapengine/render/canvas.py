@@ -16,9 +16,8 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from fapengine._signals import signals_kept
-from fapengine.render.context import moderngl
+from fapengine.render.context import Programs, moderngl
 from fapengine.render.drawing import Drawing, Picture
-from fapengine.render.model import Programs
 from fapengine.render.programs import PICTURE
 
 Rectangle: TypeAlias = tuple[int, int, int, int]

@@ -1,4 +1,4 @@
-"""An OpenGL context without a window, on a GPU or on Mesa's software renderer, and the base class of all renderers."""
+"""OpenGL contexts without a window, on a GPU or on Mesa's software renderer; their programs; the base of renderers."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Self
 from fapengine._late import Late
 from fapengine._signals import signals_kept
 from fapengine.errors import ResourceError
+from fapengine.render.programs import STAGES, stage_source
 
 if TYPE_CHECKING:
     import moderngl as moderngl
@@ -45,6 +46,31 @@ def create_context() -> moderngl.Context:
     except Exception as error:
         fix = FIXES.get(sys.platform, "expected OpenGL 3.3")
         raise ResourceError(f"OpenGL: no context ({error}); {fix}") from error
+
+
+class Programs:
+    """Programs of a context, each compiled when it is first used.
+
+    Stateful.
+    """
+
+    def __init__(self, context: moderngl.Context) -> None:
+        self.context = context
+        self._compiled: dict[tuple[str, tuple[str, ...]], moderngl.Program] = {}
+
+    def get(self, name: str, defined: tuple[str, ...] = ()) -> moderngl.Program:
+        """Return a program of :data:`fapengine.render.programs.STAGES`."""
+        key = name, defined
+        if key not in self._compiled:
+            vertex, fragment = (stage_source(files, defined=defined) for files in STAGES[name])
+            with signals_kept():
+                self._compiled[key] = self.context.program(vertex_shader=vertex, fragment_shader=fragment)
+        return self._compiled[key]
+
+    def release(self) -> None:
+        """Free them all."""
+        while self._compiled:
+            self._compiled.popitem()[1].release()
 
 
 class Renderer(ABC):

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fapengine._arrays import Mask
 from fapengine._signals import signals_kept
-from fapengine.render.context import moderngl
+from fapengine.render.context import Programs, moderngl
 from fapengine.render.drawing import Drawing
 from fapengine.render.packing import ATTRIBUTE_SIZES, FrameUniforms, PackedMesh, halved, wire_edges
 from fapengine.render.programs import (
@@ -21,7 +21,6 @@ from fapengine.render.programs import (
     PARTS,
     SKIN_LEVEL_BIAS,
     Part,
-    build_program,
 )
 
 UNITS = {"u_displacements": 0, "u_normal_deltas": 1, "u_skin": 2}
@@ -32,29 +31,6 @@ WIRE_INK = (0.05, 0.08, 0.12, 0.55)
 TRIANGLES, ONE, SRC_ALPHA, ONE_MINUS_SRC_ALPHA = 4, 1, 0x0302, 0x0303  # numbers of OpenGL
 OVER: Any = (SRC_ALPHA, ONE_MINUS_SRC_ALPHA, ONE, ONE_MINUS_SRC_ALPHA)
 """Blending of partial coverage; the target keeps premultiplied alpha."""
-
-
-class Programs:
-    """Programs of a context, each compiled when it is first used.
-
-    Stateful.
-    """
-
-    def __init__(self, context: moderngl.Context) -> None:
-        self.context = context
-        self._compiled: dict[tuple[str, tuple[str, ...]], moderngl.Program] = {}
-
-    def get(self, name: str, defined: tuple[str, ...] = ()) -> moderngl.Program:
-        """Return a program of :data:`fapengine.render.programs.STAGES`."""
-        key = name, defined
-        if key not in self._compiled:
-            self._compiled[key] = build_program(self.context, name, defined)
-        return self._compiled[key]
-
-    def release(self) -> None:
-        """Free them all."""
-        while self._compiled:
-            self._compiled.popitem()[1].release()
 
 
 class Model:

@@ -1,13 +1,12 @@
-"""Shader programs: their files, the header for the context, and the names that Python and GLSL share."""
+"""Shader programs: their files, the header for the context, and the names that Python and GLSL share.
+
+A server that only hands the sources to a browser needs no OpenGL, so this module has none.
+"""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from fapengine._resources import shader_source
-from fapengine._signals import signals_kept
-
-if TYPE_CHECKING:  # a server that only hands the sources to a browser needs no OpenGL
-    import moderngl
 
 CORE_HEADER = "#version 330 core\n"
 ES_HEADER = "#version 300 es\nprecision highp float;\nprecision highp int;\nprecision highp sampler2D;\n"
@@ -88,10 +87,3 @@ def stage_source(files: Sequence[str], header: str = CORE_HEADER, defined: Seque
     """Source of one stage, with each of ``defined`` as a ``#define``."""
     definitions = "".join(f"#define {name}\n" for name in defined)
     return header + definitions + "\n".join(shader_source(name) for name in files)
-
-
-def build_program(context: "moderngl.Context", name: str, defined: Sequence[str] = ()) -> "moderngl.Program":
-    """Compile and link one of :data:`STAGES`."""
-    vertex, fragment = (stage_source(files, defined=defined) for files in STAGES[name])
-    with signals_kept():
-        return context.program(vertex_shader=vertex, fragment_shader=fragment)

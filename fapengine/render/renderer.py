@@ -24,9 +24,9 @@ from fapengine.mesh.deform import Pose
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.render.camera import Camera
 from fapengine.render.canvas import Backdrop, Canvas, Rectangle
-from fapengine.render.context import Renderer, moderngl
+from fapengine.render.context import Programs, Renderer, moderngl
 from fapengine.render.drawing import DEFAULT_DRAWING, Drawing, Picture
-from fapengine.render.model import Model, Programs
+from fapengine.render.model import Model
 from fapengine.render.packing import FrameUniforms, frame_uniforms, pack, pose_uniforms
 
 Box: TypeAlias = tuple[int, int, int, int]
@@ -224,13 +224,7 @@ class CrowdRenderer(Renderer):
         If OpenGL is not available.
     """
 
-    def __init__(
-        self,
-        meshes: Sequence[FaceMesh],
-        drawing: Drawing = DEFAULT_DRAWING,
-        *,
-        columns: int = 1,
-    ) -> None:
+    def __init__(self, meshes: Sequence[FaceMesh], drawing: Drawing = DEFAULT_DRAWING, *, columns: int = 1) -> None:
         if not meshes:
             raise UsageError("crowd: requires a mesh")
         self.cameras = [drawing.camera] * len(meshes)

@@ -9,7 +9,7 @@ import moderngl
 import pytest
 
 from fapengine.render import programs
-from fapengine.render.context import create_context
+from fapengine.render.context import Programs, create_context
 
 FACE = ("u_displacements", "u_normal_deltas", "u_channels", "u_bones", "u_clip_from_world", "u_eye_position")
 UNIFORMS = {
@@ -34,12 +34,13 @@ def test_shaders_have_the_names_of_the_table() -> None:
     assert len(ALL) == 15
     seen: set[str] = set()
     with create_context() as context:
+        compiled = Programs(context)
         for name, defined in ALL:
-            program = programs.build_program(context, name, defined)
+            program = compiled.get(name, defined)
             uniforms = {key for key in program if isinstance(program[key], moderngl.Uniform)}
             assert uniforms == expected_uniforms(name, defined), (name, defined)
             seen |= {key for key in program if key.startswith("a_")}
-        face = programs.build_program(context, "face")
+        face = compiled.get("face")
         assert face["u_channels"].array_length * 4 == programs.MAX_CHANNELS  # type: ignore[union-attr]
     assert seen == set(programs.FACE_ATTRIBUTES)
 
