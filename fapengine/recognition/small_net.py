@@ -151,7 +151,8 @@ class Weights:
     pairs: Floats
     """Counts of a label after another, (C, C)."""
     other: Floats
-    """Log likelihood ratio of a label where PocketSphinx finds another, (found, C) (:class:`.JointRecognizer`)."""
+    """Log likelihood ratio of a label where PocketSphinx finds another, (found, C), for
+    :class:`.small_recognizer.JointRecognizer`."""
     about: dict[str, Any]
     """Origin of the weights."""
 
