@@ -72,7 +72,7 @@ def run(folder: Path, commands: list[list[str]], platform: str = sys.platform) -
 
     program = RUNNER.format(lacking=LACKING, platform=platform)
     command = [sys.executable, "-c", program, json.dumps(commands)]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120)
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=300)
     return [line for line in done.stdout.splitlines() if line.startswith("CODE ")], done.stderr
 
 

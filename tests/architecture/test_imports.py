@@ -11,7 +11,7 @@ HEAVY = {"numpy", "scipy", "moderngl", "av", "PIL", "numba", "sounddevice", "pyt
 
 def modules_after(statement: str) -> set[str]:
     code = f"import sys\n{statement}\nimport json; print(json.dumps(sorted(m.partition('.')[0] for m in sys.modules)))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=300)
     return set(json.loads(done.stdout.splitlines()[-1]))
 
 

@@ -66,7 +66,7 @@ def folder(tmp_path: Path) -> Path:
 def run(program: str, site: Path, folder: Path, *arguments: str) -> "subprocess.CompletedProcess[str]":
     """Run a program in a Python that has this site alone."""
     command = [sys.executable, "-I", "-S", "-c", f"{START}\n{program}", str(site), *arguments]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120)
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=300)
 
 
 def test_python_writes_what_the_command_line_writes(site: Path, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parent.parent.parent
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("wheel")
     command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation"]
-    subprocess.run([*command, "--wheel-dir", str(folder), str(ROOT)], check=True, timeout=120, capture_output=True)
+    subprocess.run([*command, "--wheel-dir", str(folder), str(ROOT)], check=True, timeout=300, capture_output=True)
     (built,) = folder.glob("fapengine-*.whl")
     return built
 
@@ -37,7 +37,7 @@ def test_wheel_holds_every_shader_profile_and_page(wheel: Path) -> None:
 def test_wheel_works_outside_the_checkout(wheel: Path, tmp_path: Path) -> None:
     target = tmp_path / "site"
     command = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--target", str(target), str(wheel)]
-    subprocess.run(command, check=True, timeout=120, capture_output=True)
+    subprocess.run(command, check=True, timeout=300, capture_output=True)
     code = (
         "import fapengine; from fapengine._resources import profile_ids, shader_source; "
         "print(fapengine.__file__); print(len(profile_ids())); print(len(shader_source('face.vert')))"

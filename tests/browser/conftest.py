@@ -54,7 +54,7 @@ class Server:
     def end(self) -> int:
         """Ask it to stop; its exit code."""
         self.process.terminate()
-        self.process.communicate(timeout=100)
+        self.process.communicate(timeout=300)
         return self.process.returncode
 
 
@@ -81,7 +81,7 @@ class Page:
     def run(self, code: str) -> Any:
         return self._runner.run(self._browser.run(code))
 
-    def until(self, condition: str, limit_s: float = 120.0) -> None:
+    def until(self, condition: str, limit_s: float = 300.0) -> None:
         self._runner.run(self._browser.until(condition, limit_s))
 
     def picture(self) -> np.ndarray:

@@ -7,7 +7,7 @@ import numpy as np
 from tests.browser.conftest import Page
 
 FACE = "document.getElementById('face')"
-LIMIT_S = 120.0
+LIMIT_S = 300.0
 TROUBLE = "document.getElementById('trouble')"
 
 

@@ -51,9 +51,9 @@ def packed(folder: Path) -> None:
     """Put what lies in ``built`` into ``package``, as npm packs it; as it is, where npm is not."""
     if npm := shutil.which("npm"):
         command = [npm, "pack", "--silent", "--pack-destination", str(folder)]
-        subprocess.run(command, cwd=folder / "built", check=True, capture_output=True, timeout=60)
+        subprocess.run(command, cwd=folder / "built", check=True, capture_output=True, timeout=300)
         (tarball,) = folder.glob("*.tgz")
-        subprocess.run(["tar", "-xzf", str(tarball), "-C", str(folder)], check=True, timeout=60)
+        subprocess.run(["tar", "-xzf", str(tarball), "-C", str(folder)], check=True, timeout=300)
     else:
         shutil.copytree(folder / "built", folder / "package")
 

@@ -98,7 +98,7 @@ def detect(pictures: NDArray[np.uint8], folder: Path) -> Array:
     """Landmarks of the face in each picture, (N, 478, 3) pixels; NaN where none is found."""
     np.save(folder / "pictures.npy", pictures)
     command = [PYTHON, HERE / "landmarks.py", folder / "pictures.npy", folder / "landmarks.npy"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 0, done.stderr[-2000:]
     landmarks: Array = np.load(folder / "landmarks.npy")
     return landmarks

@@ -15,7 +15,7 @@ COUNT = 24
 
 
 def fapengine(*words: object, code: int = 0) -> str:
-    done = subprocess.run([*RUN, *map(str, words)], capture_output=True, text=True, timeout=120)
+    done = subprocess.run([*RUN, *map(str, words)], capture_output=True, text=True, timeout=300)
     assert done.returncode == code, done.stderr
     return done.stdout
 
@@ -106,7 +106,7 @@ if __name__ == "__main__":
 def test_dask_s_workers_write_the_same_and_one_may_be_killed(corpus: Path, tmp_path: Path) -> None:
     (tmp_path / "on_dask.py").write_text(ON_DASK)
     command = [sys.executable, str(tmp_path / "on_dask.py"), str(corpus), str(tmp_path / "out")]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert done.stdout.split() == [str(COUNT), "0", "1"], done.stderr[-3000:]
     fapengine("batch", corpus, "-o", tmp_path / "serial", "--to", "fap", "--workers", 0)
     assert contents(tmp_path / "out") == contents(tmp_path / "serial")

@@ -19,7 +19,7 @@ def run(*arguments: str, shell: str = "", **environment: str) -> subprocess.Comp
     """A verb in a process; ``shell`` says where its streams go."""
     command = ["sh", "-c", f'exec "$@" {shell}', "sh", sys.executable, "-m", "fapengine", *arguments]
     return subprocess.run(
-        command, env={**os.environ, **environment}, capture_output=True, encoding="utf-8", timeout=60, check=False
+        command, env={**os.environ, **environment}, capture_output=True, encoding="utf-8", timeout=300, check=False
     )  # fmt: skip
 
 

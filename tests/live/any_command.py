@@ -44,7 +44,7 @@ DAMAGED = 0.05
 """Share of the messages to every second face that have a byte changed."""
 SETTLE_S = 11.5
 """The slowest fade and its closures, in the server's time, which its frames tell."""
-LIMIT_S = 100.0
+LIMIT_S = 300.0
 """Time on the wall in which a server shows so many seconds: only one that hangs takes longer."""
 GROWTH_MB = 8.0
 

@@ -132,7 +132,7 @@ async def running(
         await task
 
 
-def on_a_loop(main: Callable[[], Coroutine[None, None, None]], limit_s: float = 200.0) -> None:
+def on_a_loop(main: Callable[[], Coroutine[None, None, None]], limit_s: float = 600.0) -> None:
     """Run a test, with a limit so that none hangs."""
 
     async def whole() -> None:
@@ -143,7 +143,7 @@ def on_a_loop(main: Callable[[], Coroutine[None, None, None]], limit_s: float = 
     asyncio.run(asyncio.wait_for(whole(), limit_s))
 
 
-async def until(true: Callable[[], bool], limit_s: float = 100.0) -> None:
+async def until(true: Callable[[], bool], limit_s: float = 300.0) -> None:
     """Let the loop work until something is so."""
     stop_s = asyncio.get_running_loop().time() + limit_s
     while not true():
@@ -180,10 +180,10 @@ class Serve:
 
     def end(self, number: int) -> int:
         self.process.send_signal(number)
-        return self.process.wait(100)
+        return self.process.wait(300)
 
 
-def wait(true: Callable[[], bool], limit_s: float = 100.0, work: Callable[[], object] = lambda: None) -> None:
+def wait(true: Callable[[], bool], limit_s: float = 300.0, work: Callable[[], object] = lambda: None) -> None:
     stop_s = time.monotonic() + limit_s
     while not true():
         assert time.monotonic() < stop_s, "it never became so"

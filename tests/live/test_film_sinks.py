@@ -110,7 +110,7 @@ def test_a_stream_is_received_with_picture_and_sound(free_port: int) -> None:
                 sink = server.sinks[0]
                 await until(lambda: sink.counts.sent > 10)  # it came later than the server, and was found
                 await server.hub.speak("face", "Mama, bring me some jam. And a pipe, please, and bananas.")
-                told, errors = await asyncio.to_thread(listener.communicate, timeout=60)
+                told, errors = await asyncio.to_thread(listener.communicate, timeout=300)
             codecs, last = told.splitlines()
             assert codecs == "h264 aac", errors
             grows, red, *_, blue = last.split()

@@ -113,7 +113,7 @@ def test_a_sender_that_comes_back_begins_anew() -> None:
 def test_a_port_that_is_taken_is_one_line_and_exit_code_3(tmp_path: Path) -> None:
     ear = Ear.open()
     command = [sys.executable, "-m", "fapengine", "serve", "--no-page", "--port", str(ear.port)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, env=dict(os.environ))
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, env=dict(os.environ))
     assert done.returncode == 3
     assert done.stderr.startswith(
         f"fapengine: UDP port {ear.port} on 127.0.0.1: Address already in use; choose another"

@@ -76,7 +76,7 @@ def test_you_say_it(null_sink: Mapping[str, str], tmp_path: Path) -> None:
             wait(lambda: max(ear.jaw("face")) > 20, 300.0)
         wait(lambda: not any(ear.jaw("face")[-20:]))
         face.send_signal(signal.SIGINT)
-        out, err = face.communicate(timeout=60)
+        out, err = face.communicate(timeout=300)
     assert face.returncode == 0, err.decode()
     told = json.loads(out)
     assert told["heard_s"] > 0
@@ -96,7 +96,7 @@ def test_you_say_it(null_sink: Mapping[str, str], tmp_path: Path) -> None:
 )
 def test_a_microphone_that_is_not_there_is_told(words: list[str]) -> None:
     command = [sys.executable, "-m", "fapengine", *words]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert done.returncode == 3
     assert "microphone: " in done.stderr
     assert "Traceback" not in done.stderr

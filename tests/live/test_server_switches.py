@@ -18,7 +18,7 @@ from tests.unit.recognition.speech import BABY, FAPU_MM, spoken
 PHONES = [Phone(label, n / 8, (n + 1) / 8) for n, label in enumerate("mamapapa")]
 WORDS = [("My", 0.1, 0.3), ("baby", 0.35, 0.75), ("mumbles", 0.8, 1.4), ("a", 1.45, 1.5), ("poem", 1.55, 2.0)]
 AHEAD_S = 0.6
-LIMIT_S = 100.0
+LIMIT_S = 300.0
 
 
 def opening(ear: Ear, session: str, zero_s: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

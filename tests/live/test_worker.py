@@ -89,7 +89,7 @@ def test_a_worker_opens_what_it_was_given_and_no_more() -> None:
         assert (await answered(direct, HELLO))[0] == "/fap/1/moved"
 
         parent.link.close()  # the parent ends
-        await asyncio.wait_for(task, 20.0)
+        await asyncio.wait_for(task, 300.0)
         for one in (front, other):
             one.close()
         direct.close()

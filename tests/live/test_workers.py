@@ -49,7 +49,7 @@ class Stage:
         return time.monotonic()
 
     def metrics(self) -> dict[str, float]:
-        text = urllib.request.urlopen(self.serve.where["metrics"], timeout=100).read().decode()
+        text = urllib.request.urlopen(self.serve.where["metrics"], timeout=300).read().decode()
         return {key: float(value) for key, value in re.findall(r"^([^#\s]\S*) (\S+)$", text, re.M)}
 
     def end(self) -> None:
@@ -127,7 +127,7 @@ def test_a_worker_killed_in_a_word_shuts_its_mouths_and_others_speak_on(tmp_path
 def test_pages_and_streams_are_handed_over_and_rest_when_the_parent_is_killed(tmp_path: Path) -> None:
     with staged(tmp_path, "--web-port", "0") as stage:
         url = stage.serve.where["page"]
-        assert b"<canvas" in urllib.request.urlopen(url, timeout=100).read()
+        assert b"<canvas" in urllib.request.urlopen(url, timeout=300).read()
         viewers = {name: WebSocketViewer(url, session=name) for name in SESSIONS}
         wait(lambda: all(viewer.state == "open" for viewer in viewers.values()))
         client = Client(*stage.serve.address, session="anna", tcp=True).wait(60.0)

@@ -39,7 +39,7 @@ CARRIED = tuple(f"now say {word} again please" for word in WORDS)
 
 def _flite(text: str, *options: str) -> str:
     command = ["flite", *options, "-t", text, "none"]
-    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=100).stdout
+    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=300).stdout
 
 
 @cache

@@ -90,7 +90,7 @@ def test_another_thread_is_refused() -> None:
         face.frame()
         thread = threading.Thread(target=use, args=(face,))
         thread.start()
-        thread.join(60)
+        thread.join(300)
         assert len(errors) == 4
         assert face.frame().shape == (68,)
 
@@ -100,7 +100,7 @@ def test_a_thread_may_use_a_face_that_another_made() -> None:
         shapes = []
         thread = threading.Thread(target=lambda: shapes.append(face.frame().shape))
         thread.start()
-        thread.join(60)
+        thread.join(300)
         assert shapes == [(68,)]
 
 

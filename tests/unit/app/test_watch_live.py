@@ -13,7 +13,7 @@ from fapengine.errors import ResourceError, UsageError
 from fapengine.files.landmarks import LANDMARKS
 
 PICTURE = np.zeros((4, 4, 3), np.uint8)
-APART_S, LIMIT_S = 0.005, 60.0
+APART_S, LIMIT_S = 0.005, 300.0
 
 
 class Detector:

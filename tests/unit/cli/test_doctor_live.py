@@ -26,7 +26,7 @@ def looked_at(part: str, environment: Mapping[str, str]) -> tuple[bool, str]:
         "except doctor.LackError as lack:\n    print(*lack.args, sep='; ')\n    sys.exit(9)"
     )
     done = subprocess.run(
-        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=60, check=False
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=300, check=False
     )
     assert done.returncode in (0, 9), done.stderr
     return done.returncode == 0, done.stdout

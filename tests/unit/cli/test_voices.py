@@ -22,5 +22,5 @@ def test_the_list_has_every_voice_and_its_other_codes() -> None:
 def test_a_shell_completes_voices() -> None:
     words = {"COMP_WORDS": "fapengine say Hello --voice fr-", "COMP_CWORD": "4", "_FAPENGINE_COMPLETE": "complete_bash"}
     command = [sys.executable, "-c", "import sys; sys.argv = ['fapengine']; from fapengine.cli import main; main()"]
-    done = subprocess.run(command, env=os.environ | words, capture_output=True, text=True, timeout=100)
+    done = subprocess.run(command, env=os.environ | words, capture_output=True, text=True, timeout=300)
     assert done.stdout.split() == ["fr-be", "fr-ch", "fr-fr"]

@@ -25,7 +25,7 @@ from fapengine.wire.speech_osc.schema import WirePhone
 from tests.english import english
 
 MAMA = [Phone("m", 0.0, 0.08), Phone("ɑ", 0.08, 0.2), Phone("m", 0.2, 0.28), Phone("ɑ", 0.28, 0.4)]
-SOON_S = 100.0
+SOON_S = 300.0
 """Far more than anything here takes."""
 
 

@@ -24,7 +24,7 @@ from fapengine.render.live import Quality
 def run(environment: Mapping[str, str], display: str, *arguments: object) -> dict[str, float]:
     command = [sys.executable, "-m", "fapengine", *map(str, arguments), "--json"]
     done = subprocess.run(
-        command, env={**environment, "DISPLAY": display}, capture_output=True, text=True, timeout=90, check=False
+        command, env={**environment, "DISPLAY": display}, capture_output=True, text=True, timeout=300, check=False
     )
     assert done.returncode == 0, done.stderr
     assert "Traceback" not in done.stderr

@@ -32,7 +32,7 @@ from tests.patient import until_delivered
 from tests.processes import start
 
 
-def until(done: Callable[[], bool], seconds: float = 120.0) -> bool:
+def until(done: Callable[[], bool], seconds: float = 300.0) -> bool:
     stop = time.monotonic() + seconds
     while time.monotonic() < stop:
         if done():
@@ -186,17 +186,17 @@ class SoundServer:
         self._is_up = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
-        assert self._is_up.wait(10)
+        assert self._is_up.wait(300)
 
     def tell(self, text: str) -> None:
-        asyncio.run_coroutine_threadsafe(self.socket.send_str(text), self.loop).result(10)
+        asyncio.run_coroutine_threadsafe(self.socket.send_str(text), self.loop).result(300)
 
     def let(self) -> None:
         self.loop.call_soon_threadsafe(self._is_let.set)
 
     def close(self) -> None:
         self.loop.call_soon_threadsafe(self.loop.stop)
-        self._thread.join(10)
+        self._thread.join(300)
 
     def _run(self) -> None:
         app = web.Application()

@@ -18,7 +18,7 @@ from tests.processes import start
 HEADS = st.dictionaries(st.text(max_size=8), st.none() | st.integers() | st.text(max_size=20), max_size=4)
 MESSAGES = st.lists(st.tuples(HEADS, st.binary(max_size=300)), max_size=5)
 ME = "tests.unit.ground.test_child"
-GONE_S = 60.0
+GONE_S = 300.0
 """Time after which the last test gives up."""
 
 

@@ -41,7 +41,7 @@ def spoken(voice: str, text: str) -> Spoken:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "speech.wav"
         command = ["flite", "-voice", voice, "-t", text, "-o", str(path), "-psdur"]
-        done = subprocess.run(command, capture_output=True, check=True, timeout=60)
+        done = subprocess.run(command, capture_output=True, check=True, timeout=300)
         samples, _ = load_sound(path, rate_hz=RATE_HZ)
     return Spoken(text, samples, parse_flite(done.stdout))
 

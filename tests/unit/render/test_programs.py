@@ -47,7 +47,7 @@ def test_shaders_have_the_names_of_the_table() -> None:
 
 def linked_in_es(sources: dict[str, tuple[str, str]]) -> dict[str, str]:
     command = [sys.executable, str(Path(__file__).with_name("gles.py"))]
-    done = subprocess.run(command, input=json.dumps(sources), capture_output=True, text=True, check=False, timeout=60)
+    done = subprocess.run(command, input=json.dumps(sources), capture_output=True, text=True, check=False, timeout=300)
     assert done.returncode == 0, done.stderr
     return dict(json.loads(done.stdout))
 

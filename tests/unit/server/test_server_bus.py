@@ -98,7 +98,7 @@ def joined(wire: Wire, leases: Bucket, records: Bucket, port: int, fenced: list[
 async def found(end: Bus, session: str) -> Here | Machine | None:
     settled = asyncio.Event()
     if end.settle(session, settled.set):
-        await asyncio.wait_for(settled.wait(), 60.0)
+        await asyncio.wait_for(settled.wait(), 300.0)
     return end.find(session)
 
 
@@ -136,7 +136,7 @@ def test_two_machines_agree_on_every_session_and_one_that_steps_down_hands_over(
             assert isinstance(await found(ends[0], name), Machine)  # it goes on to tell where
 
         leases.is_away = True
-        await until(lambda: fenced == [2], 10.0)
+        await until(lambda: fenced == [2], 300.0)
         assert ends[1].fences == 1
         assert ends[1].find(names[1]) is None
         for task in keeping:
@@ -293,7 +293,7 @@ def test_a_connection_is_copied_both_ways_until_it_ends() -> None:
         await loop.sock_sendall(ours, b"hello")
         assert await loop.sock_recv(ours, 100) == b"HELLO"
         ours.close()
-        await asyncio.wait_for(copying, 5.0)
+        await asyncio.wait_for(copying, 300.0)
         theirs.close()
         server.close()
 
@@ -304,7 +304,7 @@ def test_a_sender_that_is_not_answered_asks_the_next_address(monkeypatch: pytest
     monkeypatch.setattr(connection, "LOST_S", 0.1)
     first, second = udp(), udp()
     client = sender.Client(*first.getsockname(), session="anna", others=[second.getsockname()])
-    stop_s = time.monotonic() + 60.0
+    stop_s = time.monotonic() + 300.0
     data = b""
     while b"/fap/1/hello" not in data and time.monotonic() < stop_s:
         try:

@@ -61,12 +61,12 @@ def run(main: Callable[[Ingress, Echo], Coroutine[None, None, None]], queue: Fai
         for _ in range(5):
             await asyncio.sleep(0)
 
-    asyncio.run(asyncio.wait_for(whole(), 30))
+    asyncio.run(asyncio.wait_for(whole(), 300))
     return made[0]
 
 
 async def until(true: Callable[[], bool]) -> None:
-    for _ in range(10_000):
+    for _ in range(200_000):
         if true():
             return
         await asyncio.sleep(0.001)
@@ -76,7 +76,7 @@ async def until(true: Callable[[], bool]) -> None:
 def caller() -> socket.socket:
     one = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     one.bind(("127.0.0.1", 0))
-    one.settimeout(10)
+    one.settimeout(300)
     return one
 
 

@@ -311,7 +311,7 @@ class Guest:
 
 async def until(true: Callable[[], bool]) -> None:
     """Let the loop work until something is so."""
-    for _ in range(5000):
+    for _ in range(200_000):
         if true():
             return
         await asyncio.sleep(0.001)

@@ -41,7 +41,7 @@ from tests.english import english
 from tests.patient import PatientClock
 from tests.unit.recognition.speech import spoken_by_espeak
 
-LIMIT_S = 20.0
+LIMIT_S = 300.0
 Use = Callable[[TestClient, Hub], Awaitable[None]]
 
 
