@@ -150,7 +150,7 @@ def score(
         Opening below which lips count as closed.
     thresholds : mapping of str to float, optional
         Thresholds of the verdict by name, such as ``{"closures": 95, "lag": 80}``: the names and units of
-        ``fapengine score --fail-under``.
+        :data:`fapengine.scoring.thresholds.LIP_THRESHOLDS`.
 
     Returns
     -------

@@ -64,7 +64,7 @@ def parse_npz(data: bytes) -> RawTrack:
 
 
 def unpack_npz(data: bytes) -> dict[str, NDArray[Any]]:
-    """Read the arrays of an archive.
+    """Read the arrays of an archive, of any shape ``(...)``, by name.
 
     Raises
     ------

@@ -65,6 +65,10 @@ def _array(data: bytes) -> NDArray[Any]:
 def load_indices(path: Path) -> NDArray[np.int64]:
     """Read vertex indices: a text of whole numbers, separated by commas or white space, or an array of them (``.npy``).
 
+    Returns
+    -------
+    (N,) int64
+
     Raises
     ------
     UsageError

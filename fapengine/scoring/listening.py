@@ -1,6 +1,6 @@
 """Answers of a listening test: whom people prefer, with intervals, and who failed the attention checks.
 
-The page (``fapengine score --listen``) shows the same utterance by two systems and asks which fits its speech better.
+The page (:mod:`fapengine.app.listening`) shows the same utterance by two systems and asks which fits its speech better.
 Attention checks show one film twice, once with a picture that stands still. Who chooses the standing one in more than
 a quarter of the checks is left out, and counted.
 """

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from fapengine.errors import UsageError
 
-LEAST, MOST = "at least", "at most"
+MINIMUM, MAXIMUM = "at least", "at most"
 """Sides of a threshold."""
 SPEECH, TRUTH = ("phones", "audio", "against"), ("against",)
 """What figures are measured against."""
@@ -32,7 +32,7 @@ class Threshold:
 
     def passes(self, value: float, limit: float) -> bool:
         """Whether a value satisfies a threshold."""
-        return value >= limit if self.side == LEAST else value <= limit
+        return value >= limit if self.side == MINIMUM else value <= limit
 
     def spell(self, value: float) -> str:
         """Format a value with its unit."""
@@ -45,26 +45,26 @@ class Threshold:
 
 # fmt: off
 LIP_THRESHOLDS = (
-    Threshold("opens",     "mm",  LEAST, 2.0,   (),                  "how far the mouth opens in speech"),
-    Threshold("lag",       "ms",  MOST,  90.0,  SPEECH,              "how late the lips are"),
-    Threshold("lead",      "ms",  MOST,  185.0, SPEECH,              "how early the lips are"),
-    Threshold("closures",  "%",   LEAST, 90.0,  SPEECH,              "p b m that close, or closures of the reference"),
-    Threshold("teeth",     "%",   LEAST, None,  ("phones", "audio"), "f v that meet the teeth"),
-    Threshold("explained", "%",   LEAST, None,  SPEECH,              "closed time near a p b m f v"),
-    Threshold("r",         "",    LEAST, None,  TRUTH,               "correlation of the opening"),
-    Threshold("slope",     "",    LEAST, None,  TRUTH,               "opening relative to the reference"),
-    Threshold("mtm",       "ms",  MOST,  None,  TRUTH,               "mean temporal misalignment"),
-    Threshold("mod",       "mm",  MOST,  None,  TRUTH,               "mean distance of the opening"),
-    Threshold("lve",       "mm2", MOST,  None,  TRUTH,               "lip vertex error, squared"),
-    Threshold("slcc",      "",    LEAST, None,  ("audio",),          "lips move more where speech is louder"),
+    Threshold("opens",     "mm",  MINIMUM, 2.0,   (),                  "how far the mouth opens in speech"),
+    Threshold("lag",       "ms",  MAXIMUM, 90.0,  SPEECH,              "how late the lips are"),
+    Threshold("lead",      "ms",  MAXIMUM, 185.0, SPEECH,              "how early the lips are"),
+    Threshold("closures",  "%",   MINIMUM, 90.0,  SPEECH,              "closures of p b m, or of the reference"),
+    Threshold("teeth",     "%",   MINIMUM, None,  ("phones", "audio"), "f v that meet the teeth"),
+    Threshold("explained", "%",   MINIMUM, None,  SPEECH,              "closed time near a p b m f v"),
+    Threshold("r",         "",    MINIMUM, None,  TRUTH,               "correlation of the opening"),
+    Threshold("slope",     "",    MINIMUM, None,  TRUTH,               "opening relative to the reference"),
+    Threshold("mtm",       "ms",  MAXIMUM, None,  TRUTH,               "mean temporal misalignment"),
+    Threshold("mod",       "mm",  MAXIMUM, None,  TRUTH,               "mean distance of the opening"),
+    Threshold("lve",       "mm2", MAXIMUM, None,  TRUTH,               "lip vertex error, squared"),
+    Threshold("slcc",      "",    MINIMUM, None,  ("audio",),          "lips move more where speech is louder"),
 )
 """Of a mouth. Lag and lead: what viewers still accept, ITU-R BT.1359-1."""
 MESH_THRESHOLDS = (
-    Threshold("lve",       "unit2", MOST, None, ("lips",),  "lip vertex error, squared"),
-    Threshold("lve_root",  "unit",  MOST, None, ("lips",),  "lip vertex error"),
-    Threshold("mve",       "unit",  MOST, None, (),         "mean vertex error"),
-    Threshold("fdd",       "unit2", MOST, None, ("upper",), "upper-face dynamics deviation, squared"),
-    Threshold("fdd_root",  "unit",  MOST, None, ("upper",), "upper-face dynamics deviation"),
+    Threshold("lve",       "unit2", MAXIMUM, None, ("lips",),  "lip vertex error, squared"),
+    Threshold("lve_root",  "unit",  MAXIMUM, None, ("lips",),  "lip vertex error"),
+    Threshold("mve",       "unit",  MAXIMUM, None, (),         "mean vertex error"),
+    Threshold("fdd",       "unit2", MAXIMUM, None, ("upper",), "upper-face dynamics deviation, squared"),
+    Threshold("fdd_root",  "unit",  MAXIMUM, None, ("upper",), "upper-face dynamics deviation"),
 )
 """Of meshes, in their unit."""
 # fmt: on

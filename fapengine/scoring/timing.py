@@ -18,8 +18,6 @@ count, so the fraction of those with one is given too.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
-from scipy.signal import find_peaks
 
 from fapengine._arrays import Array, Indices
 from fapengine.scoring.mouth import Mouth, is_bilabial, is_labiodental
@@ -81,7 +79,14 @@ def expected_opening(phones: PhoneTrack, times_s: Array) -> Array:
     if not len(starts):
         return np.zeros(len(times_s))
     row = np.clip(np.searchsorted(starts, times_s, side="right") - 1, 0, len(starts) - 1)
-    return np.asarray(gaussian_filter1d(level[row], PHONE_SMOOTHING_S * GRID_HZ))
+    return smoothed(level[row], PHONE_SMOOTHING_S)
+
+
+def smoothed(values: Array, sd_s: float) -> Array:
+    """Smooth values, (T,) at :data:`GRID_HZ`, by a Gaussian with a standard deviation in s."""
+    from scipy.ndimage import gaussian_filter1d
+
+    return np.asarray(gaussian_filter1d(values, sd_s * GRID_HZ))
 
 
 def _opens(phone: Phone) -> float:
@@ -98,7 +103,7 @@ def lag_ms(made: Array, true: Array) -> float | None:
     reach = min(int(REACH_S * GRID_HZ), len(made) // 2)
     if reach < 1 or np.ptp(made) < MIN_PROMINENCE_MM or np.ptp(true) < 1e-6:
         return None
-    a, b = (np.gradient(gaussian_filter1d(each, LAG_SMOOTHING_S * GRID_HZ)) for each in (made, true))
+    a, b = (np.gradient(smoothed(each, LAG_SMOOTHING_S)) for each in (made, true))
     score = np.full(2 * reach + 1, -1.0)
     for place, shift in enumerate(range(-reach, reach + 1)):
         one, other = a[max(shift, 0) : len(a) + min(shift, 0)], b[max(-shift, 0) : len(b) - max(shift, 0)]
@@ -113,7 +118,9 @@ def lag_ms(made: Array, true: Array) -> float | None:
 
 def misalignment(made: Array, true: Array) -> tuple[float | None, float | None]:
     """Mean temporal misalignment in ms of openings, (T,) mm at :data:`GRID_HZ`, and the fraction of extrema met."""
-    made, true = (gaussian_filter1d(each, SMOOTHING_S * GRID_HZ) for each in (made, true))
+    from scipy.signal import find_peaks
+
+    made, true = (smoothed(each, SMOOTHING_S) for each in (made, true))
     first, last = warp(np.gradient(true), np.gradient(made), int(REACH_S * GRID_HZ))
     extrema = {sign: find_peaks(sign * true, prominence=MIN_PROMINENCE_MM)[0] for sign in (1, -1)}
     every = np.unique(np.concatenate([*extrema.values()]))

@@ -11,7 +11,7 @@ from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack
 from fapengine.scoring.mouth import mouth_of
 from fapengine.scoring.score import Score, score_mouth
-from fapengine.scoring.thresholds import LEAST, LIP_THRESHOLDS, MESH_THRESHOLDS, parse_thresholds
+from fapengine.scoring.thresholds import LIP_THRESHOLDS, MESH_THRESHOLDS, MINIMUM, parse_thresholds
 from fapengine.scoring.verdict import CLOSURES_HEARD, MEASURES, VERTEX_MEASURES, judge
 from fapengine.scoring.vertices import VertexErrors
 
@@ -72,7 +72,7 @@ def test_lips_that_are_late_fail_before_what_follows_from_it(
 def test_open_lips_fail_with_their_times(spoken: fapengine.Performance) -> None:
     (fault,) = judge(scored(spoken, opened(spoken.track.values)), MEASURES).faults
     assert fault.check == "closures"
-    assert fault.message == "closures 0 % (p b m that close, or closures of the reference; at least 90 %)"
+    assert fault.message == "closures 0 % (closures of p b m, or of the reference; at least 90 %)"
     assert len(fault.times_s) >= 8
 
 
@@ -83,7 +83,7 @@ def test_each_threshold_can_fail_and_pass(spoken: fapengine.Performance, measure
         score = scored(spoken, spoken.track.values // 2)
     value = measure.value(score)  # type: ignore[attr-defined]
     assert value is not None
-    for beyond, passes in ((-1, measure.row.side == LEAST), (0, True), (1, measure.row.side != LEAST)):  # type: ignore[attr-defined]
+    for beyond, passes in ((-1, measure.row.side == MINIMUM), (0, True), (1, measure.row.side != MINIMUM)):  # type: ignore[attr-defined]
         verdict = judge(score, [measure], {measure.row.name: value + beyond})  # type: ignore[list-item, attr-defined]
         assert verdict.passes == passes
     assert measure.weight(score) > 0  # type: ignore[attr-defined]
