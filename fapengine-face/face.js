@@ -17,7 +17,7 @@ export class FaceView {
     this.wall = wall;
     const options = { alpha: wall === null, antialias: false, depth: true, powerPreference: "high-performance" };
     this.gl = canvas.getContext("webgl2", options);
-    if (!this.gl) throw new Error("This browser has no WebGL2; any current one has it, if its graphics are switched on.");
+    if (!this.gl) throw new Error("This browser has no WebGL2. Current browsers have it if hardware acceleration is enabled.");
     canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
     canvas.addEventListener("webglcontextrestored", () => this.build());
     this.build();

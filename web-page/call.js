@@ -38,7 +38,7 @@ class Call {
       headers: { "Content-Type": "application/sdp" },
     });
     const text = await response.text();
-    if (response.status === 404) throw new Error("This server takes no calls: start it with fapengine serve --webrtc.");
+    if (response.status === 404) throw new Error("Calls are not enabled on this server: start it with fapengine serve --webrtc.");
     if (response.status !== 201) throw new Error(text || `The server answered ${response.status}.`);
     this.place = response.headers.get("Location");
     if (this.over) return this.end(); // hung up meanwhile
@@ -149,7 +149,7 @@ async function speak() {
     const own = (speaking = new Call("whip", (reason) => silence(reason)));
     for (const track of stream.getAudioTracks()) {
       own.peer.addTransceiver(track, { direction: "sendonly", streams: [stream] });
-      track.onended = () => speaking === own && silence("The microphone is gone.");
+      track.onended = () => speaking === own && silence("The microphone was disconnected.");
     }
     await own.begin();
     face.muted = true; // or you would hear yourself

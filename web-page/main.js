@@ -181,7 +181,7 @@ class Page {
     this.hasChosenSilence = !wanted;
     const on = await this.session.play(wanted);
     this.showSound(on);
-    if (wanted && !on) this.told("This browser has no sound to play on; the face speaks silently.");
+    if (wanted && !on) this.told("This browser has no audio output; the face speaks silently.");
   }
 
   showSound(on) {
@@ -190,7 +190,7 @@ class Page {
     button.disabled = heardElsewhere;
     button.setAttribute("aria-pressed", on);
     button.textContent = heardElsewhere ? "At server" : on ? "Sound on" : "Sound off";
-    button.title = heardElsewhere ? "The server plays the sound, on its machine" : "Sound on this page (M)";
+    button.title = heardElsewhere ? "The server plays the sound on its own audio output" : "Sound on this page (M)";
   }
 
   async setMicrophone(wanted) {
@@ -353,7 +353,7 @@ class Page {
     this.panel.rest(); // what is set is told next
     for (const [setting, value] of Object.entries(manner)) this.panel.manner(setting, value);
     for (const id of ["text", "say", "voice"]) byId(id).disabled = !voice;
-    byId("text").placeholder = voice ? "Type a sentence and press Enter" : "The server has no voice; phones come by OSC";
+    byId("text").placeholder = voice ? "Type a sentence and press Enter" : "The server has no voice; send phones by OSC";
     this.showSound(this.session.sound.on && !this.session.heardElsewhere);
   }
 

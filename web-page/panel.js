@@ -147,7 +147,7 @@ export class Panel {
   rates({ low, high, usual }) {
     const text = (number) => `${number}`;
     const made = row("rate", "Rate", { low, high, step: 1, value: usual, text }, (value) => (this.rate = value));
-    made.input.title = "Words a minute";
+    made.input.title = "Words per minute";
     this.rate = null; // the server's
     byId("rates").append(made.element);
   }

@@ -100,6 +100,25 @@ def test_commands_are_valid(name: str) -> None:
                 assert option in options, f"{name}: {called} has no {option}"
 
 
+OF_OTHER_PROGRAMS = re.compile(r"python -m (?:bench|design|tests)|dask|espeak-ng|apt-get|pip install")
+
+
+def _options(command: Any) -> set[str]:
+    """Options of a command and its subcommands."""
+    own = {option for each in command.params for option in (*each.opts, *each.secondary_opts)}
+    return own.union(*(_options(each) for each in getattr(command, "commands", {}).values()), {"--help"})
+
+
+@pytest.mark.parametrize("name", TEXTS)
+def test_options_that_are_named_exist(name: str) -> None:
+    root: Any = typer.main.get_command(app)
+    known = _options(root).union(*(_options(root.get_command(None, each)) for each in root.list_commands(None)))
+    for code in CODE.findall(FENCE.sub("", TEXTS[name])):
+        if not OF_OTHER_PROGRAMS.search(code):
+            named = set(re.findall(r"(?<![\w-])--[a-z][\w-]+", code))
+            assert named <= known | {"--pho", "--bless", "--keep"}, f"{name}: {code}"
+
+
 @pytest.mark.parametrize("name", TEXTS)
 def test_what_pip_installs_can_be_installed_from_a_checkout(name: str) -> None:
     extras = set(tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"])
