@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from fapengine.capture.marker_track import RawTrack
 from fapengine.capture.matlab import struct_arrays
+from fapengine.capture.sound import RATES_HZ, RecordedSound
 from fapengine.capture.text import numbers, rate_of
 from fapengine.errors import DataError, TruncatedError
 
@@ -118,6 +119,20 @@ def parse_mview(data: bytes) -> RawTrack:
     notes = (f"signals {', '.join(sounds)} are no sensors: left out",) if sounds else ()
     positions = np.stack([values for _, values in signals.values()], axis=1)
     return _sensors(positions, [*signals], rates.pop(), up="+z", notes=notes)
+
+
+def parse_mview_sound(data: bytes) -> RecordedSound | None:
+    """Read the sound of a recording in MVIEW's format; None without one. Raises as :func:`parse_mview`."""
+    for signal in next(struct_arrays(data, ("NAME", "SRATE", "SIGNAL")), [])[:MAX_SIGNALS]:
+        rate, values = np.ravel(signal["SRATE"]), signal["SIGNAL"]
+        if (
+            isinstance(values, np.ndarray)
+            and 1 in values.shape
+            and rate.dtype == np.float64
+            and rate[:1].sum() >= RATES_HZ[0]
+        ):
+            return RecordedSound.of(str(signal["NAME"]), values.ravel(), float(rate[0]))
+    return None
 
 
 def _sensors(

@@ -3,22 +3,26 @@
 Theory of operation
 -------------------
 Blocks of 512 bytes: a header, parameters in groups, data. Each frame holds four numbers for every point (x, y, z and a
-word whose sign says whether the point was seen) and the analog samples, which are skipped. Numbers are floats, or
-integers times POINT:SCALE, in the byte order of one of three processors; DEC floats are IEEE floats with their halves
-exchanged, times four. Float data in this machine's byte order are used in place, so a memory map is read frame by frame
-only where needed.
+word whose sign says whether the point was seen) and the analog samples, one channel of which may be sound. Numbers are
+floats, or integers times POINT:SCALE, in the byte order of one of three processors; DEC floats are IEEE floats with
+their halves exchanged, times four. Float data in this machine's byte order are used in place, so a memory map is read
+frame by frame only where needed.
 
 Layout: the C3D user guide, sections on header, parameters and 3D data. The frame count is stored in four places,
 because the first two are 16 bits wide; the largest count that the data can hold is used.
 """
 
+import re
 import struct
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fapengine.capture.marker_track import MarkerTrack, RawTrack
+from fapengine.capture.sound import RATES_HZ as SOUND_HZ
+from fapengine.capture.sound import RecordedSound
 from fapengine.errors import DataError, TruncatedError
 
 Buffer = bytes | memoryview
@@ -30,6 +34,8 @@ POINT_WORDS = 4
 MAX_POINTS = 20_000
 MODEL_OUTPUTS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
 """Parameters of POINT that list the results of a body model among the markers (Vicon's names)."""
+SOUND_NAME = re.compile(r"audio|mic|sound|voice|speech|acoust", re.IGNORECASE)
+"""Names of analog channels that are sound."""
 PAGES = 64
 """Largest number of LABELS, LABELS2, ... that are read."""
 
@@ -68,6 +74,57 @@ def parse_c3d(data: Buffer) -> RawTrack:
     DataError
         If it is not C3D, or its header contradicts itself; ``where`` is the byte.
     """
+    layout = _layout(data)
+    count, frames, remarks = layout.count, layout.frames, layout.remarks
+    point = layout.parameters.get("POINT", {})
+    labels, outputs = _labels(point, count), _model_outputs(point)
+    kept = [index for index, label in enumerate(labels) if label not in outputs]
+    if len(kept) < count:
+        remarks += (f"{count - len(kept)} trajectories are model outputs (angles, forces ...), not markers: left out",)
+    table = layout.table(data)[:, : POINT_WORDS * count].reshape(frames, count, POINT_WORDS)
+    table = table if len(kept) == count else table[:, kept]
+    with np.errstate(invalid="ignore"):  # of NaNs that signal, which a damaged file may hold
+        positions = np.array(table[..., :3], np.float64)
+    if not layout.real:
+        positions *= layout.scale
+    positions[~(table[..., 3] >= 0)] = np.nan
+    positions[~np.isfinite(positions).all(axis=-1)] = np.nan
+    return RawTrack(
+        positions=positions,
+        labels=tuple(labels[index] for index in kept),
+        rate_hz=layout.rate if np.isfinite(layout.rate) and layout.rate > 0 else None,
+        units=_text(point, "UNITS"),
+        up=_text(point, "Y_SCREEN"),
+        notes=remarks,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Layout:
+    processor: _Processor
+    parameters: Parameters
+    header: NDArray[np.int_]
+    count: int
+    """Number of points."""
+    scale: float
+    rate: float
+    begin: int
+    """Byte of the first frame."""
+    frames: int
+    words: int
+    """Numbers of a frame: four for a point, and the analog samples."""
+    real: bool
+    """Whether they are floats."""
+    remarks: tuple[str, ...]
+
+    def table(self, data: Buffer) -> NDArray[Any]:
+        """(frames, words)."""
+        read = self.processor.floats if self.real else self.processor.integers
+        return read(data, self.frames * self.words, self.begin).reshape(self.frames, self.words)
+
+
+def _layout(data: Buffer) -> _Layout:
+    """Read header and parameters."""
     if len(data) < BLOCK:
         raise TruncatedError(f"C3D: must have a header of {BLOCK} bytes, got {len(data)} bytes", where="byte 0")
     if data[1] != KEY or not data[0]:
@@ -96,27 +153,31 @@ def parse_c3d(data: Buffer) -> RawTrack:
     words = POINT_WORDS * count + int(header[2])
     width = words * (4 if real else 2)
     frames, notes = _frame_count(parameters, header, (len(data) - begin) // width)
-    labels, outputs = _labels(point, count), _model_outputs(point)
-    kept = [index for index, label in enumerate(labels) if label not in outputs]
-    if len(kept) < count:
-        remarks += (f"{count - len(kept)} trajectories are model outputs (angles, forces ...), not markers: left out",)
-    values = (processor.floats if real else processor.integers)(data, frames * words, begin)
-    table = values.reshape(frames, words)[:, : POINT_WORDS * count].reshape(frames, count, POINT_WORDS)
-    table = table if len(kept) == count else table[:, kept]
-    with np.errstate(invalid="ignore"):  # of NaNs that signal, which a damaged file may hold
-        positions = np.array(table[..., :3], np.float64)
-    if not real:
-        positions *= scale
-    positions[~(table[..., 3] >= 0)] = np.nan
-    positions[~np.isfinite(positions).all(axis=-1)] = np.nan
-    return RawTrack(
-        positions=positions,
-        labels=tuple(labels[index] for index in kept),
-        rate_hz=rate if np.isfinite(rate) and rate > 0 else None,
-        units=_text(point, "UNITS"),
-        up=_text(point, "Y_SCREEN"),
-        notes=(*remarks, *notes),
-    )
+    return _Layout(processor, parameters, header, count, scale, rate, begin, frames, words, real, (*remarks, *notes))
+
+
+def parse_c3d_sound(data: Buffer) -> RecordedSound | None:
+    """Read the analog channel that is sound: the first whose name says so, else the only one; None without one.
+
+    Raises as :func:`parse_c3d`.
+    """
+    layout = _layout(data)
+    analog = layout.parameters.get("ANALOG", {})
+    each = max(int(layout.header[9]), 1)
+    channels = int(layout.header[2]) // each
+    rate_hz = each * layout.rate
+    if not channels or channels * each != int(layout.header[2]) or not SOUND_HZ[0] <= rate_hz <= SOUND_HZ[1]:
+        return None
+    labels = (_labels(analog, channels) + ("",) * channels)[:channels]
+    named = [index for index, label in enumerate(labels) if SOUND_NAME.search(label)]
+    if not named and channels > 1:
+        return None
+    chosen = named[0] if named else 0
+    samples = layout.table(data)[:, POINT_WORDS * layout.count :].reshape(-1, channels)[:, chosen]
+    if not layout.real and _text(analog, "FORMAT") == "UNSIGNED":
+        samples = samples.astype(np.int64) % 65536
+    with np.errstate(invalid="ignore"):
+        return RecordedSound.of(labels[chosen] or "analog", samples.astype(np.float64), rate_hz)
 
 
 def _parameters_end(data: Buffer, start: int, data_block: int) -> int:

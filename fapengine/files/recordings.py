@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -139,7 +139,10 @@ def load_recorded_sound(path: Path) -> RecordedSound | None:
         return parse_mview_sound(read_bytes(path)) if path.suffix.lower() == ".mat" else None
 
 
-def _mapped_c3d[T](path: Path, parse: Callable[[Buffer], T]) -> T:
+T = TypeVar("T")
+
+
+def _mapped_c3d(path: Path, parse: Callable[[Buffer], T]) -> T:
     """Map the file into memory: what is not wanted is never read."""
     try:
         if not path.stat().st_size:

@@ -4,6 +4,7 @@ Input is untrusted, so FFmpeg gets a file that is already open, no protocol to o
 some of the others are lists of further files and addresses.
 """
 
+import io
 import logging
 import os
 import struct
@@ -12,7 +13,7 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from errno import EINVAL
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +33,8 @@ CONTAINERS = (
     "flv", "amr", "ac3", "eac3",
 )  # fmt: skip
 """FFmpeg's names of the containers that are read: self-contained audio and video."""
+RECORDED = (".c3d", ".mat")
+"""Endings of recordings of positions that may contain sound."""
 MAX_RATE_HZ = 48_000
 """Highest sample rate of a file that is read completely; higher ones are resampled."""
 RATES_HZ = (1_000, 768_000)
@@ -190,19 +193,36 @@ def save_wav(path: Path, samples: NDArray[np.int16], sample_rate_hz: int) -> Non
     ResourceError
         If the file cannot be written.
     """
+    with replacing(path) as new, new.open("wb") as out:
+        _write_wav(out, samples, sample_rate_hz)
+
+
+def _write_wav(out: BinaryIO, samples: NDArray[np.int16], sample_rate_hz: int) -> None:
     size = 2 * len(samples)
     form = struct.pack("<4sIHHIIHH", b"fmt ", 16, 1, 1, sample_rate_hz, 2 * sample_rate_hz, 2, 16)
-    with replacing(path) as new, new.open("wb") as out:
-        out.write(struct.pack("<4sI4s", b"RIFF", 36 + size + len(WAV_MARK), b"WAVE") + form + WAV_MARK)
-        out.write(struct.pack("<4sI", b"data", size))
-        for start in range(0, len(samples), WRITTEN_AT_ONCE):
-            out.write(samples[start : start + WRITTEN_AT_ONCE].astype("<i2").tobytes())
+    out.write(struct.pack("<4sI4s", b"RIFF", 36 + size + len(WAV_MARK), b"WAVE") + form + WAV_MARK)
+    out.write(struct.pack("<4sI", b"data", size))
+    for start in range(0, len(samples), WRITTEN_AT_ONCE):
+        out.write(samples[start : start + WRITTEN_AT_ONCE].astype("<i2").tobytes())
+
+
+def _recorded(path: Path) -> BinaryIO:
+    """The sound in a recording of positions, as a WAV file in memory."""
+    from fapengine.files.recordings import load_recorded_sound  # late: sound files do not need it
+
+    sound = load_recorded_sound(path)
+    if sound is None:
+        raise DataError(f"{path}: holds no sound")
+    file = io.BytesIO()
+    _write_wav(file, sound.samples, sound.rate_hz)
+    file.seek(0)
+    return file
 
 
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
     """Open a container with decodable audio; it is closed at the end."""
-    with open_file(path) as file:
+    with _recorded(path) if path.suffix.lower() in RECORDED else open_file(path) as file:
         try:
             options = {"format_whitelist": ",".join(CONTAINERS), "protocol_whitelist": "none"}
             container = av.open(file, mode="r", options=options, metadata_errors="ignore")

@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fapengine.capture.arrays import format_npz, parse_npz
-from fapengine.capture.articulography import parse_mview, parse_pos
+from fapengine.capture.articulography import parse_mview, parse_mview_sound, parse_pos
 from fapengine.capture.bvh import parse_bvh
-from fapengine.capture.c3d import format_c3d, parse_c3d
+from fapengine.capture.c3d import format_c3d, parse_c3d, parse_c3d_sound
 from fapengine.capture.conventions import understand
 from fapengine.capture.landmarks import Picture, parse_landmarks
 from fapengine.capture.marker_track import MarkerTrack
@@ -59,6 +59,19 @@ def total(name: str, data: bytes) -> None:
 def test_any_bytes(name: str, data: bytes) -> None:
     total(name, data)
     total(name, READERS[name][1][:20] + data)
+
+
+@pytest.mark.parametrize(
+    ("parse", "good"), [(parse_c3d_sound, format_c3d(TRACK)), (parse_mview_sound, mview_file(TRACK))]
+)
+@given(data=st.data())
+def test_sound_of_spoiled_files(parse, good: bytes, data: st.DataObject) -> None:
+    spoiled = bytearray(good)
+    spoiled[4:6] = spoiled[18:20] = b"\x50\0" if parse is parse_c3d_sound else spoiled[4:6]
+    for _ in range(data.draw(st.integers(0, 6))):
+        spoiled[data.draw(st.integers(0, len(spoiled) - 1))] = data.draw(st.integers(0, 255))
+    with contextlib.suppress(DataError):
+        parse(bytes(spoiled))
 
 
 @pytest.mark.parametrize("name", READERS)

@@ -9,9 +9,10 @@ import numpy as np
 from fapengine.app.inspection.report import FileKind, Report, Source, Table
 from fapengine.capture.landmarks import COUNTS, Picture, is_openface, parse_landmarks, parse_openface
 from fapengine.capture.marker_track import MarkerTrack
+from fapengine.capture.sound import Synchrony, synchrony
 from fapengine.errors import DataError
 from fapengine.files.heads.built import load_built
-from fapengine.files.recordings import is_table, load_markers, mesh_files
+from fapengine.files.recordings import is_table, load_markers, load_recorded_sound, mesh_files
 from fapengine.laboratory.few_markers import facing
 from fapengine.laboratory.look import Look, look_over, session_lines
 from fapengine.mesh.default_head.style import HeadStyle
@@ -42,9 +43,11 @@ def _markers(source: Source) -> Report:
         seen = f"seen in {100 * look.seen[index]:.1f} %, {look.gaps[index]} gaps"
         rows.append(f"  {track.labels[index]:<16} {seen}{longest}")
     wide, high, deep = look.size_mm
+    sound, in_time = _sound(source.path, track)
     via = [f"via points: {recording.via_points}, with minimum-jerk motion between them"] if recording.via_points else []
     text: list[str | Table] = [
         *via,
+        *([sound] if sound else []),
         f"recording: {len(track.labels)} markers, {track.frame_count} frames at {track.rate_hz:g} Hz,"
         f" {track.duration_s:.2f} s; {wide:.0f} x {high:.0f} x {deep:.0f} mm, +y up",
         Table(rows=rows, shown=MARKERS_SHOWN, more="  ... and {} that are seen no less (--all)"),
@@ -52,7 +55,28 @@ def _markers(source: Source) -> Report:
         "\n# session.toml to start from\n" + "\n".join(lines),
     ]
 
-    return Report(facts=facts, text=text, plot=lambda: _plot(source.path, track, look), warnings=recording.warnings)
+    if in_time is not None:
+        facts["sound"] = {"delay_s": round(in_time.delay_s, 3), "r": round(in_time.r, 3)}
+    doubts = (
+        ("sound and motion do not belong together as they were recorded",) if in_time and in_time.is_doubtful else ()
+    )
+    warnings = (*recording.warnings, *doubts)
+    return Report(facts=facts, text=text, plot=lambda: _plot(source.path, track, look), warnings=warnings)
+
+
+def _sound(path: Path, track: MarkerTrack) -> tuple[str, Synchrony | None]:
+    """Describe the sound of a recording, and how it fits the motion."""
+    sound = None if path.is_dir() else load_recorded_sound(path)
+    if sound is None:
+        return "", None
+    found = synchrony(sound, track)
+    fit = (
+        f"; loudness and motion fit best with the sound {1000 * found.delay_s:+.0f} ms later (r {found.r:.2f},"
+        f" {found.r_as_recorded:.2f} as recorded)"
+        if found
+        else ""
+    )
+    return f"sound: {sound.label}, {len(sound.samples) / sound.rate_hz:.2f} s at {sound.rate_hz} Hz{fit}", found
 
 
 def _plot(path: Path, track: MarkerTrack, look: Look) -> "np.ndarray":

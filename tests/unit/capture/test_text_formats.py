@@ -170,7 +170,7 @@ def test_archives_may_say_what_is_valid():
     ("data", "message"),
     [
         (b"PK\3\4nothing", "damaged"),
-        (archive(x=PLACES), r"NPZ: needs positions or positions_mm or markers or points, has \['x'\]"),
+        (archive(x=PLACES), r"NPZ: needs positions or positions_mm or markers or points or via_mm, has \['x'\]"),
         (
             archive(positions=PLACES[0], labels=["a"]),
             r"NPZ: must be numbers \(T, M, 3\), got float64 of shape \(1, 3\)",
