@@ -6,6 +6,8 @@ import typer
 
 from fapengine.cli.options import AsJson, WriteOptions
 
+MIN_BOUND_MM, MAX_BOUND_MM = 0.001, 100.0
+
 
 def reduce(
     take: Path = typer.Argument(..., help="Marker recording without gaps (.c3d, .trc, .csv, .npz)."),
@@ -35,6 +37,8 @@ def reduce(
         bound_mm = float(bound.removesuffix("mm"))
     except ValueError as error:
         raise UsageError(f"--bound: must be millimetres such as 0.5mm, got {bound!r}") from error
+    if not MIN_BOUND_MM <= bound_mm <= MAX_BOUND_MM:
+        raise UsageError(f"--bound: must be {MIN_BOUND_MM:g} to {MAX_BOUND_MM:g} mm, got {bound!r}")
     writing.check([path for path in (output, back) if path is not None], [take])
     curve = reduce_take(take, bound_mm, output, back=back, rate_hz=fps)
     lines = ["bound, mm   points   of frames   mean, mm   largest, mm"]
