@@ -47,7 +47,8 @@ def test_what_cannot_be_reduced_is_told(take, tmp_path):
             app(["reduce", *map(str, words)], standalone_mode=False)
 
     refused(UsageError, "must be millimetres", take, "--bound", "little", "-o", tmp_path / "via.npz")
-    refused(UsageError, "expected positive", take, "--bound", "0", "-o", tmp_path / "via.npz")
+    for bound in ("0", "nan", "inf", "101mm"):
+        refused(UsageError, "--bound: must be 0.001 to 100 mm", take, "--bound", bound, "-o", tmp_path / "via.npz")
     refused(UsageError, r"ends with \.npz", take, "-o", tmp_path / "via.csv")
     track = load_markers(take).markers
     places = np.array(track.positions_mm)
