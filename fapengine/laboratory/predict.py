@@ -68,8 +68,6 @@ class Prediction:
     by_take: tuple[TakeScore, ...]
     opening_mm: tuple[Array, Array]
     """Captured and predicted opening of the first take."""
-    components: tuple[Array, Array]
-    """Weights of the space in the first take, (T, K) each: captured and predicted."""
     context: bool = False
     """True if targets depend on neighbours, which predicted better than one target for each phone."""
 
@@ -118,11 +116,11 @@ def _predict(takes: Takes, prepared: Prepared, profile: Profile) -> Prediction:
     upper, lower = (lips.index(point) for point in middle)
     columns = [profile.space.points.index(point) for point in lips]
     mean_pose = prepared.pick(lips, *takes).mean(axis=0)
-    rows, planned = [], []
+    rows = []
     for take in takes:
         truth = prepared.pick(lips, take)
-        planned.append(weights_of(spoken(take), profile, np.arange(len(truth)) / prepared.rate_hz))
-        guess = profile.space.to_points_mm(planned[-1])[:, columns]
+        planned = weights_of(spoken(take), profile, np.arange(len(truth)) / prepared.rate_hz)
+        guess = profile.space.to_points_mm(planned)[:, columns]
         off = np.linalg.norm(guess - truth, axis=-1).mean(axis=1)
         still = np.linalg.norm(mean_pose - truth, axis=-1).mean(axis=1)
         openings = (points[:, upper, 1] - points[:, lower, 1] for points in (truth, guess))
@@ -134,7 +132,6 @@ def _predict(takes: Takes, prepared: Prepared, profile: Profile) -> Prediction:
             _score(take.name, np.array_split(row, size)) for take, row, size in zip(takes, rows, sizes, strict=True)
         ),
         opening_mm=(rows[0][:, 2], rows[0][:, 3]),
-        components=(profile.space.to_space(prepared.pick(profile.space.markers, takes[0])), planned[0]),
     )
 
 

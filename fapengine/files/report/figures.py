@@ -1,6 +1,5 @@
 """The figures of a fit's report, drawn with matplotlib; each function returns one as SVG."""
 
-from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,7 +8,6 @@ from numpy.typing import NDArray
 from fapengine.capture.marker_track import MarkerTrack
 from fapengine.files.report.parts import COOL, FAINT, GREEN, INK, WARM, name_phones, new_figure, to_picture, to_svg
 from fapengine.files.report.sliders import INNER, OUTER
-from fapengine.laboratory.densify import DenseStudy
 from fapengine.laboratory.fit import Fitted, ViaStudy
 from fapengine.laboratory.look import Look
 from fapengine.laboratory.predict import SENTENCE_RATE_HZ
@@ -182,15 +180,6 @@ def prediction(fitted: Fitted) -> bytes:
     return to_svg(figure)
 
 
-def components_of_take(fitted: Fitted) -> bytes:
-    """Draw the first components of one held-out take: captured, and planned from its phones."""
-    assert fitted.prediction is not None
-    captured, planned = fitted.prediction.components
-    shown = min(COMPONENTS, captured.shape[1])
-    lines = {"captured": (captured, INK), "from its phones alone": (planned, WARM)}
-    return _components_over_time(lines, range(shown), fitted.prepared.rate_hz)
-
-
 def sentence(fitted: Fitted) -> bytes:
     """Draw the components of the paper's own sentence, with joy and with sadness: figures 5 to 7 of paper 001."""
     study = fitted.sentence
@@ -198,37 +187,15 @@ def sentence(fitted: Fitted) -> bytes:
     lines = {"no expression": (study.plain, INK)}
     lines |= {f"with {mood.label}": (path, colours[mood]) for mood, path in study.moods.items()}
     shown = sorted({*range(min(COMPONENTS, study.plain.shape[1])), *study.dominant.values()})
-    phones = [(phone.label, phone.start_s, phone.end_s) for phone in study.phones.phones if not phone.is_silence]
-    return _components_over_time(lines, shown, SENTENCE_RATE_HZ, phones)
-
-
-def _components_over_time(
-    lines: Mapping[str, tuple[Array, str]],
-    shown: Iterable[int],
-    rate_hz: float,
-    phones: Sequence[tuple[str, float, float]] = (),
-) -> bytes:
-    """Draw some components of paths, (T, K) and a colour each, one above the other."""
-    shown = list(shown)
     figure, plots = new_figure(9.0, 1.5 * len(shown), rows=len(shown), sharex=True)
     for component, axes in zip(shown, plots, strict=True):
         for label, (path, colour) in lines.items():
-            axes.plot(np.arange(len(path)) / rate_hz, path[:, component], color=colour, label=label)
+            axes.plot(np.arange(len(path)) / SENTENCE_RATE_HZ, path[:, component], color=colour, label=label)
         axes.set(ylabel=f"PC {component + 1}, mm")
-    name_phones(plots[0], phones, fontsize=8)
+    spoken = [phone for phone in study.phones.phones if not phone.is_silence]
+    name_phones(plots[0], [(phone.label, phone.start_s, phone.end_s) for phone in spoken], fontsize=8)
     figure.legend(*plots[0].get_legend_handles_labels(), loc="outside upper left", frameon=False, fontsize=8, ncols=3)
     plots[-1].set(xlabel="s")
-    return to_svg(figure)
-
-
-def reduction(via: ViaStudy) -> bytes:
-    """Draw the error of via points by their number per frame."""
-    figure, (axes,) = new_figure(4.6, 3.0)
-    x, largest, mean = np.array([(100 * trial.share, trial.max_mm, trial.mean_mm) for trial in via.curve]).T
-    axes.plot(x, largest, "o-", color=WARM, label="largest")
-    axes.plot(x, mean, "o-", color=COOL, label="mean")
-    axes.set(xlabel="via points, % of frames", ylabel="error, mm", ylim=(0, None))
-    axes.legend(frameon=False)
     return to_svg(figure)
 
 
@@ -323,20 +290,4 @@ def gaps(prepared: Prepared) -> bytes:
     rank.plot(prepared.gaps.ranks, prepared.gaps.error_mm, "o-", color=COOL)
     _mark(rank, prepared.gaps.rank)
     rank.set(xlabel="rank of the model", ylabel="mm", title="error of hidden entries", ylim=(0, None))
-    return to_svg(figure)
-
-
-def dense(study: DenseStudy) -> bytes:
-    """Draw how far each dense mode moves each vertex of the reference scan."""
-    count = min(4, len(study.face.modes.modes_mm))
-    figure, axes = new_figure(2.6 * count, 3.2, 1, count)
-    some = np.linspace(0, len(study.face.modes.mean_mm) - 1, min(len(study.face.modes.mean_mm), 6000)).astype(int)
-    some = some[np.argsort(study.face.modes.mean_mm[some, 2])]
-    length = np.linalg.norm(study.face.modes.modes_mm, axis=-1)
-    for index, plot in enumerate(axes):
-        x, y = study.face.modes.mean_mm[some, 0], study.face.modes.mean_mm[some, 1]
-        dots = plot.scatter(x, y, c=length[index, some], s=2, cmap="magma", rasterized=True, linewidths=0)
-        figure.colorbar(dots, ax=plot, location="bottom", label="mm per sd", shrink=0.8)
-        plot.set_title(f"dense mode {index + 1}", fontsize=8)
-        _bare(plot)
     return to_svg(figure)

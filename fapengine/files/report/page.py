@@ -197,7 +197,6 @@ def _prediction(fitted: Fitted) -> list[str]:
             table(header, rows, marked="all"),
             f"<p>In brackets: 95 % intervals by bootstrap over pieces of {PIECE_S:g} s of a take, and over takes.</p>",
             picture(figures.prediction(fitted), f"Take {first}. Contacts are made later, on FAPs: this path has none."),
-            picture(figures.components_of_take(fitted), "The same take in the space."),
         ]
     return [*parts, *_sentence(fitted), *_via(fitted)]
 
@@ -241,7 +240,7 @@ def _via(fitted: Fitted) -> list[str]:
             figures.via_faces(fitted.prepared, via),
             "The three via points that differ most, and the faces half-way between them; grey: the first.",
         ),
-        picture(figures.reduction(via), "Low-passed at 12 Hz, as minimum-jerk splines."),
+        "<p>The take, low-passed at 12 Hz, as minimum-jerk splines:</p>",
         table(("bound, mm", "points", "% of frames", "mean, mm", "largest, mm"), rows, "g d .0f .2f .2f"),
     ]
 
@@ -269,5 +268,4 @@ def _dense(fitted: Fitted) -> list[str]:
         f"<p>A scan predicted from the others: {study.face.left_out_mm[0]:.2f} mm by dense modes (ridge"
         f" {study.face.modes.ridge:g}), {study.face.left_out_mm[1]:.2f} mm by the linear estimator, mean over"
         " vertices.</p>",
-        picture(figures.dense(study), "How far a standard deviation moves each vertex."),
     ]
