@@ -2,15 +2,19 @@
 
 import csv
 import io
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeGuard
 
+from fapengine.app.hearing import is_sound
+from fapengine.app.motion import LOADED
 from fapengine.app.score import Scored, ScoreJob, run_score
 from fapengine.errors import DataError, UsageError
 from fapengine.files.mesh_sequences import is_mesh_sequence
 from fapengine.files.paths import naming, read_bytes
+from fapengine.files.video import FILMS
 from fapengine.scoring.statistics import Estimate, PairedTest, compare, estimate
 from fapengine.scoring.verdict import FILE, MEASURES, VERTEX_MEASURES, Fault, Measure, Verdict
 from fapengine.scoring.vertices import VertexErrors
@@ -67,12 +71,26 @@ def jobs_of(made: Sequence[Path], options: ScoreJob) -> list[ScoreJob]:
     if any(folders) and not all(folders):
         raise UsageError("made: got folders and files, expected either")
     if all(folders):
-        found = [(path, folder.name) for folder in made for path in sorted(folder.iterdir()) if path.name[0] != "."]
+        found = [(path, folder.name) for folder in made for path in sorted(folder.iterdir()) if _is_recording(path)]
     else:
         found = [(path, "") for path in made]
     if not found:
         raise UsageError(f"made: got {', '.join(map(str, made))}, expected recordings in it")
-    return [replace(_partners(options, path.stem), made=path, id=path.stem, system=system) for path, system in found]
+    names = Counter((path.stem, system) for path, system in found)
+    return [
+        replace(
+            _partners(options, path.stem),
+            made=path,
+            id=path.stem if names[path.stem, system] == 1 else str(path),
+            system=system,
+        )
+        for path, system in found
+    ]
+
+
+def _is_recording(path: Path) -> bool:
+    """Whether a file of a folder is one that can be scored."""
+    return path.name[0] != "." and (path.suffix.lower() in (*LOADED, *FILMS) or is_mesh_sequence(path))
 
 
 def _partners(options: ScoreJob, stem: str) -> ScoreJob:
@@ -81,12 +99,17 @@ def _partners(options: ScoreJob, stem: str) -> ScoreJob:
     for name in FILES[1:]:
         folder = getattr(options, name)
         if _is_folder(folder):
-            files = [path for path in sorted(folder.iterdir()) if path.stem == stem]
+            files = [path for path in sorted(folder.iterdir()) if path.stem == stem and _may_be(name, path)]
             if len(files) != 1:
                 listed = ", ".join(path.name for path in files) or "none"
                 raise UsageError(f"{name}: got {listed} in {folder}, expected one file {stem}.*")
             found[name] = files[0]
     return replace(options, **found)
+
+
+def _may_be(name: str, path: Path) -> bool:
+    """Whether a file may be the sound, or something else: sounds, timings and texts often share a folder."""
+    return is_sound(path) if name == "audio" else name not in ("phones", "text") or not is_sound(path)
 
 
 def _rows(path: Path, options: ScoreJob) -> list[ScoreJob]:

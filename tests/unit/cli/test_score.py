@@ -185,6 +185,8 @@ def test_two_systems_are_compared(talk: Path, tmp_path: Path) -> None:
     (tmp_path / "timings").mkdir()
     for name in ("a.lab", "b.lab", "c.lab"):
         (tmp_path / "timings" / name).write_bytes((talk / "talk.lab").read_bytes())
+    for extra in ("ours/README", "ours/a.wav", "timings/a.wav"):  # often lie beside
+        (tmp_path / extra).write_bytes(b"something else")
     systems = (tmp_path / "ours", tmp_path / "theirs")
     phones = ("--phones", tmp_path / "timings")
     said = run("score", *systems, *phones, "-o", tmp_path / "set.csv")
@@ -201,6 +203,9 @@ def test_two_systems_are_compared(talk: Path, tmp_path: Path) -> None:
     assert by_table["summary"] == json.loads(run("score", *systems, *phones, "--json"))["summary"]
     assert by_table["verdict"] == {"passes": False, "failed": 3, "recordings": 6}
     assert run("score", tmp_path / "ours" / "a.csv", *phones).startswith("passes: 1 recordings")
+    same = json.loads(run("score", tmp_path / "ours" / "a.csv", tmp_path / "theirs" / "a.csv", *phones, "--json"))
+    assert [each["id"] for each in same["recordings"]] == [str(folder / "a.csv") for folder in systems]
+    assert same["summary"]["systems"][""]["opens"]["count"] == 2
     (tmp_path / "timings" / "c.lab").unlink()
     with pytest.raises(UsageError, match=r"--phones: got none in .*timings, expected one file c\.\*"):
         run("score", *systems, *phones)
