@@ -1,4 +1,4 @@
-"""A contact sheet of each FAP, phone and expression of a head."""
+"""Checks of a head: a contact sheet of each FAP, phone and expression, and remarks on lips that do not open or meet."""
 
 from pathlib import Path
 
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from fapengine.errors import UsageError
 from fapengine.files.pictures import contact_sheet, save_png
 from fapengine.files.profiles import load_profile
-from fapengine.mesh.deform import POSE_AU, POSE_FAPU, single_fap
+from fapengine.mesh.deform import POSE_AU, POSE_FAPU, deform, single_fap
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fap import VISEMES
@@ -19,6 +19,14 @@ from fapengine.speaking import DEFAULT_PROFILE
 from fapengine.trajectory.faps import displacements_to_faps
 
 PICTURE_PX = 384
+LIPS = "2.2", "2.3"
+"""Feature points: the middle of the inner upper and lower lip."""
+AH = {3: 400.0, 4: -40.0, 5: -450.0}
+"""FAPs of a wide ah: jaw, upper and lower lip, FAPU."""
+OPENING_MM, APART_MM = (4.0, 30.0), 2.5
+"""Plausible openings of an ah, 8 to 20 mm for an adult, and gap of lips that do not meet at rest."""
+MNS_SHARE = 0.15, 0.6
+"""Plausible distance of mouth and nose (MNS0), as a share of that of the eyes (ES0)."""
 
 
 def draw_check(mesh: FaceMesh, path: Path, *, title: str) -> int:
@@ -39,6 +47,29 @@ def draw_check(mesh: FaceMesh, path: Path, *, title: str) -> int:
     title = f"{title}: FAPs at {POSE_FAPU} FAPU (angles at {POSE_AU / 1e5:g} rad), phones"
     save_png(path, contact_sheet(pictures, labels, title=title))
     return len(pictures)
+
+
+def lip_remarks(mesh: FaceMesh) -> tuple[str, ...]:
+    """Remark on a head whose lips do not open, do not meet, or are measured wrongly; none if it has no such points."""
+    if not set(LIPS) <= set(mesh.feature_points):
+        return ()
+    pose = np.zeros((2, fap.FAP_COUNT))
+    for number, value in AH.items():
+        pose[1, fap.column(number)] = value
+    upper, lower = (deform(mesh, pose)[:, mesh.feature_points[name]] for name in LIPS)
+    gap_mm = upper[:, 1] - lower[:, 1]
+    opening_mm, share = float(gap_mm[1] - gap_mm[0]), mesh.fapu.mns0_mm / mesh.fapu.es0_mm
+    remarks = []
+    if not OPENING_MM[0] <= opening_mm <= OPENING_MM[1]:
+        remarks.append(f"lips: they open by {opening_mm:.1f} mm on a wide ah, expected 8 to 20 mm")
+    if gap_mm[0] > APART_MM:
+        remarks.append(f"lips: they do not meet, and are {gap_mm[0]:.1f} mm apart at rest; close the mouth of the mesh")
+    if not MNS_SHARE[0] <= share <= MNS_SHARE[1]:
+        remarks.append(
+            f"lips: mouth and nose are {mesh.fapu.mns0_mm:.1f} mm apart, {share:.2f} of the eyes' distance, expected"
+            f" {MNS_SHARE[0]:g} to {MNS_SHARE[1]:g}; points=FILE sets 8.1 and 9.15"
+        )
+    return tuple(remarks)
 
 
 def poses() -> tuple[NDArray[np.float64], list[tuple[str, str]]]:

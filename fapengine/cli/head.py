@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from fapengine.cli._command import command
-from fapengine.cli.options import AsJson, WriteOptions
+from fapengine.cli.options import AsJson, Strict, WriteOptions
 
 if TYPE_CHECKING:
     from fapengine.files.heads.folder import HeadInfo
@@ -42,6 +42,7 @@ def import_head(
         "--licence",
         help="Licence of the mesh, stored with the head. Default: that of the profile, or 'not stated'.",
     ),
+    strict: Strict = False,
     as_json: AsJson = False,
     writing: WriteOptions = WriteOptions(),
 ) -> None:
@@ -64,12 +65,14 @@ def import_head(
     """
     from dataclasses import asdict, replace
 
-    from fapengine.cli._printing import print_result, spell_nearness
+    from fapengine.app.head_check import lip_remarks
+    from fapengine.cli._printing import print_remarks, print_result, spell_nearness
     from fapengine.errors import UsageError
     from fapengine.files.heads.dense import is_profile, load_dense_head
     from fapengine.files.heads.folder import OWNED, save_head
     from fapengine.files.heads.import_file import adapt_head_file, import_head_file
     from fapengine.files.outputs import files_in
+    from fapengine.speech.plausible import refuse
 
     writing.check(files_in(output, OWNED), [mesh, points, mapping])
     rig = nearness = None
@@ -81,6 +84,9 @@ def import_head(
         imported, rig, info = load_dense_head(mesh, points)
     else:
         imported, info = import_head_file(mesh, points, mapping)
+    remarks = lip_remarks(imported.mesh)
+    if strict:
+        refuse(remarks, str(mesh))
     save_head(output, imported.mesh, replace(info, licence=licence or info.licence or "not stated"), rig)
     shapes = f", {len(info.used)} shapes" if info.used else ""
     lines = [
@@ -99,7 +105,9 @@ def import_head(
         lines.append(f"FAPs without motion: {_spell(imported.missing)}")
     for note in () if as_json else imported.notes:
         typer.echo(f"note: {note}", err=True)
-    facts = _describe(imported, info, output) | ({"nearness": asdict(nearness)} if nearness else {})
+    print_remarks(remarks)
+    facts = _describe(imported, info, output) | {"remarks": list(remarks)}
+    facts |= {"nearness": asdict(nearness)} if nearness else {}
     print_result(facts, *lines, as_json=as_json)
 
 
@@ -170,8 +178,8 @@ def check(
 
     fapengine head check heads/mine -o out/mine.png
     """
-    from fapengine.app.head_check import draw_check
-    from fapengine.cli._printing import print_result
+    from fapengine.app.head_check import draw_check, lip_remarks
+    from fapengine.cli._printing import print_remarks, print_result
     from fapengine.files.heads.load import load_head, load_head_info
     from fapengine.mesh.deform import still_faps
 
@@ -181,6 +189,8 @@ def check(
     facts = {
         "head": name, "source": info.source, "licence": info.licence, "picture": str(output), "pictures": count,
         "still_faps": list(still), "shapes": list(info.used), "lacking_shapes": list(info.lacking),
+        "remarks": list(lip_remarks(mesh)),
     }  # fmt: skip
+    print_remarks(lip_remarks(mesh))
     without = [f"FAPs without motion: {_spell(still)}"] if still else []
     print_result(facts, f"{output}: {count} images", *without, *_missing_shapes(info), as_json=as_json)
