@@ -14,6 +14,8 @@ from fapengine.cli.main import app
 from fapengine.errors import DataError, UsageError
 from fapengine.files.sound import save_wav
 from fapengine.mpeg4.track import FapTrack
+from fapengine.retarget.blend import ARKIT_NAMES
+from tests.unit.files.glb import Builder
 
 
 def run(*arguments: object, code: int = 0) -> str:
@@ -24,6 +26,15 @@ def run(*arguments: object, code: int = 0) -> str:
     return result.output
 
 
+def rig() -> bytes:
+    """An avatar of three vertices, with ARKit's shapes."""
+    builder = Builder()
+    corners = builder.accessor(np.eye(3))
+    item = {"attributes": {"POSITION": corners}, "targets": [{"POSITION": corners}] * len(ARKIT_NAMES)}
+    builder.node(mesh=builder.row("meshes", {"primitives": [item], "extras": {"targetNames": list(ARKIT_NAMES)}}))
+    return builder.glb()
+
+
 @pytest.fixture(scope="module")
 def talk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder with ``talk.fap``, ``.fba``, ``.csv``, ``.lab``, ``.wav`` ...: My baby fell off five boats."""
@@ -32,7 +43,8 @@ def talk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     shapes = {"talk.csv": "arkit", "visemes.csv": "oculus", "presets.vrma": "vrm1", "arkit.vrma": "arkit"}
     for name in ("talk.fap", "talk.fba", *shapes):
         spoken.save(folder / name, shapes=shapes.get(name))
-    spoken.save(folder / "avatar.glb", into="default")
+    (folder / "rig.glb").write_bytes(rig())
+    spoken.save(folder / "avatar.glb", into=folder / "rig.glb")
     fapengine.save(spoken.track * 0, folder / "dead.csv")
     fapengine.save(FapTrack.of(np.roll(spoken.track.values, 9, axis=0), rate_hz=60.0), folder / "late.csv")
     assert spoken.sound is not None
