@@ -163,11 +163,32 @@ def _json(text: str) -> Found:
             raise DataError(f"blend shapes: is neither JSON nor JSON lines: {error}") from error
     except RecursionError as error:
         raise DataError("blend shapes: is nested too deeply") from error
+    if len(events) == 1 and isinstance(events[0], dict) and "weightMat" in events[0]:
+        return _matrix(events[0])
     if len(events) == 1 and isinstance(events[0], dict) and isinstance(events[0].get("frames"), list):
         events = events[0]["frames"]
     if not events:
         raise TruncatedError("blend shapes: contains no frame")
     return _azure(events) if any(isinstance(e, dict) and "FrameIndex" in e for e in events) else _scores(events)
+
+
+def _matrix(export: Mapping[str, Any]) -> Found:
+    """Parse Audio2Face's export: ``facsNames``, ``weightMat`` with a row per frame, and ``exportFps``."""
+    try:
+        names, table = [str(name) for name in export["facsNames"]], np.array(export["weightMat"], np.float64)
+        rate_hz = float(export.get("exportFps", SCORES_HZ))
+        if table.shape != (len(table), len(names)) or not 1 <= rate_hz <= MAX_RATE_HZ:
+            raise ValueError(
+                f"weightMat of shape {table.shape} for {len(names)} names at {rate_hz:g} frames per second"
+            )
+    except (TypeError, KeyError, ValueError, OverflowError) as error:
+        raise DataError(f"blend shapes: got {error!s:.80}, expected facsNames, weightMat and exportFps") from error
+    shapes, columns = find_set([_bare(name) for name in names], where="facsNames")
+    weights = np.zeros((len(table), len(shapes.names)))
+    weights[:, [shapes.names.index(name) for name in columns]] = table[:, list(columns.values())]
+    if not np.isfinite(weights).all():
+        raise DataError("blend shapes: got a value that is not finite")
+    return shapes, weights, {}, rate_hz
 
 
 def _scores(events: list[Any]) -> Found:

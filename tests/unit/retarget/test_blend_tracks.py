@@ -83,6 +83,22 @@ def test_names_in_any_spelling_and_order(spell) -> None:
     assert values[0, fap.column(3)] == pytest.approx(0.7 * shape_rows(["jawOpen"])[0, fap.column(3)], abs=1)
 
 
+def test_a_matrix_of_audio2face_is_read() -> None:
+    names = [*ARKIT_NAMES, "other"]
+    rows = [[0.7 if name == "jawOpen" else 0.0 for name in names], [0.0] * len(names)]
+    export = {"exportFps": 24.0, "numPoses": 53, "numFrames": 2, "facsNames": names, "weightMat": rows}
+    track = parse_blend_track(json.dumps(export).encode())
+    assert (len(track), track.rate_hz) == (2, 24.0)
+    assert track.values[0, fap.column(3)] == pytest.approx(0.7 * shape_rows(["jawOpen"])[0, fap.column(3)], abs=1)
+    for wrong, message in (
+        ({"weightMat": [[0.5]]}, r"weightMat of shape \(1, 1\) for 53 names"),
+        ({"facsNames": None}, "expected facsNames"), ({"exportFps": 0}, "at 0 frames per second"), ({"weightMat": [[float("nan")] * 53]}, "not finite"),
+        ({"facsNames": ["other"] * 53}, "at facsNames"), ({"weightMat": []}, "weightMat of shape"),
+    ):  # fmt: skip
+        with pytest.raises(DataError, match=message):
+            parse_blend_track(json.dumps(export | wrong).encode())
+
+
 HEADER = "time," + ",".join(ARKIT_NAMES)
 ROW = ",".join(["0"] * 52)
 
