@@ -269,7 +269,7 @@ def speak(
     ----------
     text : str
     voice : str or Voice
-        Language of espeak-ng (``"en-gb"``, ``"de"``) or another name that ``say --voice`` takes, or anything with
+        Language of espeak-ng (``"en-gb"``, ``"de"``), another voice by name (``"piper:model.onnx"``), or anything with
         ``speak(text)`` that gives sound and phones.
     strict : bool
         True to refuse a text with a remark on anything that looks wrong or was assumed.

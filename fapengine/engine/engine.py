@@ -25,7 +25,7 @@ from fapengine.trajectory.style import Style
 PLANS_A_FRAME, URGENT_PLANS = 6, 12
 """Plans that a frame makes for all sessions, and at most for those that cannot wait; beyond that these wait too, and
 what comes for them meanwhile is planned with the rest. A frame of 500 sessions takes 6 ms, and each plan 0.5."""
-FASTEST_FAPU_S = 45_000.0
+MAX_SPEED_FAPU_S = 45_000.0
 """Speed that no FAP of the mouth exceeds, whatever is asked for: 1.5 times the fastest of random phones (FAP 16)."""
 JAW_AND_LIPS = slice(fap.column(3), fap.column(18) + 1)
 MOUTH = np.array([fap.column(number) for number in (*range(3, 19), *range(43, 48), *range(51, 61))])
@@ -255,7 +255,7 @@ class Engine:
 
     def _slow_down(self, faps: NDArray[np.int32], now_s: float) -> None:
         """Limit the speed of mouths by moving them a part of the way; so lips that do not cross never do."""
-        shown, most = self._shown.faps, FASTEST_FAPU_S * (now_s - self._shown_s)
+        shown, most = self._shown.faps, MAX_SPEED_FAPU_S * (now_s - self._shown_s)
         if self._shown.sessions is not self._names:
             rows = dict(zip(self._shown.sessions, shown, strict=True))
             shown = np.array([rows.get(name, np.zeros(fap.FAP_COUNT)) for name in self._names]).reshape(faps.shape)
