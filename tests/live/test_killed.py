@@ -11,6 +11,7 @@ from pathlib import Path
 from fapengine.speech.phone_track import Phone
 from fapengine.wire.speech_osc.sender import OscSender
 from tests.live.stage import Ear, Sender, Serve, config_of, on_a_loop, running, until, wait
+from tests.patient import PatientClock
 
 LONG = [Phone(label, 0.12 * n, 0.12 * n + 0.12) for n, label in enumerate(["m", "a", "b", "a"] * 250)]
 """Two minutes, so that there is something left to be said whenever the server is back."""
@@ -73,7 +74,7 @@ def test_a_server_killed_and_started_again_is_told_everything_again(tmp_path: Pa
 def test_a_sender_that_is_killed_leaves_a_closed_mouth() -> None:
     async def main() -> None:
         ear = Ear.open()
-        async with running(config_of(f"osc://127.0.0.1:{ear.port}")) as server:
+        async with running(config_of(f"osc://127.0.0.1:{ear.port}"), clock=PatientClock()) as server:
             sender = Sender(server.osc_address)
             sender.tell("/fap/1/hello", "sissi", "anna", 1, "ipa", "", 1)
             sender.utter("anna", 0, "mamama", ends=False)
