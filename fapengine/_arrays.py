@@ -109,8 +109,8 @@ def as_sound(sound: SoundLike, name: str = "sound") -> Sound:
     ----------
     sound : (array_like, int)
         Samples, (N,) or (N, C): float in -1..1, int16, int32 or uint8, as soundfile and librosa give them. The mean of
-        C channels (at most :data:`MAX_CHANNELS`) is taken. Floats beyond 1 are clipped; beyond :data:`MAX_OVERSHOOT`
-        they are an error. And the sample rate, a whole number in :data:`SOUND_RATES_HZ`.
+        C channels (at most :data:`MAX_CHANNELS`) is taken; (1, N) and (1, 1, N), as voices of PyTorch give them, are mono.
+        Floats beyond 1 are clipped; beyond :data:`MAX_OVERSHOOT` they are an error. And the sample rate, a whole number in :data:`SOUND_RATES_HZ`.
     name : str
         Name of the argument, for messages.
 
@@ -141,6 +141,8 @@ def as_sound(sound: SoundLike, name: str = "sound") -> Sound:
     kind = values.dtype.str[1:]
     if kind not in SAMPLE_KINDS:
         raise UsageError(f"{name}: got dtype {values.dtype}, expected int16, int32, uint8 or float")
+    while values.ndim > 1 and len(values) == 1 and values.shape[-1] > MAX_CHANNELS:  # a batch of one, as of PyTorch
+        values = values[0]
     if values.ndim not in (1, 2) or (values.ndim == 2 and not 1 <= values.shape[1] <= MAX_CHANNELS):
         raise UsageError(
             f"{name}: got shape {values.shape}, expected (N,) or (N, channels) with 1 to {MAX_CHANNELS} channels"

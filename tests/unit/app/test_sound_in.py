@@ -21,6 +21,10 @@ FORMS = {
     "(N, 2) int16": np.stack([TONE, TONE], axis=1),
     "(N, 1) float32": (TONE / 2**15).astype(np.float32)[:, None],
     "(N, 2) float64, one channel silent": np.stack([TONE / 2**14, np.zeros(RATE_HZ)], axis=1),
+    "(1, N) float32, of PyTorch": (TONE / 2**15).astype(np.float32)[None],
+    "(1, 1, N) float32": (TONE / 2**15).astype(np.float32)[None, None],
+    "big-endian int16": TONE.astype(">i2"),
+    "not contiguous": np.repeat(TONE, 2)[::2],
     "list": (TONE / 2**15).tolist(),
 }
 
