@@ -92,9 +92,12 @@ def test_a_matrix_of_audio2face_is_read() -> None:
     assert track.values[0, fap.column(3)] == pytest.approx(0.7 * shape_rows(["jawOpen"])[0, fap.column(3)], abs=1)
     for wrong, message in (
         ({"weightMat": [[0.5]]}, r"weightMat of shape \(1, 1\) for 53 names"),
-        ({"facsNames": None}, "expected facsNames"), ({"exportFps": 0}, "at 0 frames per second"), ({"weightMat": [[float("nan")] * 53]}, "not finite"),
-        ({"facsNames": ["other"] * 53}, "at facsNames"), ({"weightMat": []}, "weightMat of shape"),
-    ):  # fmt: skip
+        ({"facsNames": None}, "expected facsNames"),
+        ({"exportFps": 0}, "at 0 frames per second"),
+        ({"weightMat": [[float("nan")] * 53]}, "not finite"),
+        ({"facsNames": ["other"] * 53}, "at facsNames"),
+        ({"weightMat": []}, "weightMat of shape"),
+    ):
         with pytest.raises(DataError, match=message):
             parse_blend_track(json.dumps(export | wrong).encode())
 
