@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 def inspect(
     path: Path = typer.Argument(
         ...,
-        help="FAPs, an FBA stream, a table of weights, phone timings, audio, video, an image, a marker recording, face"
-        " landmarks or an OpenFace table, an avatar, a scan, a profile or a head.",
+        help="FAPs, an FBA stream, a table of weights, phone timings, audio, video, an image, a marker recording, a"
+        " session, face landmarks or an OpenFace table, an avatar, a scan, a profile or a head.",
     ),
     everything: bool = typer.Option(False, "--all", help="Show every row, not only the first ones."),
     plot: Path | None = typer.Option(None, "--plot", help="Plot the content to an image (.png)."),

@@ -12,6 +12,7 @@ FILE_KINDS: tuple[FileKind, ...] = (
     faces.HEAD,
     tracked.TRACKED,
     tracked.MARKERS,
+    tracked.SESSION,
     faces.AVATAR,
     motion.FBA,
     media.RECORDING,

@@ -12,7 +12,8 @@ from fapengine.capture.marker_track import MarkerTrack
 from fapengine.capture.sound import Synchrony, synchrony
 from fapengine.errors import DataError
 from fapengine.files.heads.built import load_built
-from fapengine.files.recordings import is_table, load_markers, load_recorded_sound, mesh_files
+from fapengine.files.recordings import RECORDINGS, is_table, load_markers, load_recorded_sound, mesh_files
+from fapengine.files.sessions import load_session
 from fapengine.laboratory.few_markers import facing
 from fapengine.laboratory.look import Look, look_over, session_lines
 from fapengine.mesh.default_head.style import HeadStyle
@@ -95,6 +96,30 @@ def _plot(path: Path, track: MarkerTrack, look: Look) -> "np.ndarray":
     return recording(path.name, track.select(labels), places @ axes.T, look)
 
 
+def _session(source: Source) -> Report:
+    """Describe the takes of a session."""
+    loaded = load_session(source.path)
+    takes = {
+        take.name: {
+            "seconds": round(take.markers.duration_s, 3), "phones": len(take.phones),
+            "seen": round(float(take.markers.valid.mean()), 4),
+        }
+        for take in loaded.takes
+    }  # fmt: skip
+    rows = [
+        f"  {name:<16} {take['seconds']:.2f} s, {take['phones']} phones, {100 * take['seen']:.1f} % seen"
+        for name, take in takes.items()
+    ]
+    session = loaded.session
+    told = f"session {session.subject}: {len(takes)} takes of {len(session.labels)} markers at {session.rate_hz:g} Hz"
+    facts = {
+        "format": "session", "subject": session.subject, "rate_hz": session.rate_hz, "labels": session.labels,
+        "takes": takes, "warnings": loaded.warnings,
+    }  # fmt: skip
+    text = [told, Table(rows=rows, shown=MARKERS_SHOWN, more="  ... and {} more takes (--all)")]
+    return Report(facts=facts, text=text, plot="--plot draws one recording of a session", warnings=loaded.warnings)
+
+
 def _is_tracked(source: Source) -> bool:
     if source.ending not in LANDMARK_ENDINGS or source.format or not source.path.is_file():
         return False
@@ -156,6 +181,13 @@ MARKERS = FileKind(
         or (not source.format and is_table(source.path))
     ),
     describe=_markers,
+)
+SESSION = FileKind(
+    name="a session",
+    fits=lambda source: (
+        source.path.is_dir() and any(path.suffix.lower() in RECORDINGS for path in source.path.iterdir())
+    ),
+    describe=_session,
 )
 TRACKED = FileKind(
     name="face landmarks or an OpenFace table", endings=LANDMARK_ENDINGS, fits=_is_tracked, describe=_tracked

@@ -20,6 +20,8 @@ ORIGIN = {"takes": "takes", "variance": "variance", "held_out": "held out"}
 GOOD, FAIR = (0.6, 0.9), (0.4, 1.0)
 """Least correlation of the opening, and largest lip error relative to a face that keeps its mean pose. Our choice: good
 is what the shipped profile reaches by phone medians alone."""
+FEW = 6
+"""Number of held-out takes below which an interval over them is doubtful."""
 SHIPPED = {False: "1.95 mm and r = 0.66", True: "1.55 mm and r = 0.88"}
 """Figures of profiles/grid_s1_en/profile.toml, held_out: by phone medians, and by targets that depend on neighbours."""
 
@@ -191,11 +193,13 @@ def _prediction(fitted: Fitted) -> list[str]:
             (score.take, *map(_spell, (score.lips_mm, score.mean_pose_mm, score.opening_r, score.opening_slope)))
             for score in (study.whole, *study.by_take)
         ]
+        few = f", which with {len(study.by_take)} takes is only a hint"
         header = ("held-out take", "lips, mm", "mean pose, mm", "opening, r", "opening, slope")
         first = escape(study.by_take[0].take)
         parts += [
             table(header, rows, marked="all"),
-            f"<p>In brackets: 95 % intervals by bootstrap over pieces of {PIECE_S:g} s of a take, and over takes.</p>",
+            f"<p>In brackets: 95 % intervals by bootstrap over pieces of {PIECE_S:g} s of a take, and over takes"
+            f"{few if len(study.by_take) < FEW else ''}.</p>",
             picture(figures.prediction(fitted), f"Take {first}. Contacts are made later, on FAPs: this path has none."),
         ]
     return [*parts, *_sentence(fitted), *_via(fitted)]

@@ -276,6 +276,14 @@ def test_session_toml_is_read_strictly(recorded, tmp_path, toml, message):
         run("fit", folder, "-o", tmp_path / "p")
 
 
+def test_a_session_is_inspected(recorded):
+    told = json.loads(run("inspect", recorded, "--json").stdout)
+    assert (told["format"], told["subject"], len(told["takes"])) == ("session", "S07", 10)
+    assert told["takes"]["take00"]["phones"] == len(SPOKEN) + 2  # silence at both ends
+    assert told["takes"]["take00"]["seen"] < 1.0
+    assert "session S07: 10 takes of 18 markers at 100 Hz" in run("inspect", recorded).stdout
+
+
 def test_folders_that_are_no_session(tmp_path):
     with pytest.raises(UsageError, match="not a folder"):
         load_session(tmp_path / "none")
