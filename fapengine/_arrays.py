@@ -109,8 +109,9 @@ def as_sound(sound: SoundLike, name: str = "sound") -> Sound:
     ----------
     sound : (array_like, int)
         Samples, (N,) or (N, C): float in -1..1, int16, int32 or uint8, as soundfile and librosa give them. The mean of
-        C channels (at most :data:`MAX_CHANNELS`) is taken; (1, N) and (1, 1, N), as voices of PyTorch give them, are mono.
-        Floats beyond 1 are clipped; beyond :data:`MAX_OVERSHOOT` they are an error. And the sample rate, a whole number in :data:`SOUND_RATES_HZ`.
+        C channels (at most :data:`MAX_CHANNELS`) is taken; (1, N) and (1, 1, N), as voices of PyTorch give them, are
+        mono. Floats beyond 1 are clipped; beyond :data:`MAX_OVERSHOOT` they are an error. And the sample rate, a whole
+        number in :data:`SOUND_RATES_HZ`.
     name : str
         Name of the argument, for messages.
 

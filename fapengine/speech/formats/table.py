@@ -8,11 +8,12 @@ are whole numbers and no unit is given, seconds and milliseconds are both possib
 import csv
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from fapengine.errors import DataError, UsageError
+from fapengine.speech.alphabets.phone_sets import PHONE_SETS
 from fapengine.speech.formats.documents import Node, decode_text, parse_document
-from fapengine.speech.formats.entries import LAST_S, Entry
+from fapengine.speech.formats.entries import LAST_S, Entry, track_of
 from fapengine.speech.formats.word_lists import labelled_track, words_track
 from fapengine.speech.phone_track import PhoneTrack
 
@@ -21,7 +22,7 @@ NAMES: dict[str, tuple[str, ...]] = {
               "time", "timestamp", "offset"),
     "end": ("end", "stop", "xmax", "endtime", "stoptime", "endtimestamp", "tmax", "to", "t1", "offset"),
     "length": ("duration", "length", "dur", "len"),
-    "label": ("phone", "phoneme", "label", "segment", "text", "word", "symbol", "viseme", "value", "token"),
+    "label": ("phone", "phoneme", "label", "segment", "text", "word", "symbol", "viseme", "value", "token", "mouth"),
     "word": ("word",),
 }  # fmt: skip
 """Usual names of columns, as :func:`plain_name` writes them, the best first."""
@@ -115,6 +116,12 @@ def _found(names: list[str], said: Columns) -> dict[str, str]:
     return found
 
 
+_VISEMES = frozenset({"viseme", "visemename", "visemelabel", "mouth", "mouthshape", "shape", "mouthcue"})
+_VISEME_SETS = ("oculus-visemes", "rhubarb-shapes", "preston-blair", "polly-visemes")
+"""Names of columns that have visemes, and the sets that are tried."""
+_PREFIX = re.compile(r"(viseme_|vrc\.v_|v_)", re.IGNORECASE)
+
+
 def is_row(node: Node) -> bool:
     """Whether a JSON object is a row with start and label, by usual names."""
     if not isinstance(node.value, dict):
@@ -151,9 +158,21 @@ def parse_table(data: bytes, *, columns: str | None = None, alphabet: str | None
         word = row.get(found.get("word", ""), "")
         entries.append(Entry(start_s, end_s, row.get(found["label"], ""), where, word))
     entries.reverse()
+    if alphabet is None and (visemes := _viseme_track(entries, plain_name(found["label"]) in _VISEMES)):
+        return visemes
     if alphabet is None and plain_name(found["label"]) in _WORDS:
         return words_track(entries, "table", "one word a row")
     return labelled_track(entries, "table", alphabet, row="row")
+
+
+def _viseme_track(entries: Sequence[Entry], is_named: bool) -> PhoneTrack | None:
+    """Make a track of labels that are visemes by the name of their column, or by a prefix; None for others."""
+    bare = [replace(entry, label=_PREFIX.sub("", entry.label.strip())) for entry in entries]
+    labels = {entry.label for entry in bare} - {""}
+    if not is_named and labels == {entry.label.strip() for entry in entries} - {""}:
+        return None
+    fitting = [name for name in _VISEME_SETS if labels <= PHONE_SETS[name].table.keys()]
+    return track_of(bare, "table", alphabet=fitting[0], level="viseme") if fitting and labels else None
 
 
 def _csv_rows(text: str, numbered: bool) -> dict[str, dict[str, str]]:

@@ -355,6 +355,16 @@ LISTS = (
     Case("json list, startMs", "the same", json.dumps(timed(IPA, "phoneme", "startMs", "endMs", MS)), IPA),
     Case("json list, nested", "the same", json.dumps({"result": {"id": 5, "timings": timed(IPA, "phoneme")}}), IPA),
     Case("json lines", "the same", text(*map(json.dumps, timed(IPA, "phoneme"))), IPA),
+    Case("json list of visemes", "lists of web players", json.dumps([
+        {"time": 0.1, "viseme": "PP"}, {"time": 0.2, "viseme": "aa"}, {"time": 0.5, "viseme": "sil"}]),
+         [("p", 0.1, 0.2), ("ɑ", 0.2, 0.5)]),
+    Case("json list of visemes of Ready Player Me", "lists of web players: names of Ready Player Me", json.dumps({"cues": [
+        {"start": 0.0, "end": 0.2, "viseme": "viseme_PP"}, {"start": 0.2, "end": 0.4, "viseme": "viseme_aa"}]}),
+         [("p", 0, 0.2), ("ɑ", 0.2, 0.4)]),
+    Case("csv of mouth shapes", "animators' lists", "start,end,mouth\n0.0,0.2,A\n0.2,0.4,D\n0.4,0.5,X\n", [
+        ("p", 0, 0.2), ("ɑ", 0.2, 0.4)], ".csv"),
+    Case("csv of visemes that no set has", "the same", "start,end,viseme\n0.0,0.2,M\n0.2,0.4,AA\n", [
+        ("m", 0, 0.2), ("ɑ", 0.2, 0.4)], ".csv"),
     Case("json list of words", "the same", json.dumps({"lang": "fr", "items": timed(FR, "word")}), FR, language="fr"),
 )  # fmt: skip
 
