@@ -6,17 +6,17 @@ GOALS_FPS = {REFERENCE: 60, "26,000 vertices": 40, "71,000 vertices": 20, "720p"
 """Case to the frames a second that it must reach."""
 MAX_DEFORMING = 1.3
 """Time of a frame to that of an undeformed mesh."""
-PEERS = ("PyVista", "PyVista, bare", "pygfx", "pygfx, as it comes", "pygfx, bare", "vispy, bare", "pyrender")
+PEERS = ("PyVista", "PyVista, bare", "pygfx", "pygfx, default settings", "pygfx, bare", "vispy, bare", "pyrender")
 BROWSER_PEERS = ("three.js", "three.js, bare", "three.js, morphs", "our page")
 """In headless Chromium: :mod:`bench.browser_peers`, run by this interpreter."""
 MIN_PEER_RATIO = 6.0
 """Time of a peer's frame to ours."""
 MIN_PEER_RATIOS = {"three.js": 2.0, "three.js, bare": None, "three.js, morphs": None, "our page": None}
 """Peer to such a ratio where it is not :data:`MIN_PEER_RATIO`; None: there is no goal."""
-STAIRS, SOFT, FINE = "stairs, light at pixels", "light at pixels", "multisampled, light at pixels"
+STAIRS, SOFT, FINE = "aliased, light at pixels", "light at pixels", "multisampled, light at pixels"
 """Our cases with light worked out at every pixel, as peers do it: without anti-aliasing, softened, four samples."""
 SAME_QUALITY = {
-    "PyVista": SOFT, "PyVista, bare": STAIRS, "pygfx": SOFT, "pygfx, as it comes": FINE, "pygfx, bare": STAIRS,
+    "PyVista": SOFT, "PyVista, bare": STAIRS, "pygfx": SOFT, "pygfx, default settings": FINE, "pygfx, bare": STAIRS,
     "vispy, bare": STAIRS, "pyrender": FINE, "three.js": FINE, "three.js, bare": STAIRS, "three.js, morphs": FINE,
     "our page": REFERENCE,
 }  # fmt: skip

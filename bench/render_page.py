@@ -48,8 +48,8 @@ def sections(result: dict) -> list[dict]:
         "text": (
             "The same mesh, 512 × 512, read back. Other renderers get the moved vertices ready-made. *Alike* is their"
             " CPU time against ours at the same light and antialiasing; the goal is"
-            f" {MIN_PEER_RATIO:g} (three.js: {MIN_PEER_RATIOS['three.js']:g}). *Bare* is without antialiasing. Peers"
-            f" need an interpreter of their own (`pip install --group peers`). {_verdict(result)}"
+            f" {MIN_PEER_RATIO:g} (three.js: {MIN_PEER_RATIOS['three.js']:g}). *Bare*: without antialiasing. They"
+            f" need their own environment (`pip install --group peers`). {_verdict(result)}"
         ),
         "table": [
             ["", "ms of all cores", "alike"],

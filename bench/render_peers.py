@@ -146,7 +146,7 @@ PEERS = {
     "PyVista": lambda data: pyvista(data, smooth=True),
     "PyVista, bare": pyvista,
     "pygfx": lambda data: pygfx(data, pixel_scale=1, ppaa="fxaa"),
-    "pygfx, as it comes": pygfx,
+    "pygfx, default settings": pygfx,
     "pygfx, bare": lambda data: pygfx(data, pixel_scale=1, ppaa="none"),
     "vispy, bare": vispy,
     "pyrender": pyrender,
