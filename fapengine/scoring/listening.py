@@ -7,12 +7,11 @@ a quarter of the checks is left out, and counted.
 
 import csv
 import io
-from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from fapengine.errors import DataError
-from fapengine.scoring.statistics import Estimate, by_group, chance_p, estimate, share_interval
+from fapengine.scoring.statistics import Estimate, estimate, share_test
 
 COLUMNS = ("listener", "seed", "trial", "item", "left", "right", "choice", "seconds", "plays")
 """Columns of the page's CSV; ``left`` and ``right`` are systems, ``choice`` is the side that was chosen."""
@@ -102,9 +101,8 @@ def preference_of(answers: Iterable[Answer], *, seed: int = 1) -> Preference:
     """
     answers = list(answers)
     checks = [answer for answer in answers if answer.is_check]
-    passed, _ = by_group([answer.chosen == MOVING for answer in checks], [answer.listener for answer in checks])
-    shares = dict(zip(dict.fromkeys(answer.listener for answer in checks), passed, strict=True))
-    excluded = {listener: share for listener, share in shares.items() if share < MIN_PASSED}
+    shares = _shares((answer.listener, answer.chosen == MOVING) for answer in checks)
+    excluded = {listener: share for listener, (share, _) in shares.items() if share < MIN_PASSED}
     pairs = [answer for answer in answers if not answer.is_check and answer.listener not in excluded]
     systems = sorted({name for answer in pairs for name in (answer.chosen, answer.other)})
     if len(systems) != 2:
@@ -115,9 +113,10 @@ def preference_of(answers: Iterable[Answer], *, seed: int = 1) -> Preference:
     wins = [answer.chosen == systems[0] for answer in pairs]
     if sum(wins) * 2 < len(wins):
         systems, wins = systems[::-1], [not won for won in wins]
-    chosen, listeners = sum(wins), [answer.listener for answer in pairs]
-    low, high = share_interval(chosen, len(wins))
-    items = [answer.item for answer in pairs]
+    chosen = sum(wins)
+    by_listener = _shares(zip((answer.listener for answer in pairs), wins, strict=True))
+    by_item = _shares(zip((answer.item for answer in pairs), wins, strict=True))
+    low, high, p = share_test(chosen, len(wins))
     return Preference(
         system=systems[0],
         other=systems[1],
@@ -126,9 +125,17 @@ def preference_of(answers: Iterable[Answer], *, seed: int = 1) -> Preference:
         share=chosen / len(wins),
         low=low,
         high=high,
-        p=chance_p(chosen, len(wins)),
-        over_listeners=estimate(*by_group(wins, listeners), seed=seed),
-        by_item=dict(zip(dict.fromkeys(items), by_group(wins, items)[0], strict=True)),
-        listeners=len(Counter(listeners)),
+        p=p,
+        over_listeners=estimate(*zip(*by_listener.values(), strict=True), seed=seed),
+        by_item={item: share for item, (share, _) in by_item.items()},
+        listeners=len(by_listener),
         excluded=excluded,
     )
+
+
+def _shares(pairs: Iterable[tuple[str, bool]]) -> dict[str, tuple[float, int]]:
+    """Share of true values, and number of values, by name."""
+    values: dict[str, list[bool]] = {}
+    for name, value in pairs:
+        values.setdefault(name, []).append(value)
+    return {name: (sum(each) / len(each), len(each)) for name, each in values.items()}

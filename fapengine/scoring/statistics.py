@@ -4,7 +4,6 @@ The unit of resampling is the utterance: frames of one sentence depend on each o
 over resampled utterances (Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, chapters 13 and 14).
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -133,23 +132,18 @@ def _interval(mean: float, means: Array, count: int) -> Estimate:
     return Estimate(mean, low, high, count)
 
 
-def share_interval(successes: int, trials: int) -> tuple[float, float]:
-    """95 % interval of a share by Clopper and Pearson (Biometrika 26, 1934), doi:10.1093/biomet/26.4.404."""
+def share_test(successes: int, trials: int) -> tuple[float, float, float]:
+    """Exact binomial statistics of a share.
+
+    Returns
+    -------
+    low, high : float
+        95 % interval by Clopper and Pearson (Biometrika 26, 1934), doi:10.1093/biomet/26.4.404.
+    p : float
+        Two-sided, against equal chances.
+    """
     from scipy.stats import binomtest
 
-    found = binomtest(successes, trials).proportion_ci(LEVEL, method="exact")
-    return float(found.low), float(found.high)
-
-
-def chance_p(successes: int, trials: int) -> float:
-    """Two-sided p of a share under equal chances, by the exact binomial test."""
-    from scipy.stats import binomtest
-
-    return float(binomtest(successes, trials).pvalue)
-
-
-def by_group(values: Sequence[bool], groups: Sequence[str]) -> tuple[list[float], list[float]]:
-    """Share of true values in each group, and the number of its values."""
-    names = list(dict.fromkeys(groups))
-    members = [[value for value, group in zip(values, groups, strict=True) if group == name] for name in names]
-    return [float(np.mean(each)) for each in members], [float(len(each)) for each in members]
+    found = binomtest(successes, trials)
+    interval = found.proportion_ci(LEVEL, method="exact")
+    return float(interval.low), float(interval.high), float(found.pvalue)

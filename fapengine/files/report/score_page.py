@@ -10,7 +10,7 @@ from fapengine.files.report.parts import COOL, FAINT, INK, WARM
 from fapengine.scoring.mouth import Mouth, is_bilabial, is_labiodental
 from fapengine.scoring.score import Score
 from fapengine.scoring.statistics import Estimate, PairedTest
-from fapengine.scoring.verdict import Verdict
+from fapengine.scoring.verdict import VERTEX_MEASURES, Verdict
 from fapengine.scoring.vertices import VertexErrors
 from fapengine.speech.phone_track import PhoneTrack
 
@@ -72,18 +72,10 @@ def score_rows(score: Score) -> dict[str, Rows]:
 
 def vertex_rows(errors: VertexErrors) -> dict[str, Rows]:
     """Format the errors of meshes, as :func:`score_rows`."""
-    rows = [
-        ("LVE", errors.lve_squared, "unit²", "largest squared distance of a lip vertex, mean over frames"),
-        ("LVE without the square", errors.lve, "unit", "MeshTalk's definition"),
-        ("MVE", errors.mve, "unit", "mean distance of all vertices"),
-        ("FDD", errors.fdd_squared, "unit²", "deviation of squared distances; positive: the upper face moves less"),
-        ("FDD without the square", errors.fdd, "unit", "CodeTalker's definition"),
-    ]
-    name = f"Against the other meshes, {errors.frames} frames, in their unit"
+    values = [(measure.row, measure.value(errors)) for measure in VERTEX_MEASURES]
     return {
-        name: [
-            (measure, "none" if value is None else f"{value:.4g} {unit}", meaning)
-            for measure, value, unit, meaning in rows
+        f"Against the other meshes, {errors.frames} frames, in their unit": [
+            (row.name, "none" if value is None else f"{value:.4g} {row.unit}", row.help) for row, value in values
         ]
     }
 
@@ -95,17 +87,13 @@ def summary_lines(
     lines = []
     for system, named in systems.items():
         lines.append(f"{system or 'Mean'}, with 95 % intervals over utterances")
-        lines += [
-            f"  {name:10} {spell_estimate(each)} {units[name]}, n = {each.count}" for name, each in named.items()
-        ]
+        lines += [f"  {name:10} {spell_estimate(each)} {units[name]}, n = {each.count}" for name, each in named.items()]
     if tests:
         one, other = systems
         lines.append(f"{one} less {other}, with 95 % intervals over utterances and Wilcoxon's p")
         for name, test in tests.items():
             apart = test.difference
-            lines.append(
-                f"  {name:10} {spell_estimate(apart)} {units[name]}, p = {test.p:.3g}, n = {apart.count}"
-            )
+            lines.append(f"  {name:10} {spell_estimate(apart)} {units[name]}, p = {test.p:.3g}, n = {apart.count}")
     return lines
 
 

@@ -247,7 +247,7 @@ def test_meshes_have_the_errors_of_papers(tmp_path: Path) -> None:
     found = json.loads(run(*arguments, "--json"))
     assert (found["lve_squared"], found["lve"], found["mve"]) == pytest.approx((4.0, 2.0, 2.0))
     assert run(*arguments, "--fail-under", "lve=3.9", code=1).startswith("fails: lve 4 unit2")
-    assert "LVE                            4 unit²" in run(*arguments)
+    assert "lve                            4 unit2                lip vertex error, squared" in run(*arguments)
     meshes = tmp_path / "true"
     meshes.mkdir()
     for number, frame in enumerate(true):
