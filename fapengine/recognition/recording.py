@@ -261,21 +261,13 @@ class _Judged:
     total: int
 
 
-def listen(
-    sound: Iterable[NDArray[np.int16]],
-    *,
-    only_speech: bool = True,
-    words: bool = True,
-    on_heard: Progress = lambda _: None,
-) -> Recording:
-    """Find the phones of a recording without its text.
+def listen(sound: Iterable[NDArray[np.int16]], *, words: bool = True, on_heard: Progress = lambda _: None) -> Recording:
+    """Find the phones of a recording without its text; music and noise are silence (:func:`.loudness.spoken_frames`).
 
     Parameters
     ----------
     sound : iterable of (N,) int16
         At :data:`.protocol.RATE_HZ`, in pieces of any length. Memory holds 20 s of it.
-    only_speech : bool
-        Music and noise are silence (:func:`.loudness.spoken_frames`).
     words : bool
         Guess English words as well, and use their phones where they agree with the audio; takes four times as long.
     on_heard : callable
@@ -287,12 +279,10 @@ def listen(
     for piece, _ in in_pieces(sound):
         if not len(piece):
             continue
-        found, spoken = _hear(loop, piece, only_speech=only_speech)
+        found, spoken = _hear(loop, piece)
         if guesser and spoken.any():
             found = guesser.improve(found, piece)
-        gathered.add(
-            [Phone(label, a / FRAME_HZ, b / FRAME_HZ) for label, a, b in labelled(found, len(spoken), spoken)], piece
-        )
+        gathered.add([Phone(label, a / FRAME_HZ, b / FRAME_HZ) for label, a, b in labelled(found, spoken)], piece)
         on_heard(len(piece) / RATE_HZ)
     return gathered.done(())
 
@@ -357,7 +347,7 @@ def follow(
             Mismatch(gathered.now_s + start / FRAME_HZ, gathered.now_s + stop / FRAME_HZ, aligner.words[a:b])
             for a, b, start, stop in missing
         ]
-        rows = _merged(aligned, missing, labelled(found, len(spoken), spoken), aligner.words, names)
+        rows = _merged(aligned, missing, labelled(found, spoken), aligner.words, names)
         mismatches += _untold(rows, spoken, gathered.now_s)
         gathered.add(rows, piece)
         cursor = behind
@@ -426,15 +416,10 @@ class _Gathered:
         return Recording(phones, tuple(self._soundings), mismatches, unheard)
 
 
-def _hear(
-    loop: object, piece: NDArray[np.int16], *, only_speech: bool = True
-) -> tuple[list[Frames], NDArray[np.bool_]]:
+def _hear(loop: object, piece: NDArray[np.int16]) -> tuple[list[Frames], NDArray[np.bool_]]:
     """Find the model's phones in a piece, and which of its frames are speech."""
-    frames = -(-len(piece) // HOP)
     sphinx.decode(loop, piece)
     found = sphinx.frames_of(loop.seg() or [])  # type: ignore[attr-defined]
-    if not only_speech:
-        return found, np.ones(frames, dtype=bool)
     return found, spoken_frames(found, pitch_hz(piece), loudness_db(piece))
 
 

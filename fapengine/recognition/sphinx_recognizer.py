@@ -31,12 +31,12 @@ _CONTEXT = 2
 class SphinxRecognizer(BlockRecognizer):
     """PocketSphinx's phone loop as a :class:`.protocol.Recognizer`. Stateful.
 
+    Music and noise are silence (:func:`.loudness.spoken_frames`), and so are whispers.
+
     Parameters
     ----------
     look_ahead_s : float
         Delay of phones after their audio, 0.05 to 1 s; they come at most one block (80 ms) later.
-    only_speech : bool
-        Report music and noise as silence (:func:`.loudness.spoken_frames`); whispers are only found without it.
 
     Examples
     --------
@@ -48,11 +48,10 @@ class SphinxRecognizer(BlockRecognizer):
 
     _block = BLOCK
 
-    def __init__(self, look_ahead_s: float = LOOK_AHEAD_S, *, only_speech: bool = True) -> None:
+    def __init__(self, look_ahead_s: float = LOOK_AHEAD_S) -> None:
         if not 0.05 <= look_ahead_s <= 1.0:
             raise UsageError(f"look_ahead_s: must be 0.05 to 1, got {look_ahead_s}")
         self.look_ahead_s = look_ahead_s
-        self._only_speech = only_speech
         self._loop = new_phone_loop()
         self._meter = new_phone_loop()
         """Decoder that computes features only, to measure the mean spectrum."""
@@ -139,8 +138,7 @@ class SphinxRecognizer(BlockRecognizer):
         found = frames_of(self._loop.seg() or [])
         levels = loudness_db(self._sound)
         pitch = np.concatenate([self._pitch, np.zeros(max(frames - len(self._pitch), 0))])[:frames]
-        spoken = spoken_frames(found, pitch, levels) if self._only_speech else None
-        return labelled(found, frames, spoken)
+        return labelled(found, spoken_frames(found, pitch, levels))
 
     def _close(self) -> list[Phone]:
         """End the utterance and report all of it."""
@@ -164,20 +162,19 @@ class SphinxRecognizer(BlockRecognizer):
         ]
 
 
-def labelled(segments: Sequence[Frames], frames: int, spoken: NDArray[np.bool_] | None) -> list[Frames]:
+def labelled(segments: Sequence[Frames], spoken: NDArray[np.bool_]) -> list[Frames]:
     """Turn segments into IPA without gaps; frames without speech are silence.
 
     Parameters
     ----------
     segments : sequence of Frames
         In the model's phones.
-    spoken : (T,) bool, optional
-        By default all phones are.
+    spoken : (T,) bool
     """
-    names: list[tuple[str, int]] = [(SILENCE, -1)] * frames
+    names: list[tuple[str, int]] = [(SILENCE, -1)] * len(spoken)
     for number, (name, start, end) in enumerate(segments):
-        for frame in range(start, min(end, frames)) if ipa_of(name) != SILENCE else ():
-            if spoken is None or spoken[frame]:
+        for frame in range(start, min(end, len(spoken))) if ipa_of(name) != SILENCE else ():
+            if spoken[frame]:
                 names[frame] = ipa_of(name), number
     found: list[Frames] = []
     for (label, _), group in groupby(enumerate(names), key=lambda entry: entry[1]):
