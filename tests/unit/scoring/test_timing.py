@@ -45,6 +45,12 @@ def test_a_shift_is_found(shift: int, seed: int) -> None:
     assert lag_ms(made, true) == pytest.approx(1000 * shift / GRID_HZ, abs=6)
 
 
+def test_of_shifts_that_fit_as_well_the_smallest_counts() -> None:
+    times_s = grid(4.0)
+    wave = np.sin(2 * np.pi * 5 * times_s)
+    assert lag_ms(np.sin(2 * np.pi * 5 * (times_s - 0.03)), wave) == pytest.approx(30, abs=3)  # not -370, -170 or 230
+
+
 def test_misalignment_is_the_shift_of_slow_movements() -> None:
     times_s = grid(6.0)
     true = 5 + 4 * np.sin(2 * np.pi * 1.3 * times_s) + np.sin(2 * np.pi * 0.4 * times_s)
