@@ -142,7 +142,7 @@ class Hub:
         self._stopped = False
         self._opened = asyncio.Event()
         self.engine.open_listeners.append(self._opened.set)
-        self.engine.event_listeners.append(self.listeners.tell_event)
+        self.engine.event_listeners.append(lambda event: self.listeners.tell("event", event.session, event))
         self.engine.command_listeners.append(self._tell_command)
 
     # Sessions and commands
@@ -220,7 +220,7 @@ class Hub:
             anchor = "audio" if self.listeners.plays(session) else "now"
         spoken = Spoken(session, self.new_number(), text, speech, anchor)
         self.host(session).say(spoken.utterance, speech, anchor, self.clock())
-        self.listeners.tell_speech(spoken)
+        self.listeners.tell("speech", session, spoken)
         return spoken
 
     async def speak(
@@ -401,4 +401,4 @@ class Hub:
             self._hosts[session].note(command, now_s)
         if isinstance(command, Cancel) and command.utterance is None:
             self.speaker.cancel(session)
-        self.listeners.tell_command(session, command, now_s)
+        self.listeners.tell("command", session, session, command, now_s)

@@ -144,24 +144,12 @@ class Listeners:
 
     def tell_frames(self, frames: HubFrames) -> None:
         """Hand out the frames of one tick: whole, and row by row."""
-        self._tell("frames", None, frames)
+        self.tell("frames", None, frames)
         rows = {session: row for row, session in enumerate(frames.sessions)} if self._of["frame"] else {}
         for key, (session, listener, _) in tuple(self._of["frame"].items()):
             if session in rows:
                 frame = HubFrame(session, frames.number, frames.time_s, frames.faps[rows[session]])
                 self._call("frame", key, listener, frame)
-
-    def tell_event(self, event: Event) -> None:
-        """Report an event."""
-        self._tell("event", event.session, event)
-
-    def tell_command(self, session: str, command: Command, now_s: float) -> None:
-        """Report a command of a session."""
-        self._tell("command", session, session, command, now_s)
-
-    def tell_speech(self, spoken: Spoken) -> None:
-        """Hand out the audio of what a voice said."""
-        self._tell("speech", spoken.session, spoken)
 
     def _add(
         self, kind: str, session: str | None, listener: Callable[..., None], *, plays: bool = False
@@ -170,7 +158,8 @@ class Listeners:
         listeners[key] = session, listener, plays
         return lambda: listeners.pop(key, None)
 
-    def _tell(self, kind: str, session: str | None, *arguments: object) -> None:
+    def tell(self, kind: str, session: str | None, *arguments: object) -> None:
+        """Pass an event, a command, audio or frames of a session to all listeners of that kind."""
         for key, (wanted, listener, _) in tuple(self._of[kind].items()):
             if wanted in (None, session):
                 self._call(kind, key, listener, *arguments)
