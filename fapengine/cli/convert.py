@@ -31,7 +31,7 @@ def convert(
         fapengine convert take.fap --shapes rhubarb -o take.json
         fapengine convert take.fap --into avatar.glb -o spoken.glb
         fapengine convert take.c3d --into profiles/s03 -o dense.glb
-        fapengine convert via.npz -o take.trc                      # via points of fapengine reduce
+        fapengine convert via.npz -o take.trc                       # via points
 
     With --into, the result is the avatar with an animation that any tool plays. The modes of a dense face become morph
     targets.

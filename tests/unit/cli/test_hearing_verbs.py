@@ -190,7 +190,7 @@ def test_refusals(talk: Path, tmp_path: Path) -> None:
             run(*arguments)
     with pytest.raises(UsageError, match="is a recording itself"):
         fapengine.animate(talk, sound=talk)
-    with pytest.raises(UsageError, match="transcript: cannot be used with phone timings"):
+    with pytest.raises(UsageError, match="transcript: cannot be used here: only a recording has it"):
         fapengine.animate(pho, transcript="mama")
 
 
