@@ -38,9 +38,7 @@ def draw_faces(fitted: Fitted, adapted: FaceMesh | None = None) -> Mapping[str, 
     if fitted.dense is not None:
         head, dense = _dense(fitted.dense.face)
         pictures["The mean of all scans, and 3 standard deviations of each dense mode to either side."] = dense
-        caption = (
-            "Registration: the reference with its fitted markers, a scan, and that scan with the same vertices."
-        )
+        caption = "Registration: the reference with its fitted markers, a scan, and that scan with the same vertices."
         pictures[caption] = _registration(fitted.dense)
         if adapted is not None:
             faces = [_still(mesh) for mesh in (load_built(HeadStyle()), adapted, head)]

@@ -143,9 +143,7 @@ def fit_session(
         prepared, training, held_out, modes=options.modes, variance=options.variance, standard=standard.space
     )
     space = replace(
-        study_space(
-            prepared, prepared.takes, (), modes=judged.space.mode_count, variance=1.0, standard=standard.space
-        ),
+        study_space(prepared, prepared.takes, (), modes=judged.space.mode_count, variance=1.0, standard=standard.space),
         error_mm=judged.error_mm,
         error_by_take_mm=judged.error_by_take_mm,
         error_from_mean_mm=judged.error_from_mean_mm,
