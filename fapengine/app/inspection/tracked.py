@@ -116,7 +116,7 @@ def _session(source: Source) -> Report:
         "format": "session", "subject": session.subject, "rate_hz": session.rate_hz, "labels": session.labels,
         "takes": takes, "warnings": loaded.warnings,
     }  # fmt: skip
-    text = [told, Table(rows=rows, shown=MARKERS_SHOWN, more="  ... and {} more takes (--all)")]
+    text: list[str | Table] = [told, Table(rows=rows, shown=MARKERS_SHOWN, more="  ... and {} more takes (--all)")]
     return Report(facts=facts, text=text, plot="--plot draws one recording of a session", warnings=loaded.warnings)
 
 
