@@ -140,8 +140,8 @@ UNSAID = {
     "Profile",
     "Head",
 }
-"""Names whose constructors nobody calls: a number's, an interface, exceptions, what files are loaded into; score has tests
-of its own."""
+"""Names whose constructors nobody calls: a number's, an interface, exceptions, what files are loaded into. Scores have
+tests of their own."""
 
 
 def every() -> list[tuple[Callable[..., object], str, object]]:
