@@ -141,6 +141,16 @@ def test_one_phone_decides_with_tolerance() -> None:
         assert found.closures.precision == 1.0
 
 
+def test_a_mouth_opens_where_phones_are_spoken() -> None:
+    values = np.zeros((101, fap.FAP_COUNT), np.int32)
+    values[50:, fap.column(5)] = -400  # 8.6 mm, in the pause
+    phones = PhoneTrack.of([Phone("ɑ", 0, 0.49), Phone("_", 0.49, 1.0)])
+    assert score_motion(track(values, 100.0), phones=phones).opens_mm == 0.0
+    assert score_motion(track(values, 100.0)).opens_mm == pytest.approx(400 * ADULT.mns0_mm / 1024)
+    silence = PhoneTrack.of([Phone("_", 0, 1.0)])
+    assert score_motion(track(values, 100.0), phones=silence).opens_mm is None
+
+
 def test_lve_is_that_of_its_definition(spoken: fapengine.Performance) -> None:
     """TorchMetrics 1.9, ``LipVertexError``: mean over frames of the maximum over vertices of the squared distance."""
     rng = np.random.default_rng(3)
