@@ -239,7 +239,7 @@ def test_python_has_every_option_of_speaking(name: str) -> None:
 @pytest.mark.parametrize("name", SPEAKING)
 def test_an_option_of_speaking_changes_how_a_text_is_spoken(name: str) -> None:
     field = SPEAKING[name]
-    low, high = _range(field.type)
+    low, _ = _range(field.type)
     choices = _described(field.type).choices
     numbers = [low] if low is not None else []
     texts = [tuple(choices[:1]) if isinstance(field.default, tuple) else each for each in choices or ("another",)]

@@ -22,7 +22,7 @@ from tests.live.caller import SDP, Mouth, caller, speak, watch
 from tests.live.stage import on_a_loop, until
 from tests.unit.recognition.speech import BABY, spoken
 
-CALLS, LIMIT_S = 8, 300.0
+CALLS, LIMIT_S = 30, 300.0
 Serving = tuple[Server, str, aiohttp.ClientSession]
 
 

@@ -80,8 +80,6 @@ def _timeline(track: PhoneTrack) -> Table:
 
 TIMINGS = FileKind(
     name="phone timings",
-    fits=lambda source: (
-        source.format is not None or guess_format(source.data, ending=source.path.suffix) is not None
-    ),
+    fits=lambda source: source.format is not None or guess_format(source.data, ending=source.path.suffix) is not None,
     describe=_timings,
 )
