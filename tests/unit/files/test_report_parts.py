@@ -30,7 +30,8 @@ def test_figures_are_named_and_tables_scroll() -> None:
 
 
 def fitted(r: float, lips_mm: float, warnings: int = 0) -> Any:
-    study = Some(opening_r=r, lips_mm=lips_mm, mean_pose_mm=2.5, context=True)
+    whole = {"opening_r": r, "lips_mm": lips_mm, "mean_pose_mm": 2.5}
+    study = Some(whole=Some(**{name: Some(value=value) for name, value in whole.items()}), context=True)
     return Some(prediction=study, warnings=["x"] * warnings)
 
 
