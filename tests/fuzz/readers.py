@@ -155,7 +155,8 @@ def _capture() -> Iterable[Reader]:
         ("BVH", parse_bvh, BVH),
         ("landmarks", lambda data: parse_landmarks(data, picture), json.dumps(few).encode()),
     ):
-        yield Reader(name, lambda data, parse=parse: understand(parse(data)), tuple(good))
+        units = "mm" if parse is parse_bvh else None  # its files state none
+        yield Reader(name, lambda data, parse=parse, units=units: understand(parse(data), units=units), tuple(good))
 
 
 def _no_file(name: str) -> bytes:
