@@ -213,7 +213,7 @@ def run_score(job: ScoreJob, *, on_frame: Callable[[], None] = lambda: None) -> 
     made, remarks = _mouth(job.made, job.offset_s, on_frame)
     phones, is_heard = _phones(job, sound)
     truth = _mouth(job.against, 0.0, on_frame)[0] if job.against is not None else None
-    rate_hz = (len(made.times_s) - 1) / (made.end_s - float(made.times_s[0]))
+    rate_hz = (len(made.times_s) - 1) / (made.end_s - made.start_s)
     if job.plan and phones is not None:
         truth = mouth_of(plan_of(phones, rate_hz))
     power = power_of(*load_sound(sound)) if sound is not None else None

@@ -44,7 +44,7 @@ class Mouth:
     """A mouth, two lids and a head over time. Arrays are read-only."""
 
     times_s: Array
-    """(T,) s, rising, from 0."""
+    """(T,) s, rising, 0 or more."""
     lips_mm: Array
     """(T, 16, 3) mm: how far each of :data:`LIP_POINTS` is from its place at rest."""
     opening_mm: Array
@@ -63,6 +63,11 @@ class Mouth:
         count = len(self.times_s)
         freeze(self, opening_mm=(count,), width_mm=(count,), lower_mm=(count,), shut=(count, 2), head_rad=(count, 3))
         freeze(self, lips_mm=(count, len(LIP_POINTS), 3))
+
+    @property
+    def start_s(self) -> float:
+        """Time of the first frame."""
+        return float(self.times_s[0])
 
     @property
     def end_s(self) -> float:
@@ -165,7 +170,7 @@ def closures_of_phones(mouth: Mouth, phones: PhoneTrack, *, closed_mm: float = C
     Precision: of the frames within speech whose lips are shut, the fraction within :data:`SLACK_S` of a bilabial or a
     labiodental. Pauses, and :data:`SLACK_S` around them, do not count.
     """
-    spoken = [phone for phone in phones.phones if not phone.is_silence and phone.start_s <= mouth.end_s]
+    spoken = [phone for phone in phones.phones if not phone.is_silence and _is_seen(mouth, phone.start_s, phone.end_s)]
     needed = [(phone.start_s, phone.end_s) for phone in spoken if is_bilabial(phone)]
     touching = [(phone.start_s, phone.end_s) for phone in spoken if is_bilabial(phone) or is_labiodental(phone)]
     pauses = [(phone.start_s, phone.end_s) for phone in phones.phones if phone.is_silence]
@@ -174,7 +179,7 @@ def closures_of_phones(mouth: Mouth, phones: PhoneTrack, *, closed_mm: float = C
 
 def closures_of_truth(mouth: Mouth, truth: Mouth, *, closed_mm: float = CLOSED_MM) -> Contacts:
     """Count closures of a reference: the times at which its lips are shut, for no longer than a pause."""
-    shut = [span for span in runs(truth.opening_mm < closed_mm, truth.times_s) if span[0] <= mouth.end_s]
+    shut = [span for span in runs(truth.opening_mm < closed_mm, truth.times_s) if _is_seen(mouth, *span)]
     needed = [span for span in shut if span[1] - span[0] <= PAUSE_S]
     pauses = [span for span in shut if span[1] - span[0] > PAUSE_S]
     return _judged(mouth, needed, needed, pauses, closed_mm)
@@ -182,9 +187,14 @@ def closures_of_truth(mouth: Mouth, truth: Mouth, *, closed_mm: float = CLOSED_M
 
 def teeth_of_phones(mouth: Mouth, phones: PhoneTrack) -> Contacts:
     """Count f and v in which the lower lip comes to the teeth's edge."""
-    needed = [(p.start_s, p.end_s) for p in phones.phones if is_labiodental(p) and p.start_s <= mouth.end_s]
+    needed = [(p.start_s, p.end_s) for p in phones.phones if is_labiodental(p) and _is_seen(mouth, p.start_s, p.end_s)]
     met = [bool(_during(mouth, mouth.lower_mm, start, end).max() > -TEETH_MM) for start, end in needed]
     return _counted(needed, met, None)
+
+
+def _is_seen(mouth: Mouth, start_s: float, end_s: float) -> bool:
+    """Whether a contact begins before a mouth ends, and has its middle after the mouth begins."""
+    return start_s <= mouth.end_s and (start_s + end_s) / 2 >= mouth.start_s
 
 
 def _counted(needed: list[Span], met: list[bool], precision: float | None) -> Contacts:

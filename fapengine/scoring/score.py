@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from fapengine._arrays import Array
-from fapengine.errors import UsageError
+from fapengine.errors import DataError, UsageError
 from fapengine.scoring.mouth import (
     CLOSED_MM,
     LIP_POINTS,
@@ -55,12 +55,20 @@ class Likeness:
 def likeness_of(mouth: Mouth, truth: Mouth) -> Likeness:
     """Compare a mouth with a reference.
 
+    Raises
+    ------
+    DataError
+        If the reference has no frame while the mouth is recorded.
+
     Notes
     -----
     LVE is that of :mod:`fapengine.scoring.vertices`, with the lip points of MPEG-4 as vertices. Sets of vertices differ
     between papers, and so their figures cannot be compared with each other or with these.
     """
-    times_s = truth.times_s[truth.times_s <= mouth.end_s + 1e-9]
+    times_s = truth.times_s[(truth.times_s >= mouth.start_s - 1e-9) & (truth.times_s <= mouth.end_s + 1e-9)]
+    if not len(times_s):
+        span = f"{mouth.start_s:.3f} to {mouth.end_s:.3f} s"
+        raise DataError(f"reference: has no frame from {span}, the time of the lip sync")
     true, made = truth.at(times_s), mouth.at(times_s)
     apart = vertex_errors(made.lips_mm, true.lips_mm, lips=range(len(LIP_POINTS)))
     assert apart.lve is not None
@@ -130,7 +138,7 @@ class Intensity:
 
 def behaviour_of(mouth: Mouth) -> Behaviour:
     """Measure head and eyes."""
-    first_s, last_s = float(mouth.times_s[0]), mouth.end_s
+    first_s, last_s = mouth.start_s, mouth.end_s
     length_s = last_s - first_s
     shut = runs(mouth.shut.min(axis=1) > BLINK_SHUT, mouth.times_s)
     blinks = [(start, end) for start, end in shut if end - start <= MAX_BLINK_S and start > first_s and end < last_s]
@@ -160,8 +168,8 @@ def intensity_of(mouth: Mouth, power: Array) -> Intensity:
     square and the lips' (root mean square over frames of the mean motion of the lip points). Here windows of one second
     of one recording replace the clips.
     """
-    times_s = grid(min(mouth.end_s, (len(power) - 1) / GRID_HZ))
-    seen, power = mouth.at(times_s), power[: len(times_s)]
+    times_s = grid(min(mouth.end_s, (len(power) - 1) / GRID_HZ), mouth.start_s)
+    seen, power = mouth.at(times_s), power[np.round(times_s * GRID_HZ).astype(int)]
     motion = np.linalg.norm(np.diff(seen.lips_mm, axis=0, prepend=seen.lips_mm[:1]), axis=-1).mean(axis=1)
     width, hop = int(WINDOW_S * GRID_HZ), int(HOP_S * GRID_HZ)
     starts = range(0, len(times_s) - width + 1, hop)
@@ -260,7 +268,7 @@ def score_mouth(
     if phones is not None and phones.spelled:
         raise UsageError("phones: got spelled words, expected phones; pronounce them first")
     return Score(
-        duration_s=mouth.end_s - float(mouth.times_s[0]),
+        duration_s=mouth.end_s - mouth.start_s,
         frames=len(mouth.times_s),
         closed_mm=closed_mm,
         opens_mm=opens_mm(mouth, phones),

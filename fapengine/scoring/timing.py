@@ -55,7 +55,7 @@ class Timing:
 
 def timing_of_truth(mouth: Mouth, truth: Mouth) -> Timing:
     """Compare with a reference."""
-    times_s = grid(min(mouth.end_s, truth.end_s))
+    times_s = grid(min(mouth.end_s, truth.end_s), mouth.start_s)
     made, true = (np.interp(times_s, m.times_s, m.opening_mm) for m in (mouth, truth))
     mtm_ms, met = misalignment(made, true)
     return Timing(lag_ms(made, true), mtm_ms, met)
@@ -63,13 +63,13 @@ def timing_of_truth(mouth: Mouth, truth: Mouth) -> Timing:
 
 def timing_of_phones(mouth: Mouth, phones: PhoneTrack) -> Timing:
     """Compare with the opening that phones lead to expect."""
-    times_s = grid(min(mouth.end_s, phones.duration_s))
+    times_s = grid(min(mouth.end_s, phones.duration_s), mouth.start_s)
     return Timing(lag_ms(np.interp(times_s, mouth.times_s, mouth.opening_mm), expected_opening(phones, times_s)))
 
 
-def grid(end_s: float) -> Array:
-    """Return times from 0 to an end, (T,) s at :data:`GRID_HZ`."""
-    return np.arange(int(max(end_s, 0.0) * GRID_HZ) + 1) / GRID_HZ
+def grid(end_s: float, start_s: float = 0.0) -> Array:
+    """Return the multiples of a step of :data:`GRID_HZ` from a start to an end, (T,) s; none if the end comes first."""
+    return np.arange(int(np.ceil(start_s * GRID_HZ - 1e-6)), int(end_s * GRID_HZ) + 1) / GRID_HZ
 
 
 def expected_opening(phones: PhoneTrack, times_s: Array) -> Array:
@@ -120,6 +120,8 @@ def misalignment(made: Array, true: Array) -> tuple[float | None, float | None]:
     """Mean temporal misalignment in ms of openings, (T,) mm at :data:`GRID_HZ`, and the fraction of extrema met."""
     from scipy.signal import find_peaks
 
+    if len(made) < 2:
+        return None, None
     made, true = (smoothed(each, SMOOTHING_S) for each in (made, true))
     first, last = warp(np.gradient(true), np.gradient(made), int(REACH_S * GRID_HZ))
     extrema = {sign: find_peaks(sign * true, prominence=MIN_PROMINENCE_MM)[0] for sign in (1, -1)}

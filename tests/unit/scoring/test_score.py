@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import fapengine
-from fapengine.errors import UsageError
+from fapengine.errors import DataError, UsageError
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack
 from fapengine.retarget.blend import ADULT
 from fapengine.scoring.mouth import LIP_POINTS, Contacts, is_bilabial, is_labiodental, mouth_of
-from fapengine.scoring.score import Score, score_mouth
+from fapengine.scoring.score import Intensity, Score, score_mouth
 from fapengine.speech.phone_track import Phone, PhoneTrack
 
 RATE_HZ = 60.0
@@ -199,3 +199,26 @@ def test_phones_that_touch() -> None:
 def test_what_cannot_be_scored_is_refused(make: object, message: str) -> None:
     with pytest.raises(UsageError, match=message):
         make()  # type: ignore[operator]
+
+
+def test_a_piece_is_judged_by_what_is_said_while_it_runs(spoken: fapengine.Performance) -> None:
+    first = 150
+    score = score_motion(
+        spoken.track[first:], truth=spoken.track, phones=spoken.phones, power=np.ones(600), offset_s=first / RATE_HZ
+    )
+    assert score.truth is not None
+    assert score.intensity is not None
+    for closures in both(score):
+        assert closures.recall == 1.0
+        assert 0 < closures.wanted < 9
+    assert score.truth.likeness.lips_mm == pytest.approx(0.0, abs=1e-9)
+    assert score.truth.timing.mtm_ms == 0.0
+    assert score.intensity.windows == int((score.duration_s - 1.0) / 0.5) + 1
+    with pytest.raises(DataError, match="has no frame from 60"):
+        score_motion(spoken.track[first:], truth=spoken.track, offset_s=60.0)
+
+
+def test_two_frames_and_the_shortest_sound_have_a_score(spoken: fapengine.Performance) -> None:
+    score = score_motion(spoken.track[:2], truth=spoken.track, phones=spoken.phones, power=np.zeros(0))
+    assert score.truth is not None
+    assert (score.truth.timing.lag_ms, score.intensity) == (None, Intensity(None, 0, None))
