@@ -96,6 +96,9 @@ def test_orders_are_the_listener_s_own_and_balanced(page: Page, test_folder: Pat
         checks = [n for n, trial in enumerate(order) if trial["still"] >= 0]
         assert checks == [4, 13, 22, 31, 40]  # one in each fifth
         assert all(len(set(order[n]["clips"])) == 1 for n in checks)
+    one = "{ ...config, items: config.items.slice(0, 1), checks: 0 }"
+    lefts = page.run(f"[...Array(64).keys()].map((name) => plan({one}, name)[0].shown[0])")
+    assert 20 <= lefts.count("ours") <= 44  # of an odd number, too, no system has a side
 
 
 def test_a_film_that_is_missing_is_told(page: Page, test_folder: Path, tmp_path: Path) -> None:

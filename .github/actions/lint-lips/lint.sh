@@ -3,13 +3,15 @@
 # the action's inputs, BASE the commit to compare with (empty: all files), RUNNER_TEMP, GITHUB_OUTPUT, GITHUB_STEP_SUMMARY.
 set -euo pipefail
 set -f  # git, not the shell, expands the patterns
-read -r -a patterns <<< "$FILES"
+read -r -d "" -a patterns <<< "$FILES" || true  # blanks and line ends separate them
+listed="$RUNNER_TEMP/lips.list"  # a file, as a pipe would hide that git failed
 if [[ -n "${BASE:-}" ]]; then
   git cat-file -e "$BASE^{commit}" 2> /dev/null || git fetch --no-tags --depth=1 origin "$BASE"
-  mapfile -d '' files < <(git diff --name-only -z --diff-filter=d "$BASE" HEAD -- "${patterns[@]}")
+  git diff --name-only -z --diff-filter=d "$BASE" HEAD -- "${patterns[@]}" > "$listed"
 else
-  mapfile -d '' files < <(git ls-files -z -- "${patterns[@]}")
+  git ls-files -z -- "${patterns[@]}" > "$listed"
 fi
+mapfile -d '' files < "$listed"
 if [[ ${#files[@]} -eq 0 ]]; then
   echo "No lip sync to check."
   exit 0

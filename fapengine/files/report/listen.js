@@ -42,7 +42,8 @@ function randomOf(text) {
   };
 }
 
-/** Trials in the listener's order. Each system is on the left in half of them; checks are spread evenly. */
+/** Trials in the listener's order. Each system is on the left in half of them (of an odd number, chance decides which
+ * is there once more); checks are spread evenly. */
 function plan({ items, systems, checks, seed }, name) {
   const random = randomOf(`${seed} ${name}`);
   const shuffled = (list) => {
@@ -53,7 +54,8 @@ function plan({ items, systems, checks, seed }, name) {
     }
     return copy;
   };
-  const swaps = shuffled(items.map((_, index) => index % 2));
+  const first = Math.floor(random() * 2);
+  const swaps = shuffled(items.map((_, index) => (index + first) % 2));
   const list = shuffled(items).map(({ id, clips }, index) => {
     const order = swaps[index] ? [1, 0] : [0, 1];
     return { item: id, shown: order.map((one) => systems[one]), clips: order.map((one) => clips[one]), still: -1 };

@@ -58,10 +58,11 @@ def test_what_a_pull_request_adds_is_checked(checkout: Path) -> None:
 
 
 def test_thresholds_and_patterns_are_passed_on(checkout: Path) -> None:
-    code, said, _ = lint(checkout, FILES="right.fap *.glb", FAIL_UNDER="opens=50mm,closures=95")
+    code, said, _ = lint(checkout, FILES="*.glb\nright.fap", FAIL_UNDER="opens=50mm,closures=95")
     assert (code, said.splitlines()[0]) == (1, "fails: 1 of 1 recordings")
     assert "right: fails: opens 1" in said
     assert lint(checkout, FILES="*.glb") == (0, "No lip sync to check.\n", "")
+    assert lint(checkout, FILES=":(no-such-magic)*.fap")[0] == 128  # git says why
 
 
 def test_the_action_runs_the_script_with_all_its_inputs() -> None:
