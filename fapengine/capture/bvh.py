@@ -16,6 +16,8 @@ from fapengine.capture.text import decode_text
 from fapengine.errors import DataError, TruncatedError
 
 MAX_JOINTS, MAX_DEPTH = 2000, 200
+MAX_JOINTS_PER_CHANNEL = 2
+"""A joint with one channel and its end: a small file cannot ask for gigabytes of joints that do not move."""
 AXES = {"x": 0, "y": 1, "z": 2}
 
 
@@ -101,6 +103,9 @@ def _hierarchy(words: list[str]) -> tuple[list[_Joint], int]:
             raise ValueError(f"got {words[at]!r:.20}, expected a joint, OFFSET, CHANNELS or a brace")
     if not joints or open_joints or any(joint.offset.shape != (3,) for joint in joints):
         raise ValueError("no joint, an open brace, or an offset without three numbers")
+    width = sum(len(joint.channels) for joint in joints)
+    if len(joints) > MAX_JOINTS_PER_CHANNEL * width:
+        raise ValueError(f"{len(joints)} joints have {width} channels, expected one for every two joints or more")
     return joints, at
 
 

@@ -20,6 +20,7 @@ NUMBERS = {
 }  # fmt: skip
 """NumPy's name for each type of element."""
 STRUCT, CHARACTERS = 2, 4
+MAX_DIMENSIONS = 32
 MAX_RATIO = 100
 """Largest ratio of a variable's size to that of the whole file; real ones pack to a half."""
 
@@ -107,8 +108,8 @@ def _value(body: bytes, order: str) -> Value:
     values = _numbers(next(parts, (0, b"")), order)
     if kind == CHARACTERS:
         return "".join(chr(int(code)) for code in values if 0 < code < 0xD800)
-    if len(values) != math.prod(shape) or min(shape) < 0:
-        raise DataError(f"MAT: got {len(values)} numbers, expected shape {tuple(shape)}")
+    if len(values) != math.prod(shape) or min(shape) < 0 or len(shape) > MAX_DIMENSIONS:
+        raise DataError(f"MAT: got {len(values)} numbers, expected shape {tuple(shape[:MAX_DIMENSIONS])}")
     return values.reshape(shape, order="F")
 
 

@@ -73,14 +73,15 @@ def synchrony(sound: RecordedSound, track: MarkerTrack) -> Synchrony | None:
     speed = np.linalg.norm(
         np.diff(track.positions_mm - np.nanmean(track.positions_mm, axis=1, keepdims=True), axis=0), axis=-1
     )
-    motion = np.nan_to_num(np.nanmean(np.where(np.isnan(speed), np.nan, speed), axis=1))
+    motion = np.nan_to_num(np.nanmean(speed, axis=1))
     edges = (np.arange(len(motion) + 1) * sound.rate_hz / track.rate_hz).astype(np.int64)
     edges = edges[edges <= len(sound.samples)]
     reach = round(REACH_S * track.rate_hz)
     count = min(len(edges) - 1, len(motion))
     if count < MIN_S * track.rate_hz:
         return None
-    power = np.add.reduceat(sound.samples.astype(np.float64) ** 2, edges[:-1])[:count] / np.diff(edges)[:count]
+    squares = sound.samples[: edges[-1]].astype(np.float64) ** 2
+    power = np.add.reduceat(squares, edges[:-1]) / np.diff(edges)
     loudness = np.log(power + 1e-4 * power.max() + 1e-9)
     width = max(1, round(0.05 * track.rate_hz))
     smooth = np.convolve(motion[:count], np.ones(width) / width, "same")

@@ -30,6 +30,8 @@ class Answer:
     chosen: str
     """System, or :data:`MOVING` or :data:`STILL` in an attention check."""
     other: str
+    line: tuple[str, ...] = ()
+    """Its row of the table, by which an answer that was saved twice is known."""
 
     @property
     def is_check(self) -> bool:
@@ -87,19 +89,19 @@ def parse_answers(data: bytes) -> list[Answer]:
                 f"answers: got {','.join(row)!r:.80}, expected a choice of left or right", where=f"line {line}"
             )
         other = "right" if cells["choice"] == "left" else "left"
-        answers.append(Answer(cells["listener"], cells["item"], cells[cells["choice"]], cells[other]))
+        answers.append(Answer(cells["listener"], cells["item"], cells[cells["choice"]], cells[other], tuple(row)))
     return answers
 
 
 def preference_of(answers: Iterable[Answer], *, seed: int = 1) -> Preference:
-    """Analyse a listening test of two systems.
+    """Analyse a listening test of two systems. The same row twice is one answer: people save and send files again.
 
     Raises
     ------
     DataError
         If there is no answer of a listener that counts, or the answers are not about two systems.
     """
-    answers = list(answers)
+    answers = list(dict.fromkeys(answers))
     checks = [answer for answer in answers if answer.is_check]
     shares = _shares((answer.listener, answer.chosen == MOVING) for answer in checks)
     excluded = {listener: share for listener, (share, _) in shares.items() if share < MIN_PASSED}

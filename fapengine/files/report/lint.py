@@ -1,11 +1,12 @@
 """Verdicts for continuous integration: JUnit's XML, and SARIF 2.1.0 (OASIS) with the times of faults."""
 
 import json
+import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import PurePath
-from urllib.parse import quote
+from urllib.parse import quote_from_bytes
 from xml.etree import ElementTree
 
 from fapengine.scoring.thresholds import LIP_THRESHOLDS, MESH_THRESHOLDS
@@ -91,13 +92,13 @@ def format_sarif(results: Sequence[Judged], *, version: str) -> bytes:
             }
         ],
     }
-    return json.dumps(log, indent=2, ensure_ascii=False).encode() + b"\n"
+    return json.dumps(log, indent=2, ensure_ascii=False).encode(errors="replace") + b"\n"
 
 
 def _result(result: Judged, fault: Fault, time_s: float | None, rule: int) -> dict[str, object]:
     place: dict[str, object] = {
         "physicalLocation": {
-            "artifactLocation": {"uri": quote(result.path.as_posix())},
+            "artifactLocation": {"uri": quote_from_bytes(os.fsencode(result.path.as_posix()))},
             "region": {"startLine": 1 if time_s is None else result.line(time_s)},
         }
     }

@@ -71,6 +71,12 @@ def test_sensors_that_were_not_connected_are_left_out(track):
         (parse_bvh, lambda t: BVH.replace(b"JOINT knee\n  {", b"JOINT knee\n"), DataError, "has no block"),
         (parse_bvh, lambda t: BVH.replace(b"}\nMOTION", b"MOTION"), DataError, "an open brace"),
         (parse_bvh, lambda t: BVH.replace(b"OFFSET 0 -5 2", b"SHIFT 0 -5 2"), DataError, "expected a joint"),
+        (
+            parse_bvh,
+            lambda t: BVH.replace(b"End Site\n", b"End Site { }\n" * 16 + b"End Site\n"),
+            DataError,
+            "19 joints",
+        ),
     ],
 )
 def test_what_is_wrong_is_named(track, parse, spoil, kind, message):
@@ -93,8 +99,9 @@ def element(kind: int, body: bytes) -> bytes:
     return struct.pack("<II", kind, len(body)) + body + bytes(-len(body) % 8)
 
 
-def variable(kind: int, shape: tuple[int, int], *parts: bytes) -> bytes:
-    head = (element(6, struct.pack("<II", kind, 0)), element(5, struct.pack("<ii", *shape)), element(1, b""))
+def variable(kind: int, shape: tuple[int, ...], *parts: bytes) -> bytes:
+    sizes = np.array(shape, "<i4").tobytes()
+    head = (element(6, struct.pack("<II", kind, 0)), element(5, sizes), element(1, b""))
     return element(14, b"".join((*head, *parts)))
 
 
@@ -110,6 +117,7 @@ NAMES = (element(5, struct.pack("<i", 7)), element(1, b"NAME\0\0\0SRATE\0\0SIGNA
         (mat(variable(2, (1, 1), element(5, bytes(4)), element(1, b"NAME"))), DataError, "got 0"),
         (mat(variable(2, (1, 2), *NAMES, *[variable(6, (1, 1), element(9, bytes(8)))] * 3)), TruncatedError, "1 of 2"),
         (mat(variable(2, (1, 1), *NAMES, variable(6, (3, 3), element(9, bytes(8))))), DataError, r"shape \(3, 3\)"),
+        (mat(variable(2, (1, 1), *NAMES, variable(6, (1,) * 70, element(9, bytes(8))))), DataError, "got 1 numbers"),
         (mat(variable(6, (1, 1), element(9, bytes(8)))), DataError, "three columns"),
     ],
 )

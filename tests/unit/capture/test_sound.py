@@ -92,6 +92,12 @@ def test_the_delay_between_sound_and_motion_is_found(delay_s):
     assert found.is_doubtful == (delay_s != 0.0)
 
 
+def test_sound_after_the_last_frame_does_not_count():
+    sound, track = recorded(0.2)
+    longer = np.concatenate([sound.samples, np.full(100 * sound.rate_hz, 2**14, np.int16)])
+    assert synchrony(RecordedSound("longer", longer, sound.rate_hz), track) == synchrony(sound, track)
+
+
 def test_what_cannot_be_compared_has_no_delay():
     assert synchrony(*recorded(0.0, seconds=3.0)) is None
     sound, track = recorded(0.0)

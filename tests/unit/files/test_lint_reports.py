@@ -13,14 +13,15 @@ LATE = Verdict(
 RESULTS = [
     Judged(PurePosixPath("a b/ä%.csv"), LATE, frames=(-0.5, 30.0)),
     Judged(PurePosixPath("b\x00.fap"), Verdict((Fault("file", "b\x00.fap: broken"),), ("file",), "")),
+    Judged(PurePosixPath("\udcff.fap"), Verdict((Fault("file", "\udcff.fap: broken"),), ("file",), "")),
     Judged(PurePosixPath("c.fap"), Verdict((), ("lag",), "lag 1 ms")),
 ]
 
 
 def test_junit_counts_and_can_be_parsed() -> None:
     top = ElementTree.fromstring(format_junit(RESULTS))
-    assert [top.get(name) for name in ("tests", "failures", "errors", "skipped")] == ["5", "2", "1", "1"]
-    assert [suite.get("name") for suite in top] == ["a b/ä%.csv", "b?.fap", "c.fap"]
+    assert [top.get(name) for name in ("tests", "failures", "errors", "skipped")] == ["6", "2", "2", "1"]
+    assert [suite.get("name") for suite in top] == ["a b/ä%.csv", "b?.fap", "?.fap", "c.fap"]
     found = top.findall("testsuite/testcase/failure")
     assert [each.text for each in found] == ["lag 99 ms", "closures 0 %\nat 0.500 s\nat 1.250 s"]
     assert top.find("testsuite/testcase[@name='r']/skipped") is not None
@@ -41,6 +42,18 @@ def test_sarif_names_rules_files_lines_and_times() -> None:
         places.append((result["ruleId"], place["artifactLocation"]["uri"], place["region"]["startLine"]))
     uri = "a%20b/%C3%A4%25.csv"
     # the table begins at -0.5 s, with a line for each of 30 frames a second below its header
-    assert places == [("lag", uri, 1), ("closures", uri, 32), ("closures", uri, 54), ("file", "b%00.fap", 1)]
-    assert [result.get("properties") for result in run["results"]] == [None, {"time_s": 0.5}, {"time_s": 1.25}, None]
+    assert places == [
+        ("lag", uri, 1),
+        ("closures", uri, 32),
+        ("closures", uri, 54),
+        ("file", "b%00.fap", 1),
+        ("file", "%FF.fap", 1),
+    ]
+    assert [result.get("properties") for result in run["results"]] == [
+        None,
+        {"time_s": 0.5},
+        {"time_s": 1.25},
+        None,
+        None,
+    ]
     assert run["results"][2]["message"]["text"] == "at 1.250 s: closures 0 %"

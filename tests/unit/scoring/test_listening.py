@@ -8,8 +8,8 @@ from fapengine.scoring.listening import COLUMNS, parse_answers, preference_of
 HEADER = ",".join(COLUMNS)
 
 
-def row(listener: str, item: str, left: str, right: str, choice: str) -> str:
-    return f"{listener},1,1,{item},{left},{right},{choice},3.2,2"
+def row(listener: str, item: str, left: str, right: str, choice: str, trial: int = 1) -> str:
+    return f"{listener},1,{trial},{item},{left},{right},{choice},3.2,2"
 
 
 def table(*rows: str) -> bytes:
@@ -27,7 +27,7 @@ def answers_of(listener: str, chosen: str, passed: int) -> list[str]:
         )
         for n, name in enumerate(chosen)
     ]
-    checks = [row(listener, "u0", "still", "moving", "right" if n < passed else "left") for n in range(4)]
+    checks = [row(listener, "u0", "still", "moving", "right" if n < passed else "left", 9 + n) for n in range(4)]
     return [*pairs, *checks]
 
 
@@ -47,6 +47,12 @@ def test_a_preference_is_counted_and_inattentive_listeners_are_not() -> None:
 def test_the_one_that_is_preferred_is_named() -> None:
     found = preference_of(parse_answers(table(*answers_of("x", "bbbbbbba", 4))))
     assert (found.system, found.chosen, found.by_item["u7"]) == ("b", 7, 0.0)
+
+
+def test_what_was_saved_twice_counts_once() -> None:
+    one, other = (table(*answers_of(name, chosen, 4)) for name, chosen in (("x", "aaaaaaaa"), ("y", "bbbbbbbb")))
+    found = preference_of(parse_answers(one + other + one))
+    assert (found.share, found.answers, found.listeners) == (0.5, 16, 2)
 
 
 def test_files_may_be_joined() -> None:
