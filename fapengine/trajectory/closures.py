@@ -104,6 +104,11 @@ def hold_late(hold: Hold, edge_s: float) -> Hold | None:
     return Hold(start_s, max(hold.stop_s, start_s + MIN_HOLD_S), hold.contact)
 
 
+def hold_until(hold: Hold, end_s: float) -> Hold:
+    """End a hold early, with speech or with its phone; a touch lasts :data:`MIN_HOLD_S` nevertheless."""
+    return Hold(hold.start_s, min(hold.stop_s, max(end_s, hold.start_s + MIN_HOLD_S)), hold.contact)
+
+
 def holds_of(said: Iterable[tuple[Phone, str]]) -> list[Hold]:
     """List the holds of all phones that touch or must open; each phone comes with its contact."""
     return [hold_of(phone, contact) for phone, contact in said if contact != "none"]

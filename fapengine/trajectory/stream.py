@@ -29,7 +29,7 @@ from fapengine.profiles import Profile
 from fapengine.speech import ipa
 from fapengine.speech.phone_track import Phone
 from fapengine.trajectory import hermite
-from fapengine.trajectory.closures import MIN_HOLD_S, RAMP_S, Hold, hold_late, hold_of
+from fapengine.trajectory.closures import MIN_HOLD_S, RAMP_S, Hold, hold_late, hold_of, hold_until
 from fapengine.trajectory.context import REACH
 from fapengine.trajectory.phonetics import WIDTH
 from fapengine.trajectory.style import Style
@@ -208,7 +208,8 @@ class StreamingPlanner:
             plan_together([self])
         self._phones = []
         self._due = edge, fade_s
-        self._kept_holds, self._holds = [hold for hold in self.holds if hold.start_s - RAMP_S < edge], {}
+        self._kept_holds = [hold_until(hold, edge) for hold in self.holds if hold.start_s - RAMP_S < edge]
+        self._holds = {}
 
     def _to_plan(self) -> tuple[list[Phone], int]:
         """Drop old phones; return those of the new plan, and the index of the first one with keys that it needs."""
@@ -252,7 +253,7 @@ class StreamingPlanner:
             same = before.pop(key if key in before else begun_keys.get(key[::2], key), None)
             if same is None and phone.end_s <= edge:  # its time is over, and so is what it had to hold
                 continue
-            hold: Hold | None = same or hold_of(phone, contact)
+            hold: Hold | None = hold_until(same, max(phone.end_s, edge)) if same else hold_of(phone, contact)
             if hold and not same and hold.start_s - RAMP_S < edge:
                 hold = hold_late(hold, edge)
             if hold:

@@ -11,7 +11,7 @@ from fapengine.errors import UsageError
 from fapengine.mpeg4 import fap
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.trajectory import hermite
-from fapengine.trajectory.closures import MIN_HOLD_S, RAMP_S
+from fapengine.trajectory.closures import MIN_HOLD_S, OPEN_FAPU, RAMP_S
 from fapengine.trajectory.planner import Style, plan
 from fapengine.trajectory.stream import AHEAD_PHONES
 from fapengine.trajectory.targets import keys_of
@@ -113,6 +113,19 @@ def test_cancelling_brings_rest_in_time_from_any_state(labels, each_s, share, fa
     assert planner.frames(np.arange(at_s + 2, at_s + 3, 0.01)).any()
 
 
+@pytest.mark.parametrize("ending", ["cancel", "silence", "vowel"])
+def test_a_long_vowel_that_is_cut_short_holds_the_mouth_open_no_longer(ending):
+    planner = SingleStream(english())
+    planner.feed([Phone("æ", 0.0, 5.0)])
+    assert opening(planner.frames([2.0]))[0] > OPEN_FAPU
+    if ending == "cancel":
+        planner.cancel(2.0)
+    else:
+        planner.feed([Phone(SILENCE if ending == "silence" else "u", 2.0, 5.0)])
+        planner.feed([Phone(SILENCE, 2.1, 5.0)])
+    assert not planner.frames([2.5]).any()
+
+
 @given(LABELS, LENGTHS, st.floats(0.2, 1.0), st.floats(0.01, 10.0))
 def test_a_slow_fade_opens_the_face_no_farther_than_speech_did(labels, each_s, share, fade_s):
     uncancelled, planner = SingleStream(english(), Style.still()), SingleStream(english(), Style.still())
@@ -210,7 +223,7 @@ def test_a_bilabial_that_is_cut_short_while_it_is_shut_opens_no_later():
     until_s = max(hold.stop_s for hold in planner.holds if hold.contact == "lips")
     planner.feed([Phone("ɑ", 0.68, 0.9)])  # as when nobody knew how long it would be
     assert planner.counts.revised == 1
-    assert max(hold.stop_s for hold in planner.holds if hold.contact == "lips") == until_s
+    assert max(hold.stop_s for hold in planner.holds if hold.contact == "lips") <= until_s
 
 
 def test_of_phones_that_come_together_the_last_word_counts():
