@@ -261,7 +261,7 @@ def describe(fitted: Fitted, nearness: Nearness | None = None) -> dict[str, obje
         "phones": {name: study.tokens for name, study in fitted.phones.items()},
         "lips_mm": None if prediction is None else round(prediction.whole.lips_mm.value, 3),
         "lips_interval_mm": None
-        if prediction is None
+        if prediction is None or len(prediction.by_take) < 2
         else [round(prediction.whole.lips_mm.low, 3), round(prediction.whole.lips_mm.high, 3)],
         "opening_r": None if prediction is None else round(prediction.whole.opening_r.value, 3),
         "dense_left_out_mm": None if fitted.dense is None else round(fitted.dense.face.left_out_mm[0], 3),

@@ -95,6 +95,8 @@ def _recovered(raw: RawTrack, times_s: NDArray[np.float64], rate_hz: float | Non
     is_regular = times_s.dtype.kind == "f" and times_s.shape == (len(raw.positions),) and np.isfinite(times_s).all()
     if not is_regular or (np.diff(times_s) < MIN_VIA_S).any() or not np.isfinite(raw.positions).all():
         raise DataError(f"via points: must be finite, with a time each, strictly rising by {MIN_VIA_S:g} s or more")
+    if times_s[-1] < 0:
+        raise DataError(f"via points: the last is at {times_s[-1]:g} s, expected 0 s or later")
     if abs(times_s).max() * rate_hz > MAX_FRAMES_PER_VIA * len(times_s):
         raise DataError(f"via points: {len(times_s)} in {times_s[-1]:g} s at {rate_hz:g} Hz are too far apart")
     try:

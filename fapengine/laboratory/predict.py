@@ -42,6 +42,7 @@ class Estimate(NamedTuple):
 
     value: float
     low: float
+    """NaN, as is ``high``, for a single piece or take, which has no interval."""
     high: float
 
 
@@ -140,7 +141,7 @@ def _score(take: str, pieces: list[Array]) -> TakeScore:
     sums = np.stack([_moments(piece) for piece in pieces])
     rng = np.random.default_rng(len(pieces))  # the same intervals whatever else was drawn
     drawn = rng.multinomial(len(pieces), np.full(len(pieces), 1 / len(pieces)), DRAWS) @ sums
-    low, high = np.percentile(_measures(drawn), [2.5, 97.5], axis=0)
+    low, high = np.percentile(_measures(drawn), [2.5, 97.5], axis=0) if len(pieces) > 1 else np.full((2, 4), np.nan)
     return TakeScore(
         take, *(Estimate(*map(float, each)) for each in zip(_measures(sums.sum(axis=0)), low, high, strict=True))
     )

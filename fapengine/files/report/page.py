@@ -193,7 +193,7 @@ def _prediction(fitted: Fitted) -> list[str]:
             (score.take, *map(_spell, (score.lips_mm, score.mean_pose_mm, score.opening_r, score.opening_slope)))
             for score in (study.whole, *study.by_take)
         ]
-        few = f", which with {len(study.by_take)} takes is only a hint"
+        few = "; with so few takes, the interval of all is only a hint"
         header = ("held-out take", "lips, mm", "mean pose, mm", "opening, r", "opening, slope")
         first = escape(study.by_take[0].take)
         parts += [
@@ -206,7 +206,8 @@ def _prediction(fitted: Fitted) -> list[str]:
 
 
 def _spell(estimate: Estimate) -> str:
-    return f"{estimate.value:.2f} ({estimate.low:.2f} to {estimate.high:.2f})"
+    interval = "" if np.isnan(estimate.low) else f" ({estimate.low:.2f} to {estimate.high:.2f})"
+    return f"{estimate.value:.2f}{interval}"
 
 
 def _sentence(fitted: Fitted) -> list[str]:

@@ -80,6 +80,7 @@ def test_via_points_are_a_recording_for_every_reader(take, capsys):
     for wrong, message in (
         ({"rate_hz": None}, "rate"), ({"times_s": kept["times_s"][::-1]}, "strictly rising"),
         ({"times_s": kept["times_s"] * 1e-9}, "strictly rising"), ({"times_s": kept["times_s"] * 1e9}, "too far apart"),
+        ({"times_s": kept["times_s"] - 9.0}, "the last is at -7"),
         ({"times_s": kept["times_s"][1:]}, "a time each"), ({"times_s": kept["labels"]}, "a time each"),
         ({"via_mm": kept["via_mm"] * np.nan}, "finite"),
         ({"via_mm": kept["via_mm"][:2], "times_s": np.arange(2.0)}, "at least 3"),

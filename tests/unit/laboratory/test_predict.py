@@ -42,7 +42,13 @@ DRAWS = np.random.default_rng(9).integers(0, 12, (4000, 12))
 
 def test_what_does_not_move_has_no_correlation() -> None:
     still = [np.stack([np.ones(20), np.ones(20), np.zeros(20), np.arange(20.0)], axis=1)]
-    assert predict._score("a", still).opening_r == (0.0, 0.0, 0.0)
+    assert predict._score("a", still * 2).opening_r == (0.0, 0.0, 0.0)
+
+
+def test_a_single_take_has_no_interval() -> None:
+    score = predict._score("all", pieces_of(np.random.default_rng(4), 0.1, count=1))
+    assert np.isnan([score.lips_mm.low, score.lips_mm.high, score.opening_r.low]).all()
+    assert np.isfinite(score.lips_mm.value)
 
 
 def test_the_sentence_adds_expressions_and_names_the_component_that_each_moves_most(standard) -> None:
