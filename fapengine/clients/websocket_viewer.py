@@ -66,7 +66,10 @@ def web_socket_of(url: str, session: str | None = None) -> str:
     >>> web_socket_of("http://127.0.0.1:8110/?token=abc", session="anna")
     'ws://127.0.0.1:8110/ws?token=abc&session=anna'
     """
-    parts = urlsplit(url)
+    try:
+        parts = urlsplit(url)
+    except ValueError:  # a bracket without its other
+        parts = urlsplit("")
     scheme = {"http": "ws", "https": "wss", "ws": "ws", "wss": "wss"}.get(parts.scheme)
     if scheme is None or not parts.netloc:
         raise UsageError(f"source: got {url!r:.100}, expected an address such as http://127.0.0.1:8110/")
@@ -292,7 +295,7 @@ class WebSocketViewer:
                 self._take_end(int(message["utterance"]), message["kind"])
             elif kind == "sound" and self._plays and str(message["url"]).startswith(SOUND_PATH):
                 return int(message["utterance"]), str(message["url"])
-        except (ValueError, KeyError, TypeError):
+        except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
             self.counts.refused += 1
         return None
 

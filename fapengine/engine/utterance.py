@@ -267,8 +267,11 @@ class Utterance:
     def coming(self) -> Iterator[tuple[Phone, "Utterance", int]]:
         """Phones that were not taken, in stream time, and the value of ``taken`` after each."""
         for place in range(self.taken, len(self.order)):
-            for phone in self.in_stream([self.phones[self.order[place]]], self.from_s):
-                yield phone, self, place + 1
+            left = self.in_stream([self.phones[self.order[place]]], self.from_s)
+            if left:
+                yield left[0], self, place + 1
+            elif place == self.taken:
+                self.taken += 1  # it ends before the position from which the utterance is spoken
 
     def in_stream(self, phones: Iterable[Phone], from_s: float = 0.0) -> list[Phone]:
         """Shift phones into stream time; drop what is before ``from_s`` there."""

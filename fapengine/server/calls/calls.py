@@ -243,9 +243,7 @@ class Calls:
         try:
             answer = await answer_offer(peer, offer, self._host or address, functools.partial(join, call, offer))
         except BaseException:
-            self._calls.pop(call.name, None)
-            call.leave.close()
-            await peer.close()
+            self._end(call, "its offer could not be answered")
             raise
         self.counts.begun += 1
         call.leave.callback(asyncio.create_task(self._expect(call)).cancel)

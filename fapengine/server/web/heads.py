@@ -3,10 +3,8 @@
 import asyncio
 import gzip
 
-from fapengine._child import Child, Parent, command, end_soon_with_parent
+from fapengine._child import NICENESS, Child, Parent, command, end_soon_with_parent
 from fapengine.errors import ResourceError
-
-NICENESS = 10
 
 
 class Heads:

@@ -388,19 +388,20 @@ def test_what_is_no_message_is_counted() -> None:
     link.close()
     for data in (b"", pack_frame(1, 0.0, np.zeros(68, np.int32))[:-1], b"\0" * websocket_viewer.FRAME.size):
         link._take_frame(data)
-    for text in ("{", "[]", "{}", text_of("pong", number="x", time_s=1), text_of("pong", number=1)):
+    endless, deep = '{"type": "pong", "number": 1e999, "time_s": 0}', "[" * 100_000
+    for text in ("{", "[]", "{}", endless, deep, text_of("pong", number="x", time_s=1), text_of("pong", number=1)):
         link._take_text(text)
-    assert link.counts.refused == 8
+    assert link.counts.refused == 10
     link._take_text(text_of("pong", number=77, time_s=1.0))  # to a question that was not asked
     link._take_text(text_of("utterance", number=1))  # for pages alone
     assert link.round_trip_s is None
     for number in (4, 5, 8):
         link._take_frame(pack_frame(number, 0.0, np.arange(68, dtype=np.int32)))
-    assert (link.counts.frames, link.counts.missed, link.counts.refused) == (3, 2, 8)
+    assert (link.counts.frames, link.counts.missed, link.counts.refused) == (3, 2, 10)
     np.testing.assert_array_equal(link.faps(), np.arange(68))
 
 
-@pytest.mark.parametrize("url", ["127.0.0.1:8110", "ftp://host/", "http:///x", ""])
+@pytest.mark.parametrize("url", ["127.0.0.1:8110", "ftp://host/", "http:///x", "http://[::1", ""])
 def test_refuses_an_address(url: str) -> None:
     with pytest.raises(UsageError, match=r"source: got .*, expected an address such as http"):
         web_socket_of(url)

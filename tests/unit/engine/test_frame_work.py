@@ -5,10 +5,13 @@ from collections import Counter
 from types import FrameType
 from typing import Any
 
+import numpy as np
 import pytest
 
 from bench.growth import CROWDS, crowded, utterance
+from fapengine.engine.commands import Append, Begin, Seek
 from fapengine.engine.engine import Engine
+from fapengine.engine.utterance import Utterance
 from fapengine.errors import UsageError
 from fapengine.host.host import Host
 from fapengine.speech.phone_track import Phone
@@ -63,6 +66,23 @@ def test_a_queue_is_planned_in_linear_work(monkeypatch: pytest.MonkeyPatch) -> N
     """Within 8 s of speech 400 phones are planned, and few of them twice, though 12,800 wait."""
     _, keys = frames_of("32 x 400 phones of 20 ms", 8.0, monkeypatch)
     assert 400 <= sum(keys) <= 2 * 400  # phones so short have one each
+
+
+def test_phones_before_the_position_of_a_seek_are_looked_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    engine = Engine(english(), rng=np.random.default_rng(1))
+    engine.open("anna", 0.0)
+    long = Phone("a", 0.0, 500.0)
+    for command in (Begin(1), Append(1, 0, (long,))):
+        engine.apply("anna", command, 0.0)
+    engine.frame(0.1)
+    engine.apply("anna", Seek(1, 501.0), 0.1)
+    engine.apply("anna", Append(1, 1, tuple(Phone("a", 0.1 * n, 0.1 * n + 0.1) for n in range(1000))), 0.1)
+    shifted = []
+    in_stream = Utterance.in_stream
+    monkeypatch.setattr(Utterance, "in_stream", lambda *given: shifted.append(given) or in_stream(*given))
+    for _ in range(5):
+        engine.apply("anna", Append(1, 0, (long,)), 0.1)  # a repeat
+    assert len(shifted) <= 10
 
 
 def test_phones_of_all_utterances_have_one_limit() -> None:

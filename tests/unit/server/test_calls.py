@@ -202,3 +202,22 @@ def test_a_call_ends_in_words_if_its_rendering_cannot_begin() -> None:
         assert "cannot be started" in (await calls.end(name) or "")
 
     run(work)
+
+
+def test_who_cannot_be_answered_nor_closed_keeps_nobody_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def work(calls: Calls, hub: Any, studio: Any) -> None:
+        closes = asyncio.Event()
+
+        def refuse(session: str) -> None:
+            raise UsageError("sessions: full")
+
+        with monkeypatch.context() as patch:
+            patch.setattr(hub, "hold", refuse)
+            patch.setattr(RTCPeerConnection, "close", lambda peer: closes.wait())
+            with pytest.raises(UsageError, match="full"):
+                await asyncio.wait_for(ask(calls, "10.0.0.1"), 60)
+        assert len(calls) == 0
+        await ask(calls, "10.0.0.2")
+        closes.set()
+
+    run(work)
