@@ -70,10 +70,8 @@ class Synchrony:
 
 def synchrony(sound: RecordedSound, track: MarkerTrack) -> Synchrony | None:
     """Compare sound and motion; None if either is too short or without change."""
-    speed = np.linalg.norm(
-        np.diff(track.positions_mm - np.nanmean(track.positions_mm, axis=1, keepdims=True), axis=0), axis=-1
-    )
-    motion = np.nan_to_num(np.nanmean(speed, axis=1))
+    places = track.positions_mm - _mean(track.positions_mm)[:, None]
+    motion = _mean(np.linalg.norm(np.diff(places, axis=0), axis=-1))
     edges = (np.arange(len(motion) + 1) * sound.rate_hz / track.rate_hz).astype(np.int64)
     edges = edges[edges <= len(sound.samples)]
     reach = round(REACH_S * track.rate_hz)
@@ -93,3 +91,9 @@ def synchrony(sound: RecordedSound, track: MarkerTrack) -> Synchrony | None:
         found.append(float(np.corrcoef(ours, theirs)[0, 1]))
     best = int(np.argmax(found))
     return Synchrony((best - reach) / track.rate_hz, found[best], found[reach])
+
+
+def _mean(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Mean over the markers, (T, M) or (T, M, 3), that are seen; 0 where none is."""
+    seen = ~np.isnan(values)
+    return np.asarray(np.where(seen, values, 0.0).sum(axis=1) / np.maximum(seen.sum(axis=1), 1))

@@ -72,8 +72,8 @@ def _sound(path: Path, track: MarkerTrack) -> tuple[str, Synchrony | None]:
         return "", None
     found = synchrony(sound, track)
     fit = (
-        f"; loudness and motion fit best with the sound {1000 * found.delay_s:+.0f} ms later (r {found.r:.2f},"
-        f" {found.r_as_recorded:.2f} as recorded)"
+        f"; by loudness and motion it is {1000 * abs(found.delay_s):.0f} ms {'early' if found.delay_s < 0 else 'late'}"
+        f" (r {found.r:.2f}; {found.r_as_recorded:.2f} as recorded)"
         if found
         else ""
     )

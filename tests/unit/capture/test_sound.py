@@ -98,6 +98,15 @@ def test_sound_after_the_last_frame_does_not_count():
     assert synchrony(RecordedSound("longer", longer, sound.rate_hz), track) == synchrony(sound, track)
 
 
+def test_frames_without_any_marker_do_not_move():
+    sound, track = recorded(0.2)
+    hidden = track.positions_mm.copy()
+    hidden[300:320] = np.nan
+    found = synchrony(sound, MarkerTrack(positions_mm=hidden, labels=track.labels, rate_hz=track.rate_hz))
+    assert found is not None
+    assert found.delay_s == pytest.approx(0.2, abs=0.02)
+
+
 def test_what_cannot_be_compared_has_no_delay():
     assert synchrony(*recorded(0.0, seconds=3.0)) is None
     sound, track = recorded(0.0)
