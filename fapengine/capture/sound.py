@@ -14,6 +14,8 @@ from fapengine.errors import DataError
 
 PEAK = 0.5 * 2**15
 """Largest sample after scaling; analog channels are volts."""
+MAX_SAMPLE = 1e300
+"""Larger samples are damage, and count as 0."""
 RATES_HZ = (4_000, 768_000)
 """Lowest and highest sample rate of sound; slower channels are forces and switches."""
 REACH_S, MIN_S = 0.5, 6.0
@@ -44,10 +46,10 @@ class RecordedSound:
         """
         if not RATES_HZ[0] <= rate_hz <= RATES_HZ[1]:
             raise DataError(f"sound {label!r}: must have {RATES_HZ[0]} to {RATES_HZ[1]} Hz, got {rate_hz:g} Hz")
-        values = np.where(np.isfinite(values), values, 0.0)
+        values = np.where(np.abs(values) < MAX_SAMPLE, values, 0.0)  # NaN is not
         values = values - (np.median(values) if len(values) else 0.0)
         most = np.abs(values).max(initial=0.0)
-        samples = np.round(values * (PEAK / most if most > 0 else 0.0)).astype(np.int16)
+        samples = np.round(PEAK * (values / most if most > 0 else values)).astype(np.int16)
         samples.setflags(write=False)
         return cls(label, samples, round(rate_hz))
 

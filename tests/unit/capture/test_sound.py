@@ -98,6 +98,13 @@ def test_sound_after_the_last_frame_does_not_count():
     assert synchrony(RecordedSound("longer", longer, sound.rate_hz), track) == synchrony(sound, track)
 
 
+@pytest.mark.parametrize("scale", [5e-324, 1e-310, 1.0, 1e299])
+def test_any_scale_gives_the_same_sound(scale):
+    values = np.array([0.0, 1.0, -1.0, 0.0, 0.0]) * scale
+    values[3:] = np.nan, -1.7e308
+    assert RecordedSound.of("a", values, 16000.0).samples.tolist() == [0, 2**14, -(2**14), 0, 0]
+
+
 def test_frames_without_any_marker_do_not_move():
     sound, track = recorded(0.2)
     hidden = track.positions_mm.copy()
