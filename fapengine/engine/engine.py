@@ -250,8 +250,8 @@ class Engine:
             faps = self._batch.frames(now_s, self._gestures.overlay(now_s))
         self._slow_down(faps, now_s)
         self._shown_s = now_s
-        self._shown = EngineFrame(self._names, faps, now_s)
-        return self._shown
+        self._shown = EngineFrame(self._names, faps.copy(order="K"), now_s)  # the caller may change its own
+        return EngineFrame(self._names, faps, now_s)
 
     def _slow_down(self, faps: NDArray[np.int32], now_s: float) -> None:
         """Limit the speed of mouths by moving them a part of the way; so lips that do not cross never do."""

@@ -729,6 +729,20 @@ def test_no_mouth_moves_faster_than_half_as_much_again_as_speech(told):
     assert -min(row[0, LIPS].sum() for row in rows) >= -2
 
 
+def test_what_a_caller_does_with_a_frame_changes_no_later_frame():
+    rows = {}
+    for is_overwritten in (False, True):
+        face = engine()
+        say(face, sentence())
+        rows[is_overwritten] = []
+        for number in range(60):
+            faps = face.frame(number / 60).faps
+            rows[is_overwritten].append(faps.copy())
+            if is_overwritten:
+                faps[:] = 4000
+    np.testing.assert_array_equal(rows[True], rows[False])
+
+
 def test_late_phones_are_reported_once_each_even_after_one_that_was_dropped():
     face = engine()
     phones = sentence(["a"] * 12)
