@@ -23,8 +23,7 @@ from fapengine.mpeg4.fap import FapUnit
 from fapengine.mpeg4.fapu import AU_RAD, Fapu, faps_of_displacements, measure_distances
 from fapengine.mpeg4.track import FapTrack, to_codable
 from fapengine.profiles import ExpressionTarget, Profile
-from fapengine.speech import ipa
-from fapengine.speech.phone_track import Phone
+from fapengine.speech.phone_track import Phone, is_bilabial
 from fapengine.trajectory.closures import MIN_HOLD_S, Hold, close_lips, held
 from fapengine.trajectory.faps import DETERMINED_POINTS, displacements_to_faps
 
@@ -280,11 +279,7 @@ def contacts(take: Displacements, prepared: Prepared) -> list[Hold]:
 
 
 def _bilabials(take: Displacements) -> list[Phone]:
-    return [
-        phone
-        for phone in spoken(take).phones
-        if any(ipa.SOUNDS[letter].lips >= 1.0 for letter in ipa.letters(phone.label))
-    ]
+    return [phone for phone in spoken(take).phones if is_bilabial(phone)]
 
 
 def count_closures(prepared: Prepared, profile: Profile) -> tuple[int, int]:

@@ -23,8 +23,7 @@ from fapengine.errors import UsageError
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack
 from fapengine.retarget.blend import ADULT
-from fapengine.speech import ipa
-from fapengine.speech.phone_track import Phone, PhoneTrack
+from fapengine.speech.phone_track import PhoneTrack, is_bilabial, is_labiodental
 
 LIP_POINTS = tuple(
     f"{group}.{number}"
@@ -152,16 +151,6 @@ class Contacts:
     """Fraction of the shut time that speech needs; None if the lips never shut, and for teeth."""
     missed_s: tuple[float, ...] = ()
     """Middles of those that were not made, s."""
-
-
-def is_bilabial(phone: Phone) -> bool:
-    """Return whether both lips touch in a phone."""
-    return any(ipa.SOUNDS[letter].lips >= 1.0 for letter in ipa.letters(phone.label))
-
-
-def is_labiodental(phone: Phone) -> bool:
-    """Return whether the lower lip touches the teeth in a phone."""
-    return any(ipa.SOUNDS[letter].lips == 0.5 for letter in ipa.letters(phone.label))
 
 
 def closures_of_phones(mouth: Mouth, phones: PhoneTrack, *, closed_mm: float = CLOSED_MM) -> Contacts:

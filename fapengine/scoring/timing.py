@@ -20,9 +20,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from fapengine._arrays import Array, Indices
-from fapengine.scoring.mouth import Mouth, is_bilabial, is_labiodental
+from fapengine.scoring.mouth import Mouth
 from fapengine.speech import ipa
-from fapengine.speech.phone_track import Phone, PhoneTrack
+from fapengine.speech.phone_track import Phone, PhoneTrack, is_bilabial, is_labiodental
 
 GRID_HZ = 100.0
 """Rate at which times are compared."""

@@ -114,6 +114,16 @@ class Phone:
         return self.label == SILENCE
 
 
+def is_bilabial(phone: Phone) -> bool:
+    """Return whether both lips touch in a phone."""
+    return any(ipa.SOUNDS[letter].lips >= 1.0 for letter in ipa.letters(phone.label))
+
+
+def is_labiodental(phone: Phone) -> bool:
+    """Return whether the lower lip touches the teeth in a phone."""
+    return any(ipa.SOUNDS[letter].lips == 0.5 for letter in ipa.letters(phone.label))
+
+
 @dataclass(frozen=True, slots=True)
 class PhoneTrack:
     """Phones in time order without overlaps and gaps: silence is a phone too. :meth:`of` fills gaps."""

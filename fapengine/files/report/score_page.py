@@ -7,12 +7,12 @@ import numpy as np
 
 from fapengine.files.report import parts as html
 from fapengine.files.report.parts import COOL, FAINT, INK, WARM
-from fapengine.scoring.mouth import Mouth, is_bilabial, is_labiodental
+from fapengine.scoring.mouth import Mouth
 from fapengine.scoring.score import Score
 from fapengine.scoring.statistics import Estimate, PairedTest
 from fapengine.scoring.verdict import VERTEX_MEASURES, Verdict
 from fapengine.scoring.vertices import VertexErrors
-from fapengine.speech.phone_track import PhoneTrack
+from fapengine.speech.phone_track import PhoneTrack, is_bilabial, is_labiodental
 
 ROW_S, MAX_ROWS = 6.0, 20
 """Longest time that a row of the figure shows, and largest number of rows."""

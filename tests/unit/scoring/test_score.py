@@ -10,9 +10,9 @@ from fapengine.errors import DataError, UsageError
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack
 from fapengine.retarget.blend import ADULT
-from fapengine.scoring.mouth import LIP_POINTS, Contacts, is_bilabial, is_labiodental, mouth_of
+from fapengine.scoring.mouth import LIP_POINTS, Contacts, mouth_of
 from fapengine.scoring.score import Intensity, Score, score_mouth
-from fapengine.speech.phone_track import Phone, PhoneTrack
+from fapengine.speech.phone_track import Phone, PhoneTrack, is_bilabial, is_labiodental
 
 RATE_HZ = 60.0
 DELAY_FRAMES = 5
