@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 
-from fapengine.app.motion import save
+from fapengine.app.motion import LOADED, save
 from fapengine.errors import UsageError
 from fapengine.files.motion import load_motion
 from fapengine.files.paths import naming, read_bytes, replacing_folder
@@ -63,7 +63,7 @@ def write_listening_test(
     systems = one.name, other.name
     if systems[0] == systems[1]:
         raise UsageError(f"made: got two folders called {one.name}, expected different names: they name the systems")
-    found = [{path.stem: path for path in sorted(_listed(folder)) if path.name[0] != "."} for folder in (one, other)]
+    found = [_utterances(folder) for folder in (one, other)]
     common = [name for name in found[0] if name in found[1]]
     if not common:
         raise UsageError(f"made: got no file of one name in both {one} and {other}, expected films or motion")
@@ -86,10 +86,12 @@ def write_listening_test(
     return ListeningTest(systems, len(common), checks, left_out)
 
 
-def _listed(folder: Path) -> Iterable[Path]:
+def _utterances(folder: Path) -> dict[str, Path]:
+    """Find the film of each utterance, else its motion; what ``say`` writes beside a film is left out."""
     if not folder.is_dir():
         raise UsageError(f"made: got {folder}, expected a folder of films")
-    return folder.iterdir()
+    files = [path for path in sorted(folder.iterdir()) if path.name[0] != "."]
+    return {path.stem: path for endings in (LOADED, PLAYED) for path in files if path.suffix.lower() in endings}
 
 
 def _put(source: Path, target: Path, audio: Path | None) -> None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from fapengine._strict_toml import checked
 from fapengine.app.hearing import hear, read_text
 from fapengine.app.manner import Manner
-from fapengine.app.performance import perform, read_timings
+from fapengine.app.performance import perform, pronounced, read_timings
 from fapengine.errors import DataError, UsageError
 from fapengine.files.landmarks import landmarks_of
 from fapengine.files.mesh_sequences import is_mesh_sequence, load_indices, load_vertices
@@ -58,7 +58,7 @@ class ScoreJob:
     transcript: str | None = None
     """The same as a string."""
     language: str | None = None
-    """Language of the transcript."""
+    """Language of the transcript, or of timed words."""
     recognizer: Path | None = None
     """Recognizer of sound without a transcript."""
     offset_s: float = 0.0
@@ -143,7 +143,8 @@ def score(
     transcript : str, optional
         What is said in the sound: its phones are aligned.
     language : str, optional
-        Language of the transcript, American English by default.
+        Language of the transcript, American English by default; or of timed words, by default the one that the file
+        names.
     offset_s : float
         Start of the motion within the other recordings.
     closed_mm : float
@@ -271,9 +272,9 @@ def _check_thresholds(job: ScoreJob, rows: Iterable[Threshold], given: Collectio
 def _phones(job: ScoreJob, sound: Path | None) -> tuple[PhoneTrack | None, bool]:
     """Phones that were given, aligned or recognized, and whether they were recognized."""
     if isinstance(job.phones, Path):
-        return read_timings(job.phones, job.voice, **job.how), False
+        return read_timings(job.phones, job.voice, language=job.language, **job.how), False
     if job.phones is not None:
-        return job.phones, False
+        return pronounced(job.phones, job.voice, language=job.language), False
     transcript = read_text(job.text) if job.text is not None else job.transcript
     if sound is None or (transcript is None and job.against is not None and job.recognizer is None):
         return None, False

@@ -62,7 +62,7 @@ def jobs_of(made: Sequence[Path], options: ScoreJob) -> list[ScoreJob]:
     UsageError
         If there is no recording, or its file in a folder is missing or ambiguous.
     DataError
-        If the table is wrong; ``where`` is its line.
+        If the table is wrong, or a file that it names is missing; ``where`` is its line.
     """
     if len(made) == 1 and _is_table(made[0]):
         with naming(made[0]):
@@ -76,15 +76,16 @@ def jobs_of(made: Sequence[Path], options: ScoreJob) -> list[ScoreJob]:
         found = [(path, "") for path in made]
     if not found:
         raise UsageError(f"made: got {', '.join(map(str, made))}, expected recordings in it")
-    names = Counter((path.stem, system) for path, system in found)
+    return _named([replace(_partners(options, path.stem), made=path, system=system) for path, system in found])
+
+
+def _named(jobs: Sequence[ScoreJob]) -> list[ScoreJob]:
+    """Name utterances without an id by their files, with folders where a system has two files of one name."""
+    stems = [Path(job.name).stem for job in jobs]
+    counts = Counter((stem, job.system) for job, stem in zip(jobs, stems, strict=True))
     return [
-        replace(
-            _partners(options, path.stem),
-            made=path,
-            id=path.stem if names[path.stem, system] == 1 else str(path),
-            system=system,
-        )
-        for path, system in found
+        replace(job, id=job.id or (stem if counts[stem, job.system] == 1 else str(job.made)))
+        for job, stem in zip(jobs, stems, strict=True)
     ]
 
 
@@ -121,9 +122,9 @@ def _rows(path: Path, options: ScoreJob) -> list[ScoreJob]:
     for line, row in enumerate(rows, 2):
         given: dict[str, Any] = {}
         for column, cell in row.items():
-            if column not in COLUMNS or cell is None:
+            if column not in COLUMNS:
                 raise DataError(f"table: got column {column!r}, expected {', '.join(COLUMNS)}", where=f"line {line}")
-            if cell.strip():
+            if cell and cell.strip():
                 given[column] = path.parent / cell.strip() if column in FILES else cell.strip()
         try:
             given |= {"offset_s": float(given.pop("offset"))} if "offset" in given else {}
@@ -131,10 +132,17 @@ def _rows(path: Path, options: ScoreJob) -> list[ScoreJob]:
             raise DataError("offset: expected a number of seconds", where=f"line {line}") from error
         if "made" not in given:
             raise DataError("made: missing", where=f"line {line}")
-        jobs.append(replace(options, **({"id": given["made"].stem} | given)))
+        for column, place in given.items():
+            if column in FILES and not place.exists():
+                raise DataError(f"{column}: file not found: {place}", where=f"line {line}")
+        jobs.append(_partners(replace(options, **given), given["made"].stem))
     if not jobs:
         raise DataError("table: contains no recordings")
-    return jobs
+    named = _named(jobs)
+    (name, _), count = Counter((job.id, job.system) for job in named).most_common(1)[0]
+    if count > 1:
+        raise DataError(f"id: got {name!r} twice for one system, expected different ids")
+    return named
 
 
 def run_set(jobs: Iterable[ScoreJob], *, on_recording: Callable[[], None] = lambda: None) -> list[Scored]:

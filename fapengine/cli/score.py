@@ -135,8 +135,10 @@ def score(
     late. With --against, also the similarity to the reference. A video needs the face detector
     (docs/how-to/score.md). For a tool that writes visemes only, use `fapengine animate` first.
     """
+    from dataclasses import replace
+
     from fapengine.app.score import ScoreJob
-    from fapengine.app.score_set import is_set
+    from fapengine.app.score_set import is_set, jobs_of
     from fapengine.errors import UsageError
     from fapengine.files.mesh_sequences import is_mesh_sequence
 
@@ -157,18 +159,23 @@ def score(
     for name, value in timings.how.items():
         if value is not None and phones is None:
             raise UsageError(f"--{name}: requires --phones")
-    thresholds = {}
-    if fail_under is not None:
-        thresholds = parse_thresholds(fail_under, MESH_THRESHOLDS if is_mesh_sequence(made[0]) else LIP_THRESHOLDS)
     job = ScoreJob(
         made=made[0], against=against, phones=phones, plan=plan, audio=audio, text=text, transcript=transcript,
         language=language, recognizer=recognizer, offset_s=offset, closed_mm=closed_mm, voice=voice, how=timings.how,
-        lips=lips, upper=upper, neutral=neutral, thresholds=thresholds, output=output,
+        lips=lips, upper=upper, neutral=neutral, output=output,
     )  # fmt: skip
     outputs = [path for path in (output, junit, sarif) if path is not None]
     if outputs:
         writing.check(outputs, [*made, against, phones, audio, text, lips, upper, neutral])
-    results = _score_set(made, job, as_json=as_json) if is_set(made, job) else [_score_one(job, as_json=as_json)]
+    many = is_set(made, job)
+    if many and output is not None and output.suffix != ".csv":
+        raise UsageError(f"output: got {output}, expected a name that ends with .csv, for a set")
+    jobs = jobs_of(made, replace(job, output=None)) if many else [job]
+    if fail_under is not None:
+        is_mesh = isinstance(jobs[0].made, Path) and is_mesh_sequence(jobs[0].made)
+        thresholds = parse_thresholds(fail_under, MESH_THRESHOLDS if is_mesh else LIP_THRESHOLDS)
+        jobs = [replace(each, thresholds=thresholds) for each in jobs]
+    results = _score_set(jobs, output, as_json=as_json) if many else [_score_one(jobs[0], as_json=as_json)]
     _write_checks(results, junit, sarif)
     if (check or fail_under is not None) and not all(result.verdict.passes for result in results):
         raise typer.Exit(1)
@@ -238,23 +245,19 @@ def _score_one(job: "ScoreJob", *, as_json: bool) -> "Scored":
     return found
 
 
-def _score_set(made: list[Path], job: "ScoreJob", *, as_json: bool) -> "list[Scored]":
-    from dataclasses import asdict, replace
+def _score_set(jobs: "list[ScoreJob]", output: Path | None, *, as_json: bool) -> "list[Scored]":
+    from dataclasses import asdict
 
-    from fapengine.app.score_set import format_set, jobs_of, run_set, summarize
+    from fapengine.app.score_set import format_set, run_set, summarize
     from fapengine.cli._printing import print_result, progress
-    from fapengine.errors import UsageError
     from fapengine.files.paths import write_bytes
     from fapengine.files.report.score_page import summary_lines
 
-    if job.output is not None and job.output.suffix != ".csv":
-        raise UsageError(f"output: got {job.output}, expected a name that ends with .csv, for a set")
-    jobs = jobs_of(made, replace(job, output=None))
     with progress("scoring, recordings", len(jobs)) as advance:
         results = run_set(jobs, on_recording=advance)
     summary = summarize(results)
-    if job.output is not None:
-        write_bytes(job.output, format_set(results))
+    if output is not None:
+        write_bytes(output, format_set(results))
     failed = [result for result in results if not result.verdict.passes]
     verdict = f"fails: {len(failed)} of {len(results)} recordings" if failed else f"passes: {len(results)} recordings"
     lines = [
@@ -270,7 +273,7 @@ def _score_set(made: list[Path], job: "ScoreJob", *, as_json: bool) -> "list[Sco
         ],
         "summary": asdict(summary),
     }
-    print_result(facts, *lines, *([] if job.output is None else [f"table: {job.output}"]), as_json=as_json)
+    print_result(facts, *lines, *([] if output is None else [f"table: {output}"]), as_json=as_json)
     return results
 
 

@@ -13,6 +13,7 @@ import fapengine
 from fapengine.cli.main import app
 from fapengine.errors import DataError, UsageError
 from fapengine.files.sound import save_wav
+from fapengine.files.timings import load_timings
 from fapengine.mpeg4.track import FapTrack
 from fapengine.retarget.blend import ARKIT_NAMES
 from tests.unit.files.glb import Builder
@@ -214,6 +215,11 @@ def test_two_systems_are_compared(talk: Path, tmp_path: Path) -> None:
     by_table = json.loads(run("score", tmp_path / "table.csv", "--json"))
     assert by_table["summary"] == json.loads(run("score", *systems, *phones, "--json"))["summary"]
     assert by_table["verdict"] == {"passes": False, "failed": 3, "recordings": 6}
+    (tmp_path / "table.csv").write_text("made\nours/a.csv\ntheirs/a.csv\n", encoding="utf-8")
+    same_name = json.loads(run("score", tmp_path / "table.csv", "--json"))
+    assert same_name["summary"]["systems"][""]["opens"]["count"] == 2
+    with_folder = json.loads(run("score", tmp_path / "table.csv", *phones, "--json"))
+    assert [each["phones"] is None for each in with_folder["recordings"]] == [False, False]
     assert run("score", tmp_path / "ours" / "a.csv", *phones).startswith("passes: 1 recordings")
     same = json.loads(run("score", tmp_path / "ours" / "a.csv", tmp_path / "theirs" / "a.csv", *phones, "--json"))
     assert [each["id"] for each in same["recordings"]] == [str(folder / "a.csv") for folder in systems]
@@ -224,6 +230,8 @@ def test_two_systems_are_compared(talk: Path, tmp_path: Path) -> None:
     for text, message in (
         ("made,sound\na.csv,b\n", "line 2.*|column 'sound'"), ("made,offset\na.csv,soon\n", "offset: expected"),
         ("made,id\n,x\n", "made: missing"), ("made\n", "contains no recordings"),
+        ("made,phones\nours/a.csv,timings/none.lab\n", "phones: file not found: .*none.lab.*line 2"),
+        ("made,id\nours/a.csv,x\ntheirs/a.csv,x\n", "id: got 'x' twice"),
     ):  # fmt: skip
         (tmp_path / "table.csv").write_text(text, encoding="utf-8")
         with pytest.raises(DataError, match=message):
@@ -248,6 +256,11 @@ def test_meshes_have_the_errors_of_papers(tmp_path: Path) -> None:
     assert (found["lve_squared"], found["lve"], found["mve"]) == pytest.approx((4.0, 2.0, 2.0))
     assert run(*arguments, "--fail-under", "lve=3.9", code=1).startswith("fails: lve 4 unit2")
     assert "lve                            4 unit2                lip vertex error, squared" in run(*arguments)
+    for name, frames in (("ours", made), ("truth", true)):
+        (tmp_path / name).mkdir()
+        np.save(tmp_path / name / "a.npy", frames)
+    folders = ("score", tmp_path / "ours", "--against", tmp_path / "truth")
+    assert run(*folders, "--fail-under", "mve=1.9", code=1).startswith("fails: 1 of 1 recordings")
     meshes = tmp_path / "true"
     meshes.mkdir()
     for number, frame in enumerate(true):
@@ -279,6 +292,8 @@ def test_people_are_asked_and_their_answers_analysed(talk: Path, tmp_path: Path)
     for system, name in (("ours", "hello.webm"), ("theirs", "hello.mp4"), ("theirs", "bye.mp4")):
         (tmp_path / system).mkdir(exist_ok=True)
         (tmp_path / system / name).write_bytes(b"a film")
+        for ending in (".fap", ".png", ".wav"):  # which `say` writes beside it
+            (tmp_path / system / name).with_suffix(ending).write_bytes(b"beside it")
     folders = (tmp_path / "ours", tmp_path / "theirs")
     said = run("score", "--listen", *folders, "-o", tmp_path / "page")
     assert "1 pairs and 2 attention checks" in said
@@ -313,6 +328,17 @@ def test_people_are_asked_and_their_answers_analysed(talk: Path, tmp_path: Path)
     assert not (tmp_path / "other").exists()
     with pytest.raises(UsageError, match="--answers: cannot be combined"):
         run("score", talk / "talk.fap", "--answers", tmp_path / "answers.csv")
+
+
+def test_timed_words_are_pronounced_in_the_language_that_is_named(talk: Path, tmp_path: Path) -> None:
+    rows = [{"word": word, "start": 0.5 * n, "end": 0.5 * n + 0.5} for n, word in enumerate(("beaux", "peu", "vous"))]
+    words = tmp_path / "words.json"
+    words.write_text(json.dumps({"segments": [{"words": rows}]}), encoding="utf-8")
+    arguments = ("score", talk / "talk.fap", "--phones", words, "--json")
+    wanted = json.loads(run(*arguments, "--voice", "fr"))["phones"]
+    assert json.loads(run(*arguments, "--language", "fr"))["phones"] == wanted
+    found = fapengine.score(talk / "talk.fap", phones=load_timings(words), language="fr")
+    assert json.loads(json.dumps(found.as_dict()))["phones"] == wanted
 
 
 def test_remarks_on_the_file_are_passed_on(talk: Path) -> None:
