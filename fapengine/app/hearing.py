@@ -196,10 +196,12 @@ class _Pronouncer:
             return ()
 
     def _load(self) -> None:
+        from fapengine.app.performance import language_voice
         from fapengine.voices.choice import VoiceChoice
 
         try:
-            self._voice = VoiceChoice(self.language).load()
+            name = self.language if _is_english(self.language) else language_voice(self.language)
+            self._voice = VoiceChoice(name).load()
         except ResourceError:
             from fapengine.recognition.sphinx import Neighbours, dictionary
 

@@ -171,10 +171,11 @@ class Row:
         options = self.options
         if self.text is not None and self.audio is None:
             return voice_of(options)
-        named = (options.chosen_voice if self.timings else None) or options.language
-        if named is None or (self.timings is None and self.text is None):
+        if self.timings is not None and options.chosen_voice:
+            return VoiceChoice(options.chosen_voice)
+        if options.language is None or (self.timings is None and self.text is None):
             return None
-        return VoiceChoice(named if options.chosen_voice else language_voice(named))
+        return VoiceChoice(language_voice(options.language))
 
     @property
     def inputs(self) -> tuple[Path, ...]:

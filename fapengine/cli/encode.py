@@ -73,7 +73,7 @@ def encode(
     writing.check([output], [track, epf, audio])
     with working(f"reading {track.name}"):
         faps = as_visemes(load_motion(track)) if visemes else load_fap(track)
-    remarks = motion_remarks(faps)
+    remarks = faps.remarks or motion_remarks(faps)
     if strict:
         refuse(remarks, str(track))
     print_remarks(remarks)

@@ -9,11 +9,13 @@ import pytest
 from typer.testing import CliRunner
 
 import fapengine
-from fapengine.app.hearing import Hearing
+from fapengine.app.hearing import Hearing, _Pronouncer
+from fapengine.batch.rows import Options, Row
 from fapengine.cli.main import app
 from fapengine.errors import DataError, UsageError
 from fapengine.files.sound import save_wav
 from fapengine.speech.phone_track import Phone, PhoneTrack
+from fapengine.voices.choice import VoiceChoice
 
 pytest.importorskip("espeakng_loader")
 WORDS = ("vous", "allez", "bien")
@@ -56,6 +58,13 @@ def test_a_language_without_a_voice_is_read_in_english_with_a_remark(tmp_path: P
     assert "no voice speaks 'tagalog'" in fapengine.animate(talk).remarks[0]
     with pytest.raises(DataError, match="no voice speaks 'tagalog'"):
         fapengine.animate(talk, strict=True)
+
+
+def test_a_transcript_s_language_may_be_named_in_english() -> None:
+    said = [" ".join(phone.label for phone in _Pronouncer(name)("vous")) for name in ("french", "fr", "en-us")]
+    assert said[0] == said[1] != said[2]
+    row = Row(id="a", options=Options(language="french", voice="de"), line=1, audio=Path("a.wav"), text="Vous.")
+    assert row.voice == VoiceChoice("fr")
 
 
 @pytest.mark.parametrize("named", [None, "xx", "en"])

@@ -45,6 +45,16 @@ def test_there_and_back(fap_file: Path, tmp_path: Path) -> None:
     assert load_fap(back).equals(load_fap(fap_file))
 
 
+def test_visemes_of_a_doubtful_motion_are_doubtful(tmp_path: Path) -> None:
+    apart = np.zeros((60, 68), np.int32)
+    apart[:, [fap.column(4), fap.column(5)]] = -100
+    save_fap(tmp_path / "in.fap", FapTrack.of(apart, rate_hz=25.0))
+    arguments = ["encode", str(tmp_path / "in.fap"), "--visemes", "-o", str(tmp_path / "a.fba")]
+    assert "the lips never meet" in CliRunner().invoke(app, arguments).stderr
+    with pytest.raises(DataError, match="the lips never meet"):
+        run(*arguments, "--strict")
+
+
 def test_a_voice_and_its_faps_in_one_mp4_file(fap_file: Path, tmp_path: Path) -> None:
     voice, film, back = tmp_path / "talk.wav", tmp_path / "talk.mp4", tmp_path / "back.fap"
     save_wav(voice, np.zeros(32000, np.int16), 16000)
