@@ -38,6 +38,7 @@ class FapTrack(Rebuilt):
     """Free text of the ``.fap`` header."""
     remarks: tuple[str, ...] = ()
     """Sentences on what looks wrong or was assumed when it was read from a file."""
+    __array_ufunc__ = None  # a NumPy number times a track is a track, too
 
     def __post_init__(self) -> None:
         for field, kind in (("rate_hz", float), ("name", str), ("remarks", tuple[str, ...])):
@@ -168,7 +169,9 @@ class FapTrack(Rebuilt):
         if not 0 <= weight <= 1:
             raise UsageError(f"weight: got {weight}, expected 0 to 1")
         mixed = to_codable((1 - weight) * self.values + weight * other.values)
-        return replace(self, values=mixed, mask=self.mask | other.mask)
+        mask = self.mask | other.mask
+        mask[:, : fap.column(3)] = self.mask[:, : fap.column(3)]
+        return replace(self, values=mixed, mask=mask)
 
     @checked
     def column(self, name: str) -> NDArray[np.int32]:

@@ -117,7 +117,7 @@ def parse_htk(data: bytes, *, alphabet: str | None = None, columns: str | None =
             " are they samples? say their rate with columns='hz=16000'"
         )
     entries = _three_columns(rows, (rate_hz or HTK_HZ) if whole else 1.0)
-    if guess(entry.label for entry in entries).words:  # behind a word there may be more of a phrase, or a score
+    if guess(entry.label for entry in entries).words:  # after a word there may be more of a phrase, or a score
         entries = [
             replace(entry, label=" ".join(row[2:])) if row[3:] and not re.match(NUMBER, row[3]) else entry
             for entry, (_, row) in zip(entries, rows, strict=True)

@@ -86,9 +86,9 @@ def plain_name(name: str) -> str:
 
 
 def unit_in(name: str) -> float | None:
-    """Length in s of the unit in a column's name, if any."""
+    """Length in s of the unit in a column's name, if any; the s of ``starts`` is none."""
     match = _UNIT_AT_THE_END.search(name.strip())
-    return UNITS[match[1].lower()] if match else None
+    return UNITS[match[1].lower()] if match and match[0] != "s" else None
 
 
 def header_of(rows: Sequence[str]) -> list[str]:

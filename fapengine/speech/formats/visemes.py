@@ -7,6 +7,7 @@ own and show those of the phone after them. A phone that a set does not name sho
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import cache
 from typing import NamedTuple
 
@@ -77,6 +78,8 @@ def visemes_of_phones(
     (['21', '9'], TimedViseme(name='PP', start_s=0.0, end_s=0.1))
     """
     check_viseme_set(shapes)
+    if track.phones and track.phones[0].start_s > 0:
+        track = replace(track, phones=PhoneTrack.of(track.phones).phones)
     if shapes == RHUBARB:
         return _timed(cues_of_phones(track, duration_s=duration_s))
     if track.spelled:

@@ -8,6 +8,7 @@ import pytest
 from PIL import Image
 
 import fapengine
+from fapengine.files.motion import as_visemes
 from fapengine.files.sound import load_sound
 from fapengine.voices.protocol import Speech
 from tests.videos import load_video
@@ -186,6 +187,14 @@ def test_weights_are_arrays_with_names(mama: fapengine.Performance, tmp_path: Pa
     assert "jawOpen" in names
     with pytest.raises(fapengine.UsageError, match="shapes: got 'lips'"):
         fapengine.weights(mama.track, "lips")
+
+
+def test_weights_show_visemes_as_the_table_does(mama: fapengine.Performance, tmp_path: Path) -> None:
+    visemes = as_visemes(mama.track)
+    table = np.loadtxt(fapengine.save(visemes, tmp_path / "a.csv"), delimiter=",", skiprows=1)
+    values = fapengine.weights(visemes).values
+    assert values.any()
+    assert np.allclose(table[:, 1:53], values, atol=1e-5)
 
 
 def test_weights_become_a_table_of_pandas(mama: fapengine.Performance) -> None:

@@ -36,6 +36,13 @@ def test_motion_is_scaled_and_mixed() -> None:
     assert (0.5 * track).column("open_jaw").tolist() == (track * 0.5).column("open_jaw").tolist() == [0, 50, 100]
     assert track.blend(track * 3, 0.5).column("open_jaw").tolist() == [0, 200, 400]
     assert (track * -1).column("open_jaw").tolist() == [0, 0, 0]  # it acts in one direction only
+    assert (np.float64(0.5) * track).equals(track * 0.5)
+    viseme = FapTrack(
+        values=track.values, mask=np.ones((3, 68), bool), visemes=np.full((3, 4), 1), expressions=np.zeros((3, 6)),
+        frame_numbers=np.arange(3), rate_hz=10.0,
+    )  # fmt: skip
+    assert not track.blend(viseme, 0.5).mask[:, :2].any()  # the visemes of the other are not taken
+    assert viseme.blend(track, 0.5).mask.all()
 
 
 def test_it_is_told_in_one_line() -> None:

@@ -33,6 +33,12 @@ def test_phones_in_every_set(shapes: str, names: str) -> None:
     assert all(one[2] == other[1] for one, other in pairwise(rows))
 
 
+@pytest.mark.parametrize("shapes", ["mpeg4", "oculus", "azure", "rhubarb"])
+def test_visemes_begin_at_0_where_phones_begin_later(shapes: str) -> None:
+    rows = fapengine.visemes(PhoneTrack((Phone("m", 0.5, 1.0),)), shapes)
+    assert [row[1:] for row in rows] == [(0.0, 0.5), (0.5, 1.0)]
+
+
 @pytest.mark.parametrize("shapes", VISEME_SETS)
 def test_every_letter_has_a_viseme_and_lips_that_close_stay_closed(shapes: str) -> None:
     names = {letter: viseme_of(letter, shapes) for letter in ipa.SOUNDS}

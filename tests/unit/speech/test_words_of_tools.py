@@ -132,6 +132,7 @@ def test_columns_that_are_none(text: str) -> None:
         ("a,b\n1,2\n", "", r"table: got the columns \['a', 'b'\], expected start and label"),
         ("start,end,phone\n0.0,x,m\n", "", "end: got 'x', expected a time.*row 1"),
         ("start,end,phone\n0.0,0.5,m\n", "end=stop", "columns: got end=stop, but the file has"),
+        ("starts,ends,phone\n0,100,m\n100,200,a\n", "", "got whole numbers for times"),
         ('[{"start": 0.5, "end": 1.0, "phone": "m"}, 5]', "", "row: got 5, expected an object"),
         ('{"a": [{"x": 1}], "b": [{"x": 1}]}', "", "got 2 lists of objects, expected one"),
     ],
