@@ -91,10 +91,11 @@ def transcript_of(text: Path | None, transcript: str | None) -> str | None:
     """
     from fapengine.app.hearing import read_text
     from fapengine.errors import UsageError
+    from fapengine.files.paths import is_standard
 
     if text is not None and transcript is not None:
         raise UsageError("--text and --transcript: use only one")
-    if text is not None and not text.exists():
+    if text is not None and not is_standard(text) and not text.exists():
         raise UsageError(f"--text: file not found: {text}; --transcript takes the words themselves")
     return read_text(text) if text is not None else transcript
 
