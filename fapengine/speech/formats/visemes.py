@@ -79,7 +79,7 @@ def visemes_of_phones(
     """
     check_viseme_set(shapes)
     if track.phones and track.phones[0].start_s > 0:
-        track = replace(track, phones=PhoneTrack.of(track.phones).phones)
+        track = replace(track, phones=PhoneTrack.of(list(track.phones)).phones)
     if shapes == RHUBARB:
         return _timed(cues_of_phones(track, duration_s=duration_s))
     if track.spelled:
