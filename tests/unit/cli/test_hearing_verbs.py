@@ -1,5 +1,6 @@
 """``animate`` of a recording and ``align``, from the command line to files."""
 
+import io
 import json
 import wave
 from pathlib import Path
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 
 import fapengine
+from fapengine.cli._hearing import transcript_of
 from fapengine.cli.main import app
 from fapengine.errors import DataError, FapEngineError, ResourceError, UsageError
 from fapengine.files.motion import load_fap
@@ -151,6 +153,11 @@ def test_one_sample_is_a_face_at_rest(tmp_path: Path) -> None:
     save_wav(tmp_path / "one.wav", np.array([999], np.int16), RATE_HZ)
     run("animate", tmp_path / "one.wav", "-o", tmp_path / "one.fap", "--without", "all")
     assert not load_fap(tmp_path / "one.fap").values.any()
+
+
+def test_a_transcript_may_come_from_standard_input(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(b"My baby.")))
+    assert transcript_of(Path("-"), None) == "My baby."
 
 
 def test_refusals(talk: Path, tmp_path: Path) -> None:
