@@ -404,8 +404,7 @@ def animated(
     of_sound = {"recognizer": recognizer, "transcript": transcript}
     for name, value in (of_timings if listens else of_sound).items():
         if value is not None:
-            kind = f"{source} is a recording itself" if listens else "only a recording has it"
-            raise UsageError(f"{name}: cannot be used here: {kind}")
+            raise UsageError(f"{name}: cannot be used with {'a recording' if listens else 'phone timings'}")
     played: Sound | None = None
     if listens:
         assert isinstance(source, Path)

@@ -51,7 +51,7 @@ def drive(
 
         fapengine drive talk.c3d --skull LFHD,RFHD,TOP --markers 9 -o driven.npz
         fapengine drive recordings/S03 --markers 9 -o driven.npz --film driven.mp4
-        fapengine drive recordings/S03 --markers 9 --scale 8.2=1.5 --delay 8.1=40ms -o edited.npz
+        fapengine drive recordings/S03 --markers 9 --scale 8.2=1.5 -o edited.npz
 
     Each chosen marker moves every other marker by one weight, and the surface between them by cubic interpolation. The
     first frame of the recording is the neutral position.

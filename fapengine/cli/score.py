@@ -126,14 +126,14 @@ def score(
 
         fapengine score theirs.csv --phones talk.TextGrid -o out/score.html
         fapengine score avatar.glb --audio talk.wav --text talk.txt --check
-        fapengine score theirs.csv --against mocap.fap --fail-under closures=95,lag=80ms --junit out/lips.xml
-        fapengine score ours/ theirs/ --phones timings/ -o out/set.csv    # two systems
-        fapengine score made.npy --against true.npy --lips lips.txt    # LVE and MVE of papers
-        fapengine score --listen ours/ theirs/ -o out/page    # ask people; then --answers answers.csv
+        fapengine score theirs.csv --phones t.lab --fail-under closures=95,lag=80ms
+        fapengine score ours/ theirs/ --phones timings/ -o out/set.csv
+        fapengine score made.npy --against true.npy --lips lips.txt
+        fapengine score --listen ours/ theirs/ -o out/page
 
     The verdict comes first. With --phones, --audio or --against, p b m must close, f v meet the teeth, and neither be
-    late. With --against, also the similarity to the reference. A video needs the face detector
-    (docs/how-to/score.md). For a tool that writes visemes only, use `fapengine animate` first.
+    late. With --against, also the similarity to the reference. --listen makes a page that asks people which of two
+    systems fits better. A video needs the face detector (docs/how-to/score.md). For a tool that writes visemes only, use `fapengine animate` first.
     """
     from dataclasses import replace
 
@@ -144,8 +144,8 @@ def score(
 
     made = made or []
     if answers:
-        if made or listen:
-            raise UsageError("answers: cannot be combined with recordings to score")
+        if made or listen or output or junit or sarif or check or fail_under:
+            raise UsageError("answers: analysed alone; only --json can be combined with it")
         _analyse(answers, as_json=as_json)
         return
     if listen:
@@ -166,7 +166,7 @@ def score(
     )  # fmt: skip
     outputs = [path for path in (output, junit, sarif) if path is not None]
     if outputs:
-        writing.check(outputs, [*made, against, phones, audio, text, lips, upper, neutral])
+        writing.check(outputs, [*made, against, phones, audio, text, recognizer, lips, upper, neutral])
     many = is_set(made, job)
     if many and output is not None and output.suffix != ".csv":
         raise UsageError(f"output: got {output}, expected a name that ends with .csv, for a set")

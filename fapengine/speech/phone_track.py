@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import inf
 from numbers import Real
-from typing import Literal, get_args
+from typing import Literal, NoReturn, get_args
 
 from fapengine.errors import UsageError
 from fapengine.speech import ipa
@@ -85,6 +85,21 @@ class Phone:
     """Relative to the speaker's usual loudness, -12 (whispered) to 8 (shouted); 0 if it was not measured."""
 
     def __post_init__(self) -> None:
+        try:  # a sum, because phones are made in every frame: whatever is not a number shows in it
+            total = self.start_s + self.end_s + self.stress + self.confidence + self.loudness_db
+            is_right = (
+                isinstance(total, (float, int, Real)) and isinstance(self.label, str) and isinstance(self.word, str)
+                and self.label != "" and 0 <= self.start_s < self.end_s < inf  # which no NaN is
+                and self.stress in (0, 1, 2) and 0 <= self.confidence <= 1
+                and LOUDNESS_DB[0] <= self.loudness_db <= LOUDNESS_DB[1]
+            )  # fmt: skip
+        except (TypeError, ValueError):
+            is_right = False
+        if not is_right:
+            self._refuse()
+
+    def _refuse(self) -> NoReturn:
+        """Say what is wrong."""
         for name in ("label", "word"):
             if not isinstance(getattr(self, name), str):
                 raise UsageError(f"{name}: got {getattr(self, name)!r:.40}, expected a text")
@@ -93,15 +108,14 @@ class Phone:
                 raise UsageError(f"{name}: got {getattr(self, name)!r:.40}, expected a number")
         if self.stress not in (0, 1, 2):
             raise UsageError(f"stress of {self.label!r}: got {self.stress}, expected 0, 1 or 2")
-        if not 0 <= self.start_s < self.end_s < inf:  # which no NaN is
+        if not 0 <= self.start_s < self.end_s < inf:
             raise UsageError(f"phone {self.label!r}: got {self.start_s} s .. {self.end_s} s, expected 0 <= start < end")
         if not 0 <= self.confidence <= 1:
             raise UsageError(f"confidence of {self.label!r}: must be 0 to 1, got {self.confidence}")
-        if not LOUDNESS_DB[0] <= self.loudness_db <= LOUDNESS_DB[1]:
-            expected = f"{LOUDNESS_DB[0]:g} to {LOUDNESS_DB[1]:g}"
-            raise UsageError(f"loudness_db of {self.label!r}: got {self.loudness_db}, expected {expected}")
         if not self.label:
             raise UsageError(f"phone at {self.start_s} s: got an empty label, expected IPA or {SILENCE!r}")
+        expected = f"{LOUDNESS_DB[0]:g} to {LOUDNESS_DB[1]:g}"
+        raise UsageError(f"loudness_db of {self.label!r}: got {self.loudness_db}, expected {expected}")
 
     @property
     def duration_s(self) -> float:

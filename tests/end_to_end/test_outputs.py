@@ -105,12 +105,15 @@ VERBS = {
     "reduce --back": Verb("reduce INPUT -o OTHER.npz --back OUTPUT", "a.trc", ("a.trc",)),
     "inspect": Verb("inspect INPUT --plot OUTPUT", "a.png", ("a.png",)),
     "inspect --sliders": Verb("inspect INPUT --sliders OUTPUT", "a.html", ("a.html",)),
+    "inspect --pose": Verb("inspect INPUT --pose OUTPUT", "a.fap", ("a.fap",)),
     **{
         f"score {option or 'recording'}": Verb(
             f"score {'OTHER.fap' if option else ''} {option} INPUT -o OUTPUT", "a.html", ("a.html",)
         )
-        for option in ("", "--against", "--phones", "--audio")
+        for option in ("", "--against", "--phones", "--audio", "--text", "--recognizer", "--lips", "--upper", "--neutral")
     },
+    "score --junit": Verb("score INPUT --junit OUTPUT", "a.xml", ("a.xml",)),
+    "score --sarif": Verb("score INPUT --sarif OUTPUT", "a.sarif", ("a.sarif",)),
     "fit": Verb("fit INPUT -o OUTPUT", "p", ("p/profile.toml", "p/report.html", "p/takes/a.fap")),
     "head import": Verb("head import INPUT -o OUTPUT", "head", ("head/head.toml", "head/head.npz", "head/head.png")),
     **{
@@ -189,7 +192,7 @@ def test_nothing_is_replaced_where_it_is_forbidden(
         there.unlink()
 
 
-WRITTEN = {"--output", "--plot", "--shot", "--overlay", "--film", "--back", "--sliders"}
+WRITTEN = {"--output", "--plot", "--shot", "--overlay", "--film", "--back", "--sliders", "--pose", "--junit", "--sarif"}
 NAMED = {"--head", "--profile", "--background"}
 """Options that name a file or something else."""
 READ_LIVE = {("say", "--recognizer")}

@@ -8,7 +8,7 @@ import shutil
 import tempfile
 import wave
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -143,6 +143,7 @@ def _capture() -> Iterable[Reader]:
         labels=("8.1", "8.2", "8.3", "8.4"),
         rate_hz=100.0,
     )
+    of_twelve = replace(track, positions_mm=np.tile(track.positions_mm, (1, 3, 1)), labels=tuple(map(str, range(12))))
     picture = Picture(width_px=640, height_px=480, eye_corners_mm=90, rate_hz=30)
     few = np.random.default_rng(1).random((1, 468, 3)).round(2).tolist()
     for name, parse, *good in (
@@ -150,7 +151,7 @@ def _capture() -> Iterable[Reader]:
         ("TRC", parse_trc, format_trc(track)),
         ("marker table", parse_table, format_table(track), format_table(track, long=True), wave_file(track)),
         ("NPZ", parse_npz, format_npz(track)),
-        ("POS", parse_pos, pos_file(track), pos_file(track, header=False)),
+        ("POS", parse_pos, pos_file(track), pos_file(of_twelve, header=False)),
         ("MVIEW", parse_mview, mview_file(track)),
         ("BVH", parse_bvh, BVH),
         ("landmarks", lambda data: parse_landmarks(data, picture), json.dumps(few).encode()),

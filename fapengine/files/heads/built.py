@@ -30,6 +30,8 @@ MAX_KEPT = 16
 """Cached heads, about 2 MB each; beyond that the least recently used one is removed."""
 MADE_BY = ("mesh", "geometry", "mpeg4")
 """Packages with the code and tables that make a head."""
+MADE_OF = (".py", ".npz", ".csv", ".toml")
+"""Endings of these files."""
 OURS = HeadInfo("fapengine", "Apache-2.0")
 TAG = "CACHEDIR.TAG"
 TAGGED = b"""Signature: 8a477f597d28d172789f06886806bc55
@@ -140,6 +142,6 @@ def _digest(style: HeadStyle, level: str) -> str:
     package = Path(fapengine.mesh.__path__[0]).parent
     for folder in MADE_BY:
         for source in sorted((package / folder).rglob("*")):
-            if source.suffix in (".py", ".npz"):
+            if source.suffix in MADE_OF:
                 digest.update(source.read_bytes())
     return digest.hexdigest()[:32]

@@ -329,7 +329,8 @@ def test_a_pause_holds_a_device_that_is_opened_meanwhile() -> None:
     made.hub.say("face", babble(1.5))
     made.run(0.5)
     made.hub.apply("face", Pause())
-    made.hub.say("face", replace(babble(1.5), sample_rate_hz=2 * RATE_HZ))
+    spoken = babble(1.5)
+    made.hub.say("face", replace(spoken, samples=np.repeat(spoken.samples, 2), sample_rate_hz=2 * RATE_HZ))
     made.run(1.0)
     assert opened[1].position_s(1, made.clock.now_s) is None
     assert made.hub.engine.state("face") == "paused"

@@ -166,8 +166,8 @@ def test_refusals(talk: Path, tmp_path: Path) -> None:
     empty = tmp_path / "empty.wav"
     empty.write_bytes(b"")
     cases: list[tuple[list[object], type[FapEngineError], str]] = [
-        (["animate", talk, "--audio", talk], UsageError, "--audio: cannot be used here: .* is a recording"),
-        (["animate", pho, "--transcript", "x"], UsageError, "--transcript: cannot be used here"),
+        (["animate", talk, "--audio", talk], UsageError, "--audio: cannot be used with a recording"),
+        (["animate", pho, "--transcript", "x"], UsageError, "--transcript: cannot be used with phone timings"),
         (["align", talk, "--transcript", "x", "--text", pho], UsageError, "use only one"),
         (["align", talk, "-o", tmp_path / "a.srt"], UsageError, r"--output: .*'\.srt'"),
         (["align", talk, "--channel", 2], UsageError, r"--channel: got 2, expected 1 to 1"),
@@ -195,9 +195,9 @@ def test_refusals(talk: Path, tmp_path: Path) -> None:
     for arguments, kind, message in cases:
         with pytest.raises(kind, match=message):
             run(*arguments)
-    with pytest.raises(UsageError, match="is a recording itself"):
+    with pytest.raises(UsageError, match="cannot be used with a recording"):
         fapengine.animate(talk, sound=talk)
-    with pytest.raises(UsageError, match="transcript: cannot be used here: only a recording has it"):
+    with pytest.raises(UsageError, match="transcript: cannot be used with phone timings"):
         fapengine.animate(pho, transcript="mama")
 
 

@@ -286,5 +286,5 @@ def test_a_link_that_leads_to_itself_is_no_output(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", [".", "..", "/"])
 def test_a_name_that_is_none_has_nothing_beside_it(name: str) -> None:
-    with pytest.raises(UsageError, match="expected a name"):
+    with pytest.raises(UsageError, match="expected a file name"):
         beside(Path(name), ".wav")

@@ -176,7 +176,7 @@ def test_what_cannot_be_is_told(made, profile, head, take, tmp_path):
     out = tmp_path / "out.png"
     for words, kind, message in (
         (("render", take, "-o", out), UsageError, "has no modes that a recording could move"),
-        (("render", take, tmp_path / "a.fap", "--head", head, "-o", out), UsageError, "expected recordings only"),
+        (("render", take, tmp_path / "a.fap", "--head", head, "-o", out), UsageError, "use marker recordings only"),
         (("render", take, "--head", head, "--by", "both", "-o", out), UsageError, "use estimator or modes"),
         (("render", take, "--head", tmp_path / "bare", "-o", out), UsageError, "has no dense face"),
         (("render", take, "--head", old, "-o", out), UsageError, "fit it again"),

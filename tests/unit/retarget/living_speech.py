@@ -28,7 +28,7 @@ def phones() -> PhoneTrack:
         for label in word.split():
             vowel = label[0] in "aeiouɑɔəɛʊʌ"
             length_s = 0.13 if vowel else 0.08
-            stress = 1 if vowel and number % 2 == 0 else None
+            stress = 1 if vowel and number % 2 == 0 else 0
             spoken.append(Phone(label, at_s, at_s + length_s, stress=stress, word=f"{word} {number}"))
             at_s += length_s
     return PhoneTrack.of([*spoken, Phone("_", at_s, at_s + 0.6)])

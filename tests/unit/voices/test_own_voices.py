@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 
 import fapengine
 from fapengine.agents.face import _pronouncer
+from fapengine.batch import work
 from fapengine.cli.main import app
 from fapengine.errors import FapEngineError, ResourceError, UsageError
 from fapengine.host.speaker import MAX_VOICES
@@ -106,6 +107,9 @@ def test_a_voice_gets_its_options_and_a_text_without_marks() -> None:
 
 
 def test_say_animate_and_batch_take_it(tmp_path: Path) -> None:
+    with work._voices() as started_elsewhere:  # by a batch of another test, before this folder could be imported from
+        work._voices.cache_clear()
+    assert work._voices() is not started_elsewhere
     (tmp_path / "a.csv").write_text("id,text,voice\na,Hello.,own_voice:Good\n")
     (tmp_path / "words.srt").write_text("1\n00:00:00,000 --> 00:00:00,500\nhello\n")
     for words in (
