@@ -196,8 +196,7 @@ class _Pronouncer:
             return ()
 
     def _load(self) -> None:
-        from fapengine.app.performance import language_voice
-        from fapengine.voices.choice import VoiceChoice
+        from fapengine.voices.choice import VoiceChoice, language_voice
 
         try:
             name = self.language if _is_english(self.language) else language_voice(self.language)

@@ -31,7 +31,7 @@ from fapengine.speech.text.normal_form import speakable
 from fapengine.trajectory.expression import Mood
 from fapengine.trajectory.planner import plan
 from fapengine.trajectory.style import Style
-from fapengine.voices.choice import VoiceChoice, loaded
+from fapengine.voices.choice import VoiceChoice, language_voice, loaded
 from fapengine.voices.protocol import SHORT_S, Speech, Voice
 
 if TYPE_CHECKING:
@@ -501,10 +501,3 @@ def pronounced(
         remarks += script_remarks(words, speaker.entry.code, is_chosen=is_chosen)
     track = pronounce(phones, speaker)
     return replace(track, reading=replace(track.reading, notes=(said,) if said else (), remarks=remarks))
-
-
-def language_voice(language: str) -> str:
-    """Code of the voice for a language, named by a code or in English; the language itself if there is none."""
-    from fapengine.voices.espeak import catalogue
-
-    return catalogue().of_language(language) or language

@@ -7,7 +7,6 @@ from pathlib import Path
 from fapengine.app.fit import OWNED, FitJob
 from fapengine.app.manner import manner_of, voice_of
 from fapengine.app.outputs import OUTPUT_KINDS, SaveOptions, check_output, find_kind
-from fapengine.app.performance import language_voice
 from fapengine.codec.encoder import EncoderOptions
 from fapengine.errors import UsageError
 from fapengine.files.outputs import files_in
@@ -18,7 +17,7 @@ from fapengine.profiles import Profile
 from fapengine.render.drawing import Drawing
 from fapengine.speaking import DEFAULT_VOICE, SpeakingOptions
 from fapengine.speech.formats.registry import ParseOptions, check_options
-from fapengine.voices.choice import VoiceChoice
+from fapengine.voices.choice import VoiceChoice, language_voice
 
 PROFILE = "profile"
 KINDS = (*(row.ending[1:] for row in OUTPUT_KINDS if row.ending.startswith(".")), PROFILE)

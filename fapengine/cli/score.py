@@ -133,7 +133,8 @@ def score(
 
     The verdict comes first. With --phones, --audio or --against, p b m must close, f v meet the teeth, and neither be
     late. With --against, also the similarity to the reference. --listen makes a page that asks people which of two
-    systems fits better. A video needs the face detector (docs/how-to/score.md). For a tool that writes visemes only, use `fapengine animate` first.
+    systems fits better. A video needs the face detector (docs/how-to/score.md). For a tool that writes visemes only,
+    use `fapengine animate` first.
     """
     from dataclasses import replace
 

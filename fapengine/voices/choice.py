@@ -176,3 +176,10 @@ def _run(name: str, call: Callable[[], Any]) -> Any:
         raise
     except Exception as error:
         raise ResourceError(f"voice: {name} failed ({type(error).__name__}: {error})") from error
+
+
+def language_voice(language: str) -> str:
+    """Code of the voice for a language, named by a code or in English; the language itself if there is none."""
+    from fapengine.voices.espeak import catalogue
+
+    return catalogue().of_language(language) or language

@@ -110,7 +110,9 @@ VERBS = {
         f"score {option or 'recording'}": Verb(
             f"score {'OTHER.fap' if option else ''} {option} INPUT -o OUTPUT", "a.html", ("a.html",)
         )
-        for option in ("", "--against", "--phones", "--audio", "--text", "--recognizer", "--lips", "--upper", "--neutral")
+        for option in (
+            "", "--against", "--phones", "--audio", "--text", "--recognizer", "--lips", "--upper", "--neutral"
+        )
     },
     "score --junit": Verb("score INPUT --junit OUTPUT", "a.xml", ("a.xml",)),
     "score --sarif": Verb("score INPUT --sarif OUTPUT", "a.sarif", ("a.sarif",)),
