@@ -146,7 +146,7 @@ def score(
     made = made or []
     if answers:
         if made or listen or output or junit or sarif or check or fail_under:
-            raise UsageError("answers: analysed alone; only --json can be combined with it")
+            raise UsageError("answers: cannot be combined with anything but --json")
         _analyse(answers, as_json=as_json)
         return
     if listen:
