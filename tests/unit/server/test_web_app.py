@@ -24,6 +24,7 @@ from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mpeg4 import fap
 from fapengine.recognition.sphinx_recognizer import SphinxRecognizer
+from fapengine.server.intake import rates
 from fapengine.server.intake.doors import Door
 from fapengine.server.web import app as web_app
 from fapengine.server.web import connection as connections
@@ -639,7 +640,12 @@ def test_sound_of_a_microphone_goes_to_the_ear_of_one_page_at_a_time(head: FaceM
     asyncio.run(run())
 
 
-def test_sound_that_is_sent_becomes_an_utterance_with_its_events(head: FaceMesh) -> None:
+def test_sound_that_is_sent_becomes_an_utterance_with_its_events(
+    head: FaceMesh, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        rates, "AT_ONCE_S", 3600.0
+    )  # here the recognizer works in the loop; a page is not to rest for it
     samples = np.pad(spoken_by_espeak("en-us", "My mama.").samples, (0, 32_000))
     told: list[str] = []
 
