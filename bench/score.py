@@ -45,8 +45,8 @@ def main() -> None:
             weighed = [(value, measure.weight(score)) for score in found if (value := measure.value(score)) is not None]
             if any(weight for _, weight in weighed):
                 values, weights = zip(*weighed, strict=True)
-                told = f"{spell_estimate(estimate(values, weights))} {measure.row.unit}, median {np.median(values):.4g}"
-                print(f"  {measure.row.help}: {told}, {len(values)} sentences")
+                line = f"{spell_estimate(estimate(values, weights))} {measure.row.unit}, median {np.median(values):.4g}"
+                print(f"  {measure.row.help}: {line}, {len(values)} sentences")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,7 @@
-"""A recording to a pandas table: ARKit's 52 weights, a row a frame, and the three frames of the widest jaw."""
+"""A recording to a pandas table: ARKit's 52 weights, a row a frame; and the three frames of the widest jaw.
+
+Needs pandas.
+"""
 
 from pathlib import Path
 

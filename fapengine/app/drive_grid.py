@@ -38,7 +38,7 @@ from fapengine.render.renderer import CrowdRenderer
 Array = NDArray[np.float64]
 
 HELD_OUT = 0.25
-"""Fraction of the takes, or of a single one, at the end, that is driven and scored, if there is no other take."""
+"""Fraction held out to be driven and scored if no other take is given: the last takes, or the end of a single one."""
 DRIVING, DRIVEN, SKIN = (0.75, 0.06, 0.04), (0.9, 0.9, 0.9), (0.50, 0.30, 0.22)
 """Linear RGB of driving and driven markers, and of the surface."""
 DOT_MM = {True: 2.6, False: 1.2}
