@@ -17,6 +17,7 @@ from PIL import Image, ImageDraw
 
 from design import phones_sheet
 from design.imported_head import write_folder
+from fapengine.app.inspection.feature_points import draw_feature_points
 from fapengine.expressions import EXPRESSIONS
 from fapengine.files.heads.import_file import import_head_file
 from fapengine.files.heads.load import load_head
@@ -156,6 +157,7 @@ def main() -> None:
     faces["blink"] = frame(close_t_l_eyelid=1024, close_t_r_eyelid=1024)
     faces |= {"gaze left": gaze(0.45, 0), "gaze up": gaze(0, -0.3), "gaze down": gaze(0, 0.45)}
     sheet("face-expressions", dict(zip(faces, draw(head, list(faces.values()), CLOSE, 300), strict=True)), 5)
+    Image.fromarray(draw_feature_points(head)).save(PICTURES / "face-points.jpg", quality=80, optimize=True)
     people = {name: load_head(name) for name in PEOPLE}
     sheet("face-people", {name: draw(mesh, [still], CLOSE, 300)[0] for name, mesh in people.items()}, 6)
     rows = {name: load_head(name) for name in EVERYBODY}

@@ -190,14 +190,13 @@ def _head(source: Source) -> Report:
         text.append(f"blendshapes used: {', '.join(info.used)}")
     if info.lacking:
         text.append(f"blendshapes of ARKit that it lacks: {', '.join(info.lacking)}")
-    return Report(facts=facts, text=text, plot=lambda: _neutral(head))
+    return Report(facts=facts, text=text, plot=lambda: _points(head))
 
 
-def _neutral(head: FaceMesh) -> Picture:
-    from fapengine.render.renderer import FaceRenderer
+def _points(head: FaceMesh) -> Picture:
+    from fapengine.app.inspection.feature_points import draw_feature_points
 
-    with FaceRenderer(head) as renderer:
-        return renderer.draw(np.zeros(fap.FAP_COUNT))
+    return draw_feature_points(head)
 
 
 def _avatar(source: Source) -> Report:

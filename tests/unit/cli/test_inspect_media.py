@@ -9,15 +9,19 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
+from fapengine.app.inspection.feature_points import MOVED, SIDE, TITLE_PX, VIEWS, _is_named
 from fapengine.cli.main import app
 from fapengine.errors import DataError, FapEngineError
+from fapengine.files.heads.load import load_head
 from fapengine.files.motion import save_fap
 from fapengine.files.moving import write_moving
 from fapengine.files.pictures import load_picture
 from fapengine.files.sound import save_wav
 from fapengine.mpeg4 import fap
+from fapengine.mpeg4.fap import FEATURE_POINT_NAMES
 from fapengine.mpeg4.track import FapTrack
 from fapengine.retarget.blend_tracks import format_blend_csv
+from tests.projection import project
 from tests.unit.files.glb import Builder, square
 
 RATE_HZ = 8000
@@ -154,7 +158,17 @@ def test_a_head(tmp_path: Path) -> None:
     assert report["licence"] == "Apache-2.0"
     assert 3 in report["faps_by_surface"]
     assert "84 feature points" in inspected("default:hair=false,level=coarse", "--plot", tmp_path / "head.png")
-    assert load_picture(tmp_path / "head.png").shape == (512, 512, 3)
+    picture = load_picture(tmp_path / "head.png")
+    assert picture.shape == (2 * SIDE + TITLE_PX, 2 * SIDE, 3)
+    nose = load_head("default:hair=false,level=coarse").point_mm("9.3")
+    x, y = project(VIEWS[0].camera, nose, (SIDE, SIDE)).round().astype(int)
+    beside = picture[TITLE_PX + y - 2, x - 1]  # the line to its name begins in the middle
+    assert np.abs(beside - np.array(MOVED)).max() < 10
+
+
+def test_each_feature_point_is_named_in_some_view():
+    named = {name for view in VIEWS for name in FEATURE_POINT_NAMES if _is_named(name, view)}
+    assert set(FEATURE_POINT_NAMES) == named
 
 
 def test_what_is_none_of_them_is_refused(tmp_path: Path) -> None:
