@@ -20,17 +20,6 @@ from fapengine._late import needed
 from fapengine.errors import DataError, ResourceError
 from fapengine.server.config import BusChoice
 from fapengine.server.ownership import partitions
-from fapengine.server.ownership.partitions import (
-    RENEW_S,
-    TTL_S,
-    Claim,
-    Here,
-    Look,
-    Machine,
-    Partitions,
-    Record,
-    partition_of,
-)
 
 if TYPE_CHECKING:
     from nats.aio.msg import Msg
@@ -71,7 +60,7 @@ class Bus:
         self._on_lease, self._on_fence = on_lease, on_fence
         self.fences = 0
         """Number of times that this machine's lease has expired."""
-        self._table = Partitions(Machine("", host, 0))
+        self._table = partitions.Partitions(partitions.Machine("", host, 0))
         self._nats: Any = None
         self._leases: Any = None
         self._records: Any = None
@@ -130,11 +119,11 @@ class Bus:
                 f"bus: got {_shown(url)}, expected NATS with JetStream (nats-server -js): {why}"
             ) from error
         host = self._choice.host or (_own_address(url) if self._listens in WILDCARDS else self._listens)
-        self._table = Partitions(Machine(uuid.uuid4().hex, host, port, page_port))
+        self._table = partitions.Partitions(partitions.Machine(uuid.uuid4().hex, host, port, page_port))
         await self._nats.subscribe(self._subject("*"), cb=self._receive)
         self._is_up = True
         self._renewing = asyncio.create_task(self._keep_lease())
-        await asyncio.sleep(RENEW_S + ANSWER_S)  # now all live machines are known
+        await asyncio.sleep(partitions.RENEW_S + ANSWER_S)  # now all live machines are known
 
     async def close(self) -> None:
         """Release the lease, so that others need not wait for its end, and disconnect."""
@@ -162,19 +151,19 @@ class Bus:
         """Accept sessions again."""
         self._is_up = True
 
-    def find(self, session: str) -> Here | Machine | None:
+    def find(self, session: str) -> partitions.Here | partitions.Machine | None:
         """Return the owner of a session, as far as it is known; see :meth:`settle`."""
         found = self._table.find(session, time.monotonic())
-        return None if isinstance(found, Look | Claim) else found
+        return None if isinstance(found, partitions.Look | partitions.Claim) else found
 
     def settle(self, session: str, again: Callable[[], None]) -> bool:
         """Request the owner of a session if it is not known; then return True, and call ``again`` afterwards."""
         found = self._table.find(session, time.monotonic())
-        if not isinstance(found, Look | Claim):
+        if not isinstance(found, partitions.Look | partitions.Claim):
             return False
         if self._waiting >= MAX_ASKING or self._nats is None or not self._nats.is_connected:
             return True  # lost
-        waiting = self._asking.setdefault(partition_of(session), [])
+        waiting = self._asking.setdefault(partitions.partition_of(session), [])
         self._waiting += 1
         waiting.append(again)
         if len(waiting) == 1:
@@ -196,7 +185,7 @@ class Bus:
 
         store, name = self._nats.jetstream(timeout=ANSWER_S), self._choice.name
         form = KeyValueConfig("", storage=StorageType.FILE, replicas=self._choice.replicas)
-        self._leases = await store.create_key_value(form.evolve(bucket=f"{name}-leases", ttl=TTL_S))
+        self._leases = await store.create_key_value(form.evolve(bucket=f"{name}-leases", ttl=partitions.TTL_S))
         self._records = await store.create_key_value(form.evolve(bucket=f"{name}-partitions"))
 
     async def _keep_lease(self) -> None:
@@ -206,7 +195,7 @@ class Bus:
                 self._fence()
             elif self._is_up and self._nats is not None and self._nats.is_connected:
                 await self._renew(table.me.id, asked_s)
-            await asyncio.sleep(max(0.0, asked_s + RENEW_S - time.monotonic()))
+            await asyncio.sleep(max(0.0, asked_s + partitions.RENEW_S - time.monotonic()))
 
     async def _renew(self, name: str, asked_s: float) -> None:
         try:
@@ -237,29 +226,29 @@ class Bus:
             with suppress(*_errors()):
                 for _ in range(ROUNDS):
                     found = self._table.find(session, time.monotonic())
-                    if not isinstance(found, Look | Claim):
+                    if not isinstance(found, partitions.Look | partitions.Claim):
                         break
-                    if isinstance(found, Look):
+                    if isinstance(found, partitions.Look):
                         self._table.saw_record(await self._look(found.partition))
                     elif not await self._claim(found):
                         break
         finally:
-            self._asking.pop(partition_of(session), None)
+            self._asking.pop(partitions.partition_of(session), None)
             self._waiting -= len(waiting)
         for again in waiting:
             again()
 
-    async def _look(self, partition: int) -> Record:
+    async def _look(self, partition: int) -> partitions.Record:
         from nats.js.errors import KeyNotFoundError
 
         try:
             entry = await self._records.get(str(partition))
         except KeyNotFoundError as error:
             deleted = getattr(error, "entry", None)
-            return Record(partition, "", deleted.revision if deleted is not None else 0)
-        return Record(partition, (entry.value or b"").decode(errors="replace"), entry.revision or 0)
+            return partitions.Record(partition, "", deleted.revision if deleted is not None else 0)
+        return partitions.Record(partition, (entry.value or b"").decode(errors="replace"), entry.revision or 0)
 
-    async def _claim(self, claim: Claim) -> bool:
+    async def _claim(self, claim: partitions.Claim) -> bool:
         """Carry out a claim; False if its owner lives."""
         from nats.js.errors import KeyNotFoundError, KeyWrongLastSequenceError
 
@@ -272,12 +261,12 @@ class Bus:
         except KeyWrongLastSequenceError:
             self._table.saw_record(await self._look(claim.partition))
             return True
-        record = Record(claim.partition, claim.owner, revision)
+        record = partitions.Record(claim.partition, claim.owner, revision)
         self._table.saw_record(record)
         await self._publish("record", partitions.encode(record))
         return True
 
-    async def _release(self, record: Record) -> None:
+    async def _release(self, record: partitions.Record) -> None:
         with suppress(*_errors()):
             await self._records.delete(str(record.partition), last=record.revision)
 
@@ -294,11 +283,11 @@ class Bus:
         with suppress(DataError):
             match message.subject.rpartition(".")[2]:
                 case "alive":
-                    self._table.saw(partitions.decode(message.data, Machine), time.monotonic())
+                    self._table.saw(partitions.decode(message.data, partitions.Machine), time.monotonic())
                 case "gone":
                     self._table.saw_end(message.data.decode(errors="replace"))
                 case "record":
-                    self._table.heard_record(partitions.decode(message.data, Record))
+                    self._table.heard_record(partitions.decode(message.data, partitions.Record))
 
     async def _note_trouble(self, error: Exception) -> None:
         log.debug("bus: %r", error)

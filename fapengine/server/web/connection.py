@@ -14,22 +14,7 @@ from fapengine.errors import DataError, FapEngineError, ResourceError, UsageErro
 from fapengine.host.hearing import Hearing
 from fapengine.host.hub import Hub
 from fapengine.server.intake.rates import TokenBucket, Turns
-from fapengine.server.web.messages import (
-    Perform,
-    Phones,
-    Pin,
-    Ping,
-    Plays,
-    ReleaseAll,
-    Request,
-    Say,
-    Tell,
-    Watch,
-    Words,
-    parse_request,
-    parse_sound,
-    text_of,
-)
+from fapengine.server.web import messages
 from fapengine.server.web.session_view import SessionView
 from fapengine.speech.alphabets.convert import ALPHABETS
 from fapengine.speech.phone_track import Phone, PhoneTrack
@@ -204,7 +189,7 @@ class Connection:
             if message.type is WSMsgType.BINARY:
                 self._listen(message.data)
             elif message.type is WSMsgType.TEXT:
-                self._answer(parse_request(message.data))
+                self._answer(messages.parse_request(message.data))
             else:
                 raise DataError(f"message: got {message.type.name.lower()}, expected text or audio")
         except FapEngineError as error:
@@ -214,7 +199,7 @@ class Connection:
             self._report(str(error))
 
     def _listen(self, data: bytes) -> None:
-        rate_hz, samples = parse_sound(data)
+        rate_hz, samples = messages.parse_sound(data)
         problem = "recognizer: this server has none"
         if self._hearing is not None:
             try:
@@ -228,7 +213,7 @@ class Connection:
         self._audio_error = problem
 
     def _report(self, error: str) -> None:
-        self.outbox.put_text(text_of("error", message=error))
+        self.outbox.put_text(messages.text_of("error", message=error))
 
     def _refuse(self) -> None:
         self._refused += 1
@@ -239,38 +224,38 @@ class Connection:
     async def _expel(self) -> None:
         await self._socket.close(code=WSCloseCode.POLICY_VIOLATION, message=b"too many invalid messages")
 
-    def _answer(self, request: Request) -> None:
+    def _answer(self, request: messages.Request) -> None:
         match request:
-            case Tell(command):
+            case messages.Tell(command):
                 self._view.tell(self.outbox, command)
-            case Pin(values):
+            case messages.Pin(values):
                 self._view.pin(values)
-            case Perform(values):
+            case messages.Perform(values):
                 self._hub.host(self._view.session).perform(values, self._hub.clock())
-            case ReleaseAll():
+            case messages.ReleaseAll():
                 self._view.release()
-            case Ping(number):
-                self.outbox.put_text(text_of("pong", number=number, time_s=self._hub.clock()))
-            case Plays(on):
+            case messages.Ping(number):
+                self.outbox.put_text(messages.text_of("pong", number=number, time_s=self._hub.clock()))
+            case messages.Plays(on):
                 self._view.plays(self.outbox, on=on)
-            case Watch(on):
+            case messages.Watch(on):
                 self._view.watches(self.outbox, on=on)
-            case Phones():
+            case messages.Phones():
                 self._say_phones(request)
-            case Say() | Words():
+            case messages.Say() | messages.Words():
                 if len(self._tasks) >= MAX_VOICES:
                     raise UsageError("text: earlier texts are still being spoken")
                 task = asyncio.create_task(self._say(request))
                 self._tasks.add(task)
                 task.add_done_callback(self._tasks.discard)
 
-    async def _say(self, request: Say | Words) -> None:
+    async def _say(self, request: messages.Say | messages.Words) -> None:
         session, voice = self._view.session, self._voice
         name = request.voice or voice.name
         try:
             if name != voice.name and not VoiceChoice(name).is_language:  # those are the owner's of this machine
                 raise UsageError(f"voice: got {name!r:.60}, expected a language, or the server's own voice")
-            if isinstance(request, Words):
+            if isinstance(request, messages.Words):
                 number = await self._hub.say_words(
                     session,
                     request.words,
@@ -280,7 +265,7 @@ class Connection:
                     utterance=request.utterance,
                     is_last=request.last,
                 )
-                self.outbox.put_text(text_of("words", utterance=number))
+                self.outbox.put_text(messages.text_of("words", utterance=number))
                 return
             rate_wpm = request.rate_wpm or voice.rate_wpm
             said = await self._hub.speak(session, request.text, voice=name, rate_wpm=rate_wpm, ssml=voice.ssml)
@@ -289,7 +274,7 @@ class Connection:
         except FapEngineError as error:
             self._report(str(error))
 
-    def _say_phones(self, request: Phones) -> None:
+    def _say_phones(self, request: messages.Phones) -> None:
         alphabet = phone_labels.phone_set_named(request.set)
         if alphabet is None:
             raise UsageError(f"set: got {request.set!r}, expected one of {', '.join(ALPHABETS)}")
@@ -306,4 +291,4 @@ class Connection:
             host.begin(number, now_s, anchor=request.anchor, at_s=request.at_s or 0.0)
         host.phones(number, whole, now_s, is_last=request.last)
         is_open = self._hub.engine.utterance(session, number) is not None
-        self.outbox.put_text(text_of("words", utterance=number if is_open else None))
+        self.outbox.put_text(messages.text_of("words", utterance=number if is_open else None))

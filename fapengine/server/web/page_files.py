@@ -21,19 +21,10 @@ from fapengine.mesh.default_head.style import PEOPLE
 from fapengine.mesh.face_mesh import PUPIL_SHARE, FaceMesh
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fap import FapSpec, FapUnit
+from fapengine.render import programs
 from fapengine.render.camera import PRESETS
 from fapengine.render.drawing import EDGES
 from fapengine.render.packing import ATTRIBUTE_SIZES, PUPIL_RANGE, pack
-from fapengine.render.programs import (
-    ES_HEADER,
-    MAX_FINE_EDGE_PX,
-    PARTS,
-    PICTURE,
-    SKIN_LEVEL_BIAS,
-    STAGES,
-    VARIANTS,
-    stage_source,
-)
 from fapengine.speaking import DEFAULT_RATE_WPM, RATES_WPM
 
 MAGIC = b"FAPHEAD1"
@@ -81,19 +72,19 @@ def setup(*, voices: dict[str, str], rate_wpm: int = DEFAULT_RATE_WPM) -> dict[s
     """
     stages = {
         " ".join((name, *defined)): {
-            "vertex": stage_source(vertex, ES_HEADER, defined),
-            "fragment": stage_source(fragment, ES_HEADER, defined),
+            "vertex": programs.stage_source(vertex, programs.ES_HEADER, defined),
+            "fragment": programs.stage_source(fragment, programs.ES_HEADER, defined),
         }
-        for name, (vertex, fragment) in STAGES.items()
-        for defined in VARIANTS.get(name, ((),))
-        if name not in UNUSED and PICTURE not in defined
+        for name, (vertex, fragment) in programs.STAGES.items()
+        for defined in programs.VARIANTS.get(name, ((),))
+        if name not in UNUSED and programs.PICTURE not in defined
     }
     turns = fields_of(commands.TurnHead)
     return {
         "programs": stages,
-        "parts": {name: part._asdict() for name, part in PARTS.items()},
-        "max_fine_edge_px": MAX_FINE_EDGE_PX,
-        "skin_level_bias": SKIN_LEVEL_BIAS,
+        "parts": {name: part._asdict() for name, part in programs.PARTS.items()},
+        "max_fine_edge_px": programs.MAX_FINE_EDGE_PX,
+        "skin_level_bias": programs.SKIN_LEVEL_BIAS,
         "fine_samples": EDGES["fine"],
         "wall": PAGE_WALL,
         "groups": [{"name": name, "faps": [_slider(row) for row in fap.FAPS if row.group == group]}
