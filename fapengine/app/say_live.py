@@ -4,7 +4,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Protocol, Self
 
 import numpy as np
@@ -29,17 +28,13 @@ class Screen(Protocol):
     @property
     def lead_s(self) -> float:
         """Time from asking for a frame until it is seen."""
-        ...
 
     def show(self, faps: NDArray[np.int32], position_s: float) -> bool:
         """Show a frame, (68,) FAPU, at a position of the sound; return False when the viewer closed the screen."""
-        ...
 
     def __enter__(self) -> Self: ...
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None: ...
+    def __exit__(self, *_: object) -> None: ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -242,9 +237,7 @@ class WindowScreen:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._window.close()
 
     def show(self, faps: NDArray[np.int32], position_s: float) -> bool:

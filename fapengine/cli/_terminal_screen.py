@@ -1,6 +1,5 @@
 """The face as a line of the terminal: phones, the opening of the mouth, the time."""
 
-from types import TracebackType
 from typing import Self
 
 import numpy as np
@@ -35,9 +34,7 @@ class TerminalScreen:
             self._live.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._console.is_terminal:
             self._live.stop()
 

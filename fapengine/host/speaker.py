@@ -48,11 +48,9 @@ class PieceVoice(Protocol):
         ResourceError
             If the voice is not installed, or was ended.
         """
-        ...
 
     def close(self) -> None:
         """Stop at once."""
-        ...
 
 
 class ThreadVoice:

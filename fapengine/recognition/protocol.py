@@ -35,15 +35,12 @@ class Recognizer(Protocol):
             The next ones, without gaps, silence included. Their times count from the first sample since the last
             :meth:`reset`.
         """
-        ...
 
     def end(self) -> list[Phone]:
         """End the audio; return the rest of its phones."""
-        ...
 
     def reset(self) -> None:
         """Start again: the next sample is the first."""
-        ...
 
 
 class BlockRecognizer:
@@ -100,23 +97,18 @@ class StreamRecognizer(Protocol):
 
     def begin(self) -> int:
         """Drop audio that was not processed yet, and begin a stream; returns its number."""
-        ...
 
     def push(self, samples: NDArray[np.int16], rate_hz: int) -> None:
         """Add audio to the stream: (N,) int16, mono; ``rate_hz`` is constant within a stream."""
-        ...
 
     def end(self) -> None:
         """End the stream."""
-        ...
 
     def poll(self) -> list[RecognizedPhones]:
         """Return the new results of this stream; raises ``ResourceError`` if the recognizer has ended."""
-        ...
 
     def close(self) -> None:
         """Close it."""
-        ...
 
 
 MIN_FRAMES = 3

@@ -86,4 +86,3 @@ class Voice(Protocol):
 
     def speak(self, text: str) -> Speech:
         """Speak ``text``."""
-        ...

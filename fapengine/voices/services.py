@@ -136,20 +136,16 @@ class Service(Protocol):
     @property
     def url(self) -> str:
         """Address to connect to."""
-        ...
 
     @property
     def headers(self) -> dict[str, str]:
         """Headers of the connection, the key among them."""
-        ...
 
     def requests(self, text: str) -> list[str | bytes]:
         """Messages that ask for a text."""
-        ...
 
     def feed(self, message: str | bytes) -> Piece:
         """Read one answer."""
-        ...
 
 
 @dataclass(slots=True)
