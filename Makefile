@@ -12,8 +12,10 @@ NIGHTLY_AT_LEAST := 90
 # Tests of conformance, which run in every clone.
 CONFORMANCE_AT_LEAST := 300
 # How long make fuzz searches: a third in the codec, a third in every reader, a sixth with mutated files in number, a sixth
-# with random command lines.
+# with random command lines. With INPUTS=n or COMMANDS=n, those two last until so many are tried.
 SECONDS := 600
+INPUTS :=
+COMMANDS :=
 # How long make soak uses a server.
 MINUTES := 30
 # Of make faults.
@@ -44,7 +46,7 @@ help:
 	@echo "make people 200 random people: every promise of the face, where make test tries 15"
 	@echo "make faults  kill verbs, servers and their parts at MOMENTS=200 random moments, and look at what is left"
 	@echo "make fuzz-replay  the part of it that make test runs: the same inputs every time"
-	@echo "make fuzz   search for bytes that break a reader, for 10 minutes or SECONDS=n"
+	@echo "make fuzz   search for bytes that break a reader, for 10 minutes or SECONDS=n, or until INPUTS=n and COMMANDS=n are tried"
 
 demo: $(VENV)/.ready
 	$(BIN)/fapengine say "$(SENTENCE)" --expression joy:0.4 -o out/demo.mp4
@@ -115,8 +117,9 @@ fuzz: $(VENV)/.ready-dev
 	$(BIN)/python -m tests.fuzz.fuzz_readers out/fuzz/readers -max_total_time=$$(($(SECONDS) / 3)) \
 	    -artifact_prefix=out/fuzz/ -print_final_stats=1 > out/fuzz.log 2>&1 || { tail -n 40 out/fuzz.log; exit 1; }
 	@grep 'stat::' out/fuzz.log
-	$(BIN)/python -m tests.fuzz.verbs --seconds $$(($(SECONDS) / 6))
-	$(BIN)/python -m tests.fuzz.mutated --seconds $$(($(SECONDS) / 6)) > out/fuzz.log 2>&1 || { tail -n 60 out/fuzz.log; exit 1; }
+	$(BIN)/python -m tests.fuzz.verbs $(if $(COMMANDS),--seconds inf --count $(COMMANDS),--seconds $$(($(SECONDS) / 6)))
+	$(BIN)/python -m tests.fuzz.mutated $(if $(INPUTS),--seconds inf --inputs $(INPUTS),--seconds $$(($(SECONDS) / 6))) \
+	    > out/fuzz.log 2>&1 || { tail -n 60 out/fuzz.log; exit 1; }
 	@tail -n 1 out/fuzz.log
 
 # Two hundred random people instead of the fifteen of make test: every promise of the face.

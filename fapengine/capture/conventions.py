@@ -65,6 +65,7 @@ def understand(
     DataError
         If there is no frame, no labelled marker, no rate, or no way to know the units.
     """
+    check_conventions(units, up)
     notes = list(raw.notes)
     if not raw.positions.size:
         raise DataError(f"recording: contains no frames or no markers, got shape {raw.positions.shape}")
@@ -156,10 +157,21 @@ def _most(hits: NDArray[np.bool_], labels: Sequence[str]) -> str:
     return ", ".join(f"{labels[index]} {counts[index]}x" for index in worst if counts[index])
 
 
-def _scale(positions: Array, stated: str | None, units: str | None, notes: list[str]) -> float:
-    """Factor to mm: as requested, as the file says, else mm if that gives the size of a face."""
+def check_conventions(units: str | None, up: str | None) -> None:
+    """Raise a UsageError for a unit or an upward axis that :func:`understand` does not know."""
     if units is not None and units.lower() not in UNITS_MM:
         raise UsageError(f"units: unknown unit {units!r}; use {', '.join(UNITS_MM)}")
+    if up and _signed(up) not in AXES:
+        raise UsageError(f"up: unknown axis {up!r}; use {', '.join(AXES)}")
+
+
+def _signed(axis: str) -> str:
+    axis = axis.strip().lower()
+    return axis if axis[:1] in ("+", "-") else f"+{axis}"
+
+
+def _scale(positions: Array, stated: str | None, units: str | None, notes: list[str]) -> float:
+    """Factor to mm: as requested, as the file says, else mm if that gives the size of a face."""
     unit = (units or stated or "").lower()
     if unit and unit not in UNITS_MM:
         notes.append(f"the file's unit {unit!r} is unknown")
@@ -198,12 +210,9 @@ def _diagonal(positions: Array) -> float | None:
 
 def _axis(up: str | None, stated: str | None, notes: list[str]) -> str:
     """Normalise the axis that points up to one of :data:`AXES`."""
-    axis = (up or stated or "+y").strip().lower()
-    axis = axis if axis[:1] in ("+", "-") else f"+{axis}"
+    axis = _signed(up or stated or "+y")
     if axis in AXES:
         return axis
-    if up:
-        raise UsageError(f"up: unknown axis {up!r}; use {', '.join(AXES)}")
     notes.append(f"the file's upward axis {stated!r} is unknown: taken as +y")
     return "+y"
 

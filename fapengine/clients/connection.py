@@ -3,7 +3,7 @@
 The thread sends, repeats and receives; methods may be called from any thread and return at once.
 """
 
-import select
+import selectors
 import socket
 import threading
 from collections import deque
@@ -38,7 +38,10 @@ class Pipe:
 
     def _wait(self, wait_s: float, wake: socket.socket) -> bool:
         """Wait up to ``wait_s`` for packets or a byte on ``wake``; return whether packets have arrived."""
-        ready, _, _ = select.select([self._socket, wake], [], [], wait_s)
+        with selectors.DefaultSelector() as selector:  # unlike select.select, for sockets above number 1023 too
+            for each in (self._socket, wake):
+                selector.register(each, selectors.EVENT_READ)
+            ready = [key.fileobj for key, _ in selector.select(wait_s)]
         if wake in ready:
             wake.recv(4096)
         return self._socket in ready

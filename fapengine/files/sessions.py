@@ -43,6 +43,7 @@ from pathlib import Path
 import numpy as np
 
 from fapengine._strict_toml import MAX_BYTES, checked, parse_toml, spell_path
+from fapengine.capture.conventions import check_conventions
 from fapengine.capture.landmarks import Picture
 from fapengine.capture.marker_track import Interval, Session, Take
 from fapengine.errors import DataError, UsageError
@@ -142,6 +143,10 @@ def load_session(
     path = folder / SETUP_NAME
     document = parse_toml(read_bytes(path, MAX_BYTES) if path.is_file() else b"", _Document, str(path))
     picture = _picture(document, str(path))
+    try:
+        check_conventions(document.units, document.up)
+    except UsageError as error:
+        raise DataError(str(error), where=str(path)) from error
     setup, units, up = _setup(document, folder), units or document.units, up or document.up
     used = {SETUP_NAME: path} if path.is_file() else {}
     used |= {scan.file: folder / scan.file for scan in document.scan}

@@ -32,7 +32,7 @@ from fapengine.codec.encoder import Encoder, EncoderOptions
 from fapengine.codec.epf import parse_epf
 from fapengine.codec.fapfile import parse_fap
 from fapengine.codec.fit import PARTNERS, format_fit, parse_fit
-from fapengine.errors import DataError
+from fapengine.errors import DataError, UsageError
 from fapengine.files.gltf.compression import decode_draco
 from fapengine.files.gltf.document import parse_gltf
 from fapengine.files.gltf.scene import read_scene
@@ -71,6 +71,7 @@ from tests.unit.mesh.rigs import own_rig
 from tests.unit.speech.samples import SAMPLES
 from tests.unit.wire.rtp_receiver import RtpReceiver
 
+TEXTS = (DataError, UsageError)
 CORPUS = Path(__file__).with_name("corpus")
 RNG_SEED = 0
 
@@ -81,8 +82,9 @@ class Reader:
 
     name: str
     read: Callable[[bytes], object]
-    """Raises a :class:`~fapengine.errors.FapEngineError` for what it does not take."""
     good: tuple[bytes, ...]
+    refuses: type[Exception] | tuple[type[Exception], ...] = DataError
+    """What it may raise for bytes that it does not take: a DataError, or a UsageError for what a user writes."""
 
 
 @cache
@@ -233,7 +235,8 @@ def _head() -> Iterable[Reader]:
     from fapengine.mesh.default_head.head import build_head
 
     folder = _folder()
-    save_head(folder, build_head(), HeadInfo(source="ours", licence="Apache-2.0", used=(), lacking=()))
+    head = replace(build_head(level="coarse"), texture=None)  # "picture" reads pictures
+    save_head(folder, head, HeadInfo(source="ours", licence="Apache-2.0", used=(), lacking=()))
     for name in ("head.toml", next(path.name for path in folder.glob("*.npz"))):
         files = {path.name: path.read_bytes() for path in folder.iterdir()}
 
@@ -293,7 +296,7 @@ def _texts() -> Iterable[Reader]:
         return speakable(words), find_tag(words)
 
     yield Reader("text", text, (spoken, marked))
-    yield Reader("SSML", lambda data: check_ssml(speakable(decoded(data)).text), (marked,))
+    yield Reader("SSML", lambda data: check_ssml(speakable(decoded(data)).text), (marked,), TEXTS)
     for name, parse, *good in (
         ("--expression", parse_expression, b"joy:0.4@1.5-3", b"surprise@word"),
         ("--columns", parse_columns, b"start=a,end=b,label=c,unit=ms"),
@@ -301,7 +304,7 @@ def _texts() -> Iterable[Reader]:
         ("--size", parse_size, b"640x480"),
         ("--background", parse_background, b"#102030"),
     ):
-        yield Reader(f"option {name}", lambda data, parse=parse: parse(data.decode("utf-8", "replace")), good)
+        yield Reader(f"option {name}", lambda data, parse=parse: parse(data.decode("utf-8", "replace")), good, TEXTS)
 
 
 def _wire() -> Iterable[Reader]:

@@ -1,12 +1,15 @@
 """For all bytes: a value or an error of ours, from everything that reads; a short run of ``make fuzz``."""
 
 import contextlib
+import os
 import random
+import signal
 from collections.abc import Iterator
 
 import pytest
 
 from fapengine.errors import DataError, FapEngineError
+from tests.fuzz import mutated as search
 from tests.fuzz.mutated import BYTE_S, LEAST_S, Tally, attempt, mutated, table
 from tests.fuzz.readers import NUMBER, Reader, clean, readers
 
@@ -51,6 +54,8 @@ def test_what_a_search_has_found() -> None:
         ("timings, ctm", b"talk 1 0.0 0.1 \x0c"),
         ("landmarks", far),
         ("Draco", no_points),
+        ("session.toml", b'up = "0y"\n'),
+        ("session.toml", b'units = "ell"\n'),
     ):
         with pytest.raises(DataError):
             known[name].read(data)
@@ -71,3 +76,40 @@ def test_what_breaks_the_law_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     tally.broken.append("slow")
     assert (tally.inputs, tally.taken) == (3, 1)
     assert "| slow | 3 | 1 | 1.10 | 1 |" in table({"slow": tally})
+
+
+def _kill(data: bytes) -> None:
+    os._exit(3)
+
+
+def _spin(data: bytes) -> None:
+    while len(data) > 2:
+        pass
+
+
+def _sleep(data: bytes) -> None:
+    while len(data) > 2:
+        signal.pause()
+
+
+@pytest.mark.parametrize(
+    ("read", "told"), [(_kill, "ended with exit code 3"), (_spin, "ended with SIGPROF"), (_sleep, "ended with SIGKILL")]
+)
+def test_what_ends_or_hangs_the_process_costs_one_input(read, told, tmp_path, monkeypatch):
+    monkeypatch.setattr(search, "readers", lambda: (Reader("one", read, (b"x", b"yy", b"zzzz")),))
+    monkeypatch.setattr(search, "ENDLESS_S", 0.05)
+    monkeypatch.setattr(search, "ASLEEP", 20)
+    monkeypatch.setattr(search, "MOST_MB", 1e9)
+    monkeypatch.setattr(search, "warm", lambda reader: None)
+    (tally,) = search.search(100, 1e9, 1, folder=tmp_path, each=9).values()
+    assert tally.inputs == 9
+    assert tally.broken
+    assert all(told in wrong for wrong in tally.broken)
+    kept = sorted(path.name for path in tmp_path.iterdir())
+    assert kept == sorted(f"{name}{end}" for name in {path.stem for path in tmp_path.iterdir()} for end in ("", ".why"))
+    assert len(kept) == 2 * len(tally.broken)
+
+
+def test_every_reader_gets_its_least_and_cheap_ones_the_rest():
+    tallies = {"dear": Tally(inputs=10, cpu_s=1.0), "cheap": Tally(inputs=10, cpu_s=0.001)}
+    assert search.shares(10_000, tallies) == {"dear": 20, "cheap": 9980}

@@ -1,6 +1,8 @@
 """The client over real sockets of this machine, against the real receiver and engine."""
 
 import errno
+import fcntl
+import resource
 import select
 import socket
 import threading
@@ -220,6 +222,27 @@ def test_an_engine_that_starts_later_is_found_and_a_restarted_one_too():
                 time.sleep(0.01)
             face.cancel()
             face.wait_until_over(number, SOON_S)
+
+
+@pytest.mark.skipif(resource.getrlimit(resource.RLIMIT_NOFILE)[1] < 2000, reason="fewer than 2000 files may be open")
+def test_more_than_1024_open_files_do_not_matter():
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, 2000), hard))
+    pipe = connection.Datagrams("127.0.0.1", 9)
+    wake, other = socket.socketpair()
+    try:
+        low, pipe._socket = pipe._socket, socket.socket(fileno=fcntl.fcntl(pipe._socket, fcntl.F_DUPFD, 1500))
+        low.close()
+        assert pipe._socket.fileno() >= 1500
+        assert pipe._wait(0.0, wake) is False
+        other.send(b"x")
+        assert pipe.receive(1.0, wake) == []
+        assert select.select([wake], [], [], 0.0)[0] == []  # it has been read
+    finally:
+        pipe.close()
+        wake.close()
+        other.close()
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
 
 
 def test_nobody_listens():
