@@ -117,7 +117,7 @@ VERBS = {
     "inspect, stream": ("talk.fba", "inspect talk.fba"),
     "inspect, sound": ("talk.wav", "inspect talk.wav"),
     "score": ("talk.fap", "score talk.fap --phones talk.csv -o x.html"),
-    "reduce": ("take.trc", "reduce take.trc --bound 0.5mm -o x.npz"),
+    "reduce": ("take.trc", "reduce take.trc --max-error 0.5mm -o x.npz"),
     "batch": ("rows.csv", "batch rows.csv -o rows --to fap --workers 0"),
     "say": ("said.txt", "say - -o x.fap"),
 }

@@ -28,7 +28,7 @@ def main(folder: Path) -> None:
     if not profile.exists():
         made.write(profile)
     save_markers(take, made.take(0.8, gaps=False, seed=3)[0])
-    words = ["render", str(take), "--head", str(profile), "--still-head", "-o", str(folder / "frame_%04d.png")]
+    words = ["render", str(take), "--head", str(profile), "--no-head-motion", "-o", str(folder / "frame_%04d.png")]
     app([*words, "--size", f"{SIDE}x{SIDE}"], standalone_mode=False)
     markers = load_markers(take).markers
     driven = made.dense.driver().follow(markers)

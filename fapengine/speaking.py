@@ -157,5 +157,5 @@ class SpeakingOptions(MannerOptions):
     """How a text is spoken, by a voice and by a face."""
 
     voice: Voice = DEFAULT_VOICE
-    rate: Rate = DEFAULT_RATE_WPM
+    wpm: Rate = DEFAULT_RATE_WPM
     ssml: Ssml = False

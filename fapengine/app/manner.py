@@ -59,7 +59,7 @@ def voice_of(options: SpeakingOptions) -> "VoiceChoice":
     """Return the voice of the speaking options, not loaded yet."""
     from fapengine.voices.choice import VoiceChoice
 
-    return VoiceChoice(options.voice, options.rate, options.ssml)
+    return VoiceChoice(options.voice, options.wpm, options.ssml)
 
 
 def expression_of(name: str | Expression) -> Expression:

@@ -25,7 +25,7 @@ MANNER = "Speech and motion"
 """Title of the options of :mod:`fapengine.speaking` in the help."""
 
 ALIASES = {
-    "path": ("output",), "rate_hz": ("fps",), "rate_wpm": ("rate",), "expressions": ("expression",),
+    "path": ("output",), "rate_hz": ("fps",), "rate_wpm": ("wpm",), "expressions": ("expression",),
     "sinks": ("sink",), "kbit_s": ("kbps",), "loudness_db": ("loudness",), "format": ("log",),
     "edges": ("antialias",), "offset_s": ("offset",), "bus": ("nats",), "sound": ("audio", "play"),
 }  # fmt: skip

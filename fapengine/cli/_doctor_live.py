@@ -52,13 +52,13 @@ def sound() -> str:
             fetched_s = clock.fetched / clock.sample_rate_hz
             description = player.description
     except ResourceError as error:
-        raise LackError(f"{names}; {error}", "choose another: fapengine say TEXT --live --device NAME") from error
+        raise LackError(f"{names}; {error}", "choose another: fapengine say TEXT --live --audio-device NAME") from error
     if fetched_s > MAX_FETCH_RATIO * (took_s + 0.2):
         raise LackError(
-            f"{description}: plays faster than real time; it is a null device", "choose another: --device NAME"
+            f"{description}: plays faster than real time; it is a null device", "choose another: --audio-device NAME"
         )
     if not settled:
-        raise LackError(f"{description}: opens, but does not play", "choose another: --device NAME")
+        raise LackError(f"{description}: opens, but does not play", "choose another: --audio-device NAME")
     return f"{description}, {1e3 * clock.latency_s:.0f} ms of latency, followed; devices: {names}"
 
 

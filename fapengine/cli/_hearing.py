@@ -14,7 +14,7 @@ HEARING = "Speech recognition"
 
 Text = Annotated[
     Path | None,
-    typer.Option("--text", "-t", help="Transcript file. Improves accuracy.", rich_help_panel=HEARING),
+    typer.Option("--transcript-file", "-t", help="Transcript file. Improves accuracy.", rich_help_panel=HEARING),
 ]
 Transcript = Annotated[
     str | None, typer.Option("--transcript", help="Transcript as text.", rich_help_panel=HEARING)
@@ -94,9 +94,9 @@ def transcript_of(text: Path | None, transcript: str | None) -> str | None:
     from fapengine.files.paths import is_standard
 
     if text is not None and transcript is not None:
-        raise UsageError("--text and --transcript: use only one")
+        raise UsageError("--transcript-file and --transcript: use only one")
     if text is not None and not is_standard(text) and not text.exists():
-        raise UsageError(f"--text: file not found: {text}; --transcript takes the words themselves")
+        raise UsageError(f"--transcript-file: file not found: {text}; --transcript takes the words themselves")
     return read_text(text) if text is not None else transcript
 
 

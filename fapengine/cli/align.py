@@ -25,11 +25,12 @@ def align(
 ) -> None:
     """Find the time of each phone in a recording.
 
-        fapengine align talk.wav --text talk.txt -o talk.TextGrid
+        fapengine align talk.wav --transcript-file talk.txt -o talk.TextGrid
         fapengine align talk.wav -o talk.json    # without a transcript
 
-    With a transcript (--text, --transcript), half of the phones are within 10 ms of their true times. Without one, one
-    in ten of p, b and m is missed. Correct a TextGrid by hand in Praat, then use it with `fapengine animate`.
+    With a transcript (--transcript, --transcript-file), half of the phones are within 10 ms of their true times.
+    Without one, one in ten of p, b and m is missed. Correct a TextGrid by hand in Praat, then use it with
+    `fapengine animate`.
     """
     from fapengine.app.hearing import write_phones
     from fapengine.cli._hearing import channels_of, hear_with_bar, transcript_of

@@ -36,13 +36,13 @@ def animate(
 ) -> None:
     """Animate a recording, or phone timings from another tool.
 
-        fapengine animate talk.wav --text talk.txt -o out/talk.mp4
+        fapengine animate talk.wav --transcript-file talk.txt -o out/talk.mp4
         fapengine animate talk.TextGrid --audio talk.wav -o out/talk.mp4
         fapengine animate talk.wav --into avatar.glb -o out/spoken.glb
         fapengine animate two.wav --channel each -o out/two.mp4    # two speakers
 
-    The phones of a recording are recognized. With a transcript (--text, --transcript) they are nearly as accurate as
-    timed by hand; without one, the mouth still follows the speech. Music and noise do not move it.
+    The phones of a recording are recognized. With a transcript (--transcript, --transcript-file) they are nearly as
+    accurate as timed by hand; without one, the mouth still follows the speech. Music and noise do not move it.
 
     Writes the same files next to the output as `say`, but no copy of a recording next to visemes.
 

@@ -33,7 +33,8 @@ def batch(
         ),
     ] = "fba",
     text: Annotated[
-        str | None, typer.Option("--text", help="With a file pattern: transcript of each recording, 'txt/{stem}.txt'.")
+        str | None,
+        typer.Option("--transcript-file", help="With a file pattern: transcript of each recording, 'txt/{stem}.txt'."),
     ] = None,
     workers: Annotated[
         int | None,
@@ -66,7 +67,7 @@ def batch(
     """Process every utterance of a corpus. Resumes an interrupted run.
 
         fapengine batch corpus.csv -o out/corpus --to fba
-        fapengine batch 'wav/*.wav' --text 'txt/{stem}.txt' -o out/corpus --to fap
+        fapengine batch 'wav/*.wav' --transcript-file 'txt/{stem}.txt' -o out/corpus --to fap
         fapengine batch corpus.csv -o out/corpus --to mp4 --scheduler tcp://head:8786
         fapengine batch out/corpus --retry-failed
         fapengine batch 'recordings/*' -o profiles --to profile

@@ -24,7 +24,7 @@ def decode(
         None, "--fit", help="FAP interpolation table (.fit) that computes FAPs that were not sent; implies --fill."
     ),
     single_numbers: bool = typer.Option(
-        False, "--single-numbers", help="Write FAP 1 and 2 as one number each, as Greta reads them."
+        False, "--greta", help="Write FAP 1 and 2 as one number each, as Greta reads them."
     ),
     as_json: shared.AsJson = False,
     writing: shared.WriteOptions = shared.WriteOptions(),

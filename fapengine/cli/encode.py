@@ -28,7 +28,7 @@ def encode(
         max=100.0,
         help="Use the coarsest quantizer that keeps every feature point of an adult face within this error, in mm.",
     ),
-    fitted: bool = typer.Option(False, "--fitted", help="Send ranges fitted to the data if that is shorter."),
+    fitted: bool = typer.Option(False, "--fit-ranges", help="Send ranges fitted to the data if that is shorter."),
     moving_only: bool = typer.Option(False, "--moving-only", help="Omit FAPs that do not move."),
     visemes: bool = typer.Option(
         False,

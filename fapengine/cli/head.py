@@ -29,7 +29,7 @@ def import_head(
         help="Feature points: a table with columns point, vertex, or point, x, y, z; or an Xface or Visage .fdp file.",
     ),
     mapping: Path | None = typer.Option(
-        None, "--map", help="TOML file that maps blendshape names to ARKit names, visemes or FAPs."
+        None, "--shape-map", help="TOML file that maps blendshape names to ARKit names, visemes or FAPs."
     ),
     adapt: bool = typer.Option(
         False,
@@ -53,8 +53,8 @@ def import_head(
         fapengine head import profiles/s03 -o heads/s03
         fapengine head import scan.ply --points face.csv --adapt -o heads/mine
 
-    Blendshapes (morph targets) with ARKit, Oculus or VRM names are recognized; map other names with --map. Feature
-    points are found from what the blendshapes move. --points corrects some of them, and is required without
+    Blendshapes (morph targets) with ARKit, Oculus or VRM names are recognized; map other names with --shape-map.
+    Feature points are found from what the blendshapes move. --points corrects some of them, and is required without
     blendshapes: at least 8.1 to 8.4 (lips), 2.1 (chin) and three more. Lips and lids must be open cuts in the mesh.
 
     --adapt gives the built-in head the shape and colours of a scan: it is fitted to the feature points and to contours
@@ -80,7 +80,7 @@ def import_head(
         imported, info, nearness = adapt_head_file(mesh, points, mapping)
     elif is_profile(mesh):
         if mapping is not None:
-            raise UsageError("--map: cannot be used with a profile")
+            raise UsageError("--shape-map: cannot be used with a profile")
         imported, rig, info = load_dense_head(mesh, points)
     else:
         imported, info = import_head_file(mesh, points, mapping)

@@ -77,7 +77,7 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON."
 Device = Annotated[
     str | None,
     typer.Option(
-        "--device",
+        "--audio-device",
         help="Audio output device: its number, or part of its name.",
         rich_help_panel=LIVE,
     ),
@@ -251,7 +251,7 @@ class AvatarOptions:
     keys: Annotated[
         str,
         typer.Option(
-            "--keys",
+            "--interpolation",
             help="Keyframes: linear (one per frame) or cubic (fewer, within 0.01 of each weight).",
             rich_help_panel=AVATAR,
         ),
@@ -259,7 +259,7 @@ class AvatarOptions:
     mapping: Annotated[
         Path | None,
         typer.Option(
-            "--map",
+            "--shape-map",
             help="TOML file that maps the avatar's own blendshape names, as for `head import`.",
             rich_help_panel=AVATAR,
         ),
@@ -277,7 +277,7 @@ class AvatarOptions:
 
         if self.into is None:
             if self.mapping is not None or self.keys != "linear":
-                raise UsageError("into: missing; --keys and --map need it")
+                raise UsageError("into: missing; --interpolation and --shape-map need it")
             return None
         from fapengine.app.scene_files import Into  # with the formats of other programs
 

@@ -11,7 +11,7 @@ MIN_BOUND_MM, MAX_BOUND_MM = 0.001, 100.0
 
 def reduce(
     take: Path = typer.Argument(..., help="Marker recording without gaps (.c3d, .trc, .csv, .npz)."),
-    bound: str = typer.Option("0.5mm", "--bound", help="Largest error of any marker in any frame, such as 0.5mm."),
+    bound: str = typer.Option("0.5mm", "--max-error", help="Largest error of any marker in any frame, such as 0.5mm."),
     output: Path = typer.Option(..., "--output", "-o", help="Via points and the reduction curve (.npz)."),
     back: Path | None = typer.Option(
         None, "--back", help="Write the curve through the via points as a recording (.trc, .c3d, .npz)."
@@ -24,7 +24,7 @@ def reduce(
 ) -> None:
     """Reduce a motion to a few poses, connected by minimum-jerk motion (paper 004).
 
-    fapengine reduce take.c3d --bound 0.5mm -o via.npz
+    fapengine reduce take.c3d --max-error 0.5mm -o via.npz
     fapengine reduce take.c3d -o via.npz --back take60.trc --fps 60
     """
     from dataclasses import asdict
@@ -36,9 +36,9 @@ def reduce(
     try:
         bound_mm = float(bound.removesuffix("mm"))
     except ValueError as error:
-        raise UsageError(f"--bound: must be millimetres such as 0.5mm, got {bound!r}") from error
+        raise UsageError(f"--max-error: must be millimetres such as 0.5mm, got {bound!r}") from error
     if not MIN_BOUND_MM <= bound_mm <= MAX_BOUND_MM:
-        raise UsageError(f"--bound: must be {MIN_BOUND_MM:g} to {MAX_BOUND_MM:g} mm, got {bound!r}")
+        raise UsageError(f"--max-error: must be {MIN_BOUND_MM:g} to {MAX_BOUND_MM:g} mm, got {bound!r}")
     writing.check([path for path in (output, back) if path is not None], [take])
     curve = reduce_take(take, bound_mm, output, back=back, rate_hz=fps)
     lines = ["bound, mm   points   of frames   mean, mm   largest, mm"]

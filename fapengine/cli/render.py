@@ -37,7 +37,8 @@ def render(
     audio: Annotated[Path | None, typer.Option("--audio", "-a", help="Sound for the video.")] = None,
     at: Annotated[float, typer.Option("--at", min=0.0, max=MAX_S, help="With .png: time to render, in seconds.")] = 0.0,
     sheet: Annotated[
-        int, typer.Option("--sheet", min=0, max=400, help="With .png: contact sheet with this number of frames.")
+        int,
+        typer.Option("--contact-sheet", min=0, max=400, help="With .png: contact sheet with this number of frames."),
     ] = 0,
     head: Annotated[
         list[str],
@@ -50,15 +51,15 @@ def render(
         float,
         typer.Option("--turntable", min=0.0, max=MAX_S, help="Orbit the camera around the head, in seconds per turn."),
     ] = 0.0,
-    wire: Annotated[bool, typer.Option("--wire", help="Draw the wireframe over the face.")] = False,
+    wire: Annotated[bool, typer.Option("--wireframe", help="Draw the wireframe over the face.")] = False,
     fps: Annotated[
         float | None, typer.Option("--fps", min=1.0, max=1000.0, help="Frame rate. Default: that of the track.")
     ] = None,
     by: Annotated[
-        str, typer.Option("--by", help="For marker recordings: estimator (paper 004) or modes (paper 003).")
+        str, typer.Option("--reconstruction", help="For marker recordings: estimator (paper 004) or modes (paper 003).")
     ] = "estimator",
     still_head: Annotated[
-        bool, typer.Option("--still-head", help="For marker recordings: leave out the head motion.")
+        bool, typer.Option("--no-head-motion", help="For marker recordings: leave out the head motion.")
     ] = False,
     strict: shared.Strict = False,
     as_json: shared.AsJson = False,
@@ -67,8 +68,8 @@ def render(
     """Render existing FAPs, or a recorded take on the dense face of its session.
 
     fapengine render talk.fba --audio talk.wav -o out/talk.mp4
-    fapengine render talk.fap --turntable 4 --wire -o out/turn.webp
-    fapengine render talk.fap --sheet 12 -o out/sheet.png
+    fapengine render talk.fap --turntable 4 --wireframe -o out/turn.webp
+    fapengine render talk.fap --contact-sheet 12 -o out/sheet.png
     fapengine render ours.fap theirs.fap -o out/both.mp4
     fapengine render take.c3d --head profiles/s03 -o out/dense.mp4
     """
@@ -91,7 +92,7 @@ def render(
     if audio and output.suffix not in CODECS:
         raise UsageError(f"--audio: {output.suffix} cannot contain sound; use {', '.join(CODECS)}")
     if sheet and not is_one:
-        raise UsageError(f"--sheet: requires a .png output, got {output.name}")
+        raise UsageError(f"--contact-sheet: requires a .png output, got {output.name}")
     faces = max(len(track), len(head))
     for name, count in (("track", len(track)), ("--head", len(head))):
         if count not in (1, faces):
@@ -99,7 +100,7 @@ def render(
     writing.check([output] if is_one else moving_files(output), [*track, audio, *head, drawing.background])
     way = next((name for name in WAYS if name == by), None)
     if way is None:
-        raise UsageError(f"--by: unknown value {by!r}; use {' or '.join(WAYS)}")
+        raise UsageError(f"--reconstruction: unknown value {by!r}; use {' or '.join(WAYS)}")
     how = drawing.value(wire=wire)
     rows: NDArray[np.int32] | list[list[Pose]]
     done: tuple[dict[str, float], str]

@@ -29,7 +29,7 @@ def score(
         ),
     ] = None,
     against: Annotated[
-        Path | None, typer.Option("--against", help="Reference: a captured recording of the same speech.")
+        Path | None, typer.Option("--reference", help="Reference: a captured recording of the same speech.")
     ] = None,
     phones: Annotated[Path | None, typer.Option("--phones", help="Phone timings, in any format.")] = None,
     plan: Annotated[
@@ -38,7 +38,7 @@ def score(
     audio: Annotated[
         Path | None,
         typer.Option(
-            "--audio", "-a", help="Sound. Without --phones and --against, its phones are recognized or aligned."
+            "--audio", "-a", help="Sound. Without --phones and --reference, its phones are recognized or aligned."
         ),
     ] = None,
     text: _hearing.Text = None,
@@ -125,14 +125,14 @@ def score(
     """Score any lip sync: closures, timing, similarity, loudness, head motion and blinks.
 
         fapengine score theirs.csv --phones talk.TextGrid -o out/score.html
-        fapengine score avatar.glb --audio talk.wav --text talk.txt --check
+        fapengine score avatar.glb --audio talk.wav --transcript-file talk.txt --check
         fapengine score theirs.csv --phones t.lab --fail-under closures=95,lag=80ms
         fapengine score ours/ theirs/ --phones timings/ -o out/set.csv
-        fapengine score made.npy --against true.npy --lips lips.txt
+        fapengine score made.npy --reference true.npy --lips lips.txt
         fapengine score --listen ours/ theirs/ -o out/page
 
-    The verdict comes first. With --phones, --audio or --against, p b m must close, f v meet the teeth, and neither be
-    late. With --against, also the similarity to the reference. --listen makes a page that asks people which of two
+    The verdict comes first. With --phones, --audio or --reference, p b m must close, f v meet the teeth, and neither be
+    late. With --reference, also the similarity to the reference. --listen makes a page that asks people which of two
     systems fits better. A video needs the face detector (docs/how-to/score.md). For a tool that writes visemes only,
     use `fapengine animate` first.
     """

@@ -134,7 +134,7 @@ def serve(
     without: speaking.Without = (),
     seed: speaking.Seed | None = None,
     voice: speaking.Voice | None = None,
-    rate: speaking.Rate | None = None,
+    wpm: speaking.Rate | None = None,
     ssml: speaking.Ssml | None = None,
 ) -> None:
     """Run a live server: receives text, phones or audio, and shows faces in the browser and in other programs.
@@ -170,7 +170,7 @@ def serve(
     )
     speaker = overridden(own.sound, session=play, device=device, microphone=mic, recognizer=recognizer)
     if speaker.device and not speaker.session:
-        raise UsageError("--device: requires --play SESSION")
+        raise UsageError("--audio-device: requires --play SESSION")
     style = overridden(
         own.style, articulation=articulation, jaw=jaw, lips=lips, loudness_db=loudness, method=method
     )  # fmt: skip
@@ -181,7 +181,7 @@ def serve(
         listen=replace(listen, web_port=None) if no_page else listen,
         face=overridden(own.face, profile=profile, head=head, rate_hz=fps, seed=seed),
         style=style.without(without),
-        voice=overridden(own.voice, name=voice, rate_wpm=rate, ssml=ssml),
+        voice=overridden(own.voice, name=voice, rate_wpm=wpm, ssml=ssml),
         sound=speaker,
         calls=calls,
         limits=own.limits,

@@ -29,7 +29,7 @@ def view(
     session: Annotated[str | None, typer.Option("--session", help="Session to show, of a server or a port.")] = None,
     say: Annotated[list[str], typer.Option("--say", help="Text to say first. Repeatable.")] = [],  # noqa: B006
     voice: speaking.Voice = speaking.DEFAULT_VOICE,
-    rate: speaking.Rate = speaking.DEFAULT_RATE_WPM,
+    wpm: speaking.Rate = speaking.DEFAULT_RATE_WPM,
     ssml: speaking.Ssml = False,
     profile: speaking.ProfileName = speaking.DEFAULT_PROFILE,
     head: shared.HeadName = "default",
@@ -40,9 +40,11 @@ def view(
     seed: speaking.Seed = 1,
     seconds: Annotated[
         float | None,
-        typer.Option("--for", min=0.001, max=86_400.0, help="Close the window after this time, in seconds."),
+        typer.Option("--duration", min=0.001, max=86_400.0, help="Close the window after this time, in seconds."),
     ] = None,
-    shot: Annotated[Path | None, typer.Option("--shot", help="Save the window as a PNG file when it closes.")] = None,
+    shot: Annotated[
+        Path | None, typer.Option("--screenshot", help="Save the window as a PNG file when it closes.")
+    ] = None,
     as_json: shared.AsJson = False,
     writing: shared.WriteOptions = shared.WriteOptions(),
 ) -> None:
@@ -71,7 +73,7 @@ def view(
         writing.check([shot], [source, audio, head, profile])
     drawing = Drawing.parse(size=size, camera=camera)
     manner = Manner(profile=profile, style=Style().without(without), seed=seed, rate_hz=fps)
-    chosen = VoiceChoice(voice, rate, ssml)
+    chosen = VoiceChoice(voice, wpm, ssml)
     device, silent = live_output.device, live_output.silent
     if device is not None and not silent:
         open_output(CHECKED_HZ, device=device).close()  # report a wrong device now, not at the first sentence

@@ -151,7 +151,7 @@ def test_the_help_of_a_verb_lists_every_sink_that_it_takes(verb: str, *, all_kin
 SPEAKING = {field.name: field for field in fields(SpeakingOptions)}
 LEFT_OUT = {
     ("animate", "voice"): "it has its own: only timings of words are pronounced",
-    ("animate", "rate"): "nothing is spoken by a voice",
+    ("animate", "wpm"): "nothing is spoken by a voice",
     ("animate", "ssml"): "there is no text of SSML",
     ("serve", "expression"): "expressions come with messages",
     ("config", "expression"): "expressions come with messages",

@@ -38,7 +38,7 @@ def test_a_film_is_scored_as_its_faps_are(film: Path, capsys: pytest.CaptureFixt
     except ResourceError:
         pytest.skip("face detector absent; make detector")
     truth, phones = film.with_suffix(".fap"), film.with_suffix(".TextGrid")
-    found = scored(capsys, film, "--against", truth, "--phones", phones)
+    found = scored(capsys, film, "--reference", truth, "--phones", phones)
     likeness = found["truth"]["likeness"]
     assert likeness["opening_r"] > 0.85
     assert 0.8 < likeness["opening_slope"] < 1.25

@@ -44,7 +44,7 @@ VERBS = {
         for option in ("--background", "--head", "--profile")
     },
     "say --into": Verb("say Hello. --into INPUT -o OUTPUT", "talk.glb", ("talk.glb", "talk.fap", "talk.wav")),
-    "say --map": Verb("say Hello. --into OTHER.glb --map INPUT -o OUTPUT", "talk.glb", ("talk.glb",)),
+    "say --shape-map": Verb("say Hello. --into OTHER.glb --shape-map INPUT -o OUTPUT", "talk.glb", ("talk.glb",)),
     **{
         f"animate {option or 'source'}": Verb(
             f"animate {SOURCES[option]} {option} INPUT -o OUTPUT", "talk.mp4",
@@ -56,14 +56,20 @@ VERBS = {
     "animate shapes": Verb("animate INPUT --shapes rhubarb -o OUTPUT", "talk.json", ("talk.json",)),
     "animate --profile": Verb("animate OTHER.pho --profile INPUT -o OUTPUT", "talk.mp4", ("talk.mp4", "talk.fap")),
     "animate --into": Verb("animate OTHER.pho --into INPUT -o OUTPUT", "talk.glb", ("talk.glb", "talk.fap")),
-    "animate --map": Verb("animate OTHER.pho --into OTHER.vrm --map INPUT -o OUTPUT", "talk.glb", ("talk.glb",)),
+    "animate --shape-map": Verb(
+        "animate OTHER.pho --into OTHER.vrm --shape-map INPUT -o OUTPUT", "talk.glb", ("talk.glb",)
+    ),
     "animate --recognizer": Verb(
         "animate OTHER.ogg --recognizer INPUT -o OUTPUT", "talk.mp4", ("talk.mp4", "talk.fap")
     ),
-    "animate --text": Verb("animate OTHER.ogg --text INPUT -o OUTPUT", "talk.mp4", ("talk.mp4", "talk.fap")),
+    "animate --transcript-file": Verb(
+        "animate OTHER.ogg --transcript-file INPUT -o OUTPUT", "talk.mp4", ("talk.mp4", "talk.fap")
+    ),
     "align": Verb("align INPUT -o OUTPUT", "talk.json", ("talk.json",)),
     "align --recognizer": Verb("align OTHER.wav --recognizer INPUT -o OUTPUT", "talk.json", ("talk.json",)),
-    "align --text": Verb("align OTHER.wav --text INPUT -o OUTPUT", "talk.TextGrid", ("talk.TextGrid",)),
+    "align --transcript-file": Verb(
+        "align OTHER.wav --transcript-file INPUT -o OUTPUT", "talk.TextGrid", ("talk.TextGrid",)
+    ),
     **{
         f"render {option or 'track'}": Verb(
             f"render {'OTHER.fap' if option else ''} {option} INPUT -o OUTPUT", output, (output,)
@@ -80,11 +86,13 @@ VERBS = {
     "decode --fit": Verb("decode OTHER.fba --fit INPUT -o OUTPUT", "a.fap", ("a.fap",)),
     "convert": Verb("convert INPUT -o OUTPUT", "a.csv", ("a.csv",)),
     "convert --into": Verb("convert OTHER.fap --into INPUT -o OUTPUT", "a.glb", ("a.glb",)),
-    "convert --map": Verb("convert OTHER.fap --into OTHER.glb --map INPUT -o OUTPUT", "a.glb", ("a.glb",)),
+    "convert --shape-map": Verb("convert OTHER.fap --into OTHER.glb --shape-map INPUT -o OUTPUT", "a.glb", ("a.glb",)),
     "batch": Verb("batch INPUT -o OUTPUT", "c", ("c/index.csv", "c/journal.jsonl")),
     "batch --to profile": Verb("batch INPUT -o OUTPUT --to profile", "c", ("c/index.csv", "c/journal.jsonl")),
     "batch --into": Verb("batch OTHER.csv --into INPUT --to glb -o OUTPUT", "c", ("c/index.csv", "c/journal.jsonl")),
-    "batch --map": Verb("batch OTHER.csv --into OTHER.glb --map INPUT --to glb -o OUTPUT", "c", ("c/index.html",)),
+    "batch --shape-map": Verb(
+        "batch OTHER.csv --into OTHER.glb --shape-map INPUT --to glb -o OUTPUT", "c", ("c/index.html",)
+    ),
     "convert shapes": Verb("convert INPUT --shapes rhubarb -o OUTPUT", "a.xml", ("a.xml",)),
     "capture": Verb("capture INPUT -o OUTPUT", "a.fap", ("a.fap",)),
     "capture --overlay": Verb("capture INPUT -o OTHER.fap --overlay OUTPUT", "a.mp4", ("a.mp4",)),
@@ -111,7 +119,8 @@ VERBS = {
             f"score {'OTHER.fap' if option else ''} {option} INPUT -o OUTPUT", "a.html", ("a.html",)
         )
         for option in (
-            "", "--against", "--phones", "--audio", "--text", "--recognizer", "--lips", "--upper", "--neutral"
+            "", "--reference", "--phones", "--audio", "--transcript-file", "--recognizer", "--lips", "--upper",
+            "--neutral",
         )
     },
     "score --junit": Verb("score INPUT --junit OUTPUT", "a.xml", ("a.xml",)),
@@ -120,14 +129,14 @@ VERBS = {
     "head import": Verb("head import INPUT -o OUTPUT", "head", ("head/head.toml", "head/head.npz", "head/head.png")),
     **{
         f"head import {option}": Verb(f"head import OTHER.obj {option} INPUT -o OUTPUT", "head", ("head/head.toml",))
-        for option in ("--points", "--map")
+        for option in ("--points", "--shape-map")
     },
     "head export": Verb("head export INPUT -o OUTPUT", "a.glb", ("a.glb",)),
     "head check": Verb("head check INPUT -o OUTPUT", "a.png", ("a.png",)),
-    "view": Verb("view INPUT --shot OUTPUT", "a.png", ("a.png",)),
-    "view --audio": Verb("view OTHER.fap --audio INPUT --shot OUTPUT", "a.png", ("a.png",)),
-    "view --head": Verb("view OTHER.fap --head INPUT --shot OUTPUT", "a.png", ("a.png",)),
-    "view --profile": Verb("view --profile INPUT --shot OUTPUT", "a.png", ("a.png",)),
+    "view": Verb("view INPUT --screenshot OUTPUT", "a.png", ("a.png",)),
+    "view --audio": Verb("view OTHER.fap --audio INPUT --screenshot OUTPUT", "a.png", ("a.png",)),
+    "view --head": Verb("view OTHER.fap --head INPUT --screenshot OUTPUT", "a.png", ("a.png",)),
+    "view --profile": Verb("view --profile INPUT --screenshot OUTPUT", "a.png", ("a.png",)),
 }  # fmt: skip
 Make = Callable[[Path, Path], object]
 NAMES: dict[str, Make] = {
@@ -194,7 +203,18 @@ def test_nothing_is_replaced_where_it_is_forbidden(
         there.unlink()
 
 
-WRITTEN = {"--output", "--plot", "--shot", "--overlay", "--film", "--back", "--sliders", "--pose", "--junit", "--sarif"}
+WRITTEN = {
+    "--output",
+    "--plot",
+    "--screenshot",
+    "--overlay",
+    "--film",
+    "--back",
+    "--sliders",
+    "--pose",
+    "--junit",
+    "--sarif",
+}
 NAMED = {"--head", "--profile", "--background"}
 """Options that name a file or something else."""
 READ_LIVE = {("say", "--recognizer")}
@@ -216,7 +236,7 @@ def test_every_verb_that_writes_is_here() -> None:
     writing = set()
     for name, command in commands().items():
         flags = {flag for parameter in command.params for flag in parameter.opts}
-        if flags & {"--output", "--plot", "--shot"}:
+        if flags & {"--output", "--plot", "--screenshot"}:
             writing.add(name)
             assert "--no-overwrite" in flags, name
     assert writing == {
@@ -263,7 +283,7 @@ BESIDE: dict[str, tuple[str, str, dict[str, str | bytes]]] = {
     "card of an ear": ("align OTHER.wav --recognizer in.onnx -o in.json", "in.json", {"in.onnx": "no ear"}),
     "timings of a row": ("batch in.csv --to fba -o c", "c/a.fba", {"in.csv": "id,timings\na,c/a.fba\n"}),
     "timings, index of rows": ("batch in.csv --to fba -o c", "c/index.csv", {"in.csv": "id,timings\na,c/index.csv\n"}),
-    "words": ("batch in*.wav --text c/{stem}.csv --to fap -o c", "c/index.csv", {"index.wav": "RIFF"}),
+    "words": ("batch in*.wav --transcript-file c/{stem}.csv --to fap -o c", "c/index.csv", {"index.wav": "RIFF"}),
 }
 """Words, the file that is read because another one names it, and the others."""
 

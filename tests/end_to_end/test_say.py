@@ -136,7 +136,7 @@ def test_animate_without_sound(tmp_path: Path) -> None:
 
 def test_a_stream_renders_as_its_faps_do(tmp_path: Path, folder: Path, video: Video) -> None:
     stream, out, still = tmp_path / "demo.fba", tmp_path / "again.mp4", tmp_path / "still.png"
-    run("encode", str(folder / "demo.fap"), "--fitted", "-o", str(stream))
+    run("encode", str(folder / "demo.fap"), "--fit-ranges", "-o", str(stream))
     run("render", str(stream), "-a", str(folder / "demo.wav"), "-o", str(out))
     again = load_video(out)
     assert len(again.frames) == len(video.frames)
@@ -167,7 +167,7 @@ def test_what_cannot_be_rendered_is_told(
         (["say", "Hello", "--size", "511x512", "-o", "x.mp4"], 2, "even"),
         (["say", "Hello", "--camera", "under"], 2, "front"),
         (["say", "..."], 2, "nothing to speak"),
-        (["say", "Hello", "--rate", "5"], 2, "80 to 449"),
+        (["say", "Hello", "--wpm", "5"], 2, "80 to 449"),
         (["say", "Hello", "--profile", "nobody"], 2, "grid_s1_en"),
         (["animate", "none.TextGrid"], 2, "cannot be read"),
         (["render", "none.fap", "-o", "x.avi"], 2, ".png"),

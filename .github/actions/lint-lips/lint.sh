@@ -20,7 +20,7 @@ junit="$RUNNER_TEMP/lips.xml" sarif="$RUNNER_TEMP/lips.sarif"
 options=(--check --junit "$junit" --sarif "$sarif")
 [[ -z "${PHONES:-}" ]] || options+=(--phones "$PHONES")
 [[ -z "${AUDIO:-}" ]] || options+=(--audio "$AUDIO")
-[[ -z "${TEXT:-}" ]] || options+=(--text "$TEXT")
+[[ -z "${TEXT:-}" ]] || options+=(--transcript-file "$TEXT")
 [[ -z "${FAIL_UNDER:-}" ]] || options+=(--fail-under "$FAIL_UNDER")
 code=0
 said="$(fapengine score "${options[@]}" -- "${files[@]}")" || code=$?

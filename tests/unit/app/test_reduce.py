@@ -26,7 +26,7 @@ def take(tmp_path):
 
 def test_a_take_is_reduced_and_comes_back_at_half_the_rate(take, capsys):
     via, back = take.with_name("via.npz"), take.with_name("back.npz")
-    words = ["reduce", take, "--bound", "0.5mm", "-o", via, "--back", back, "--fps", "50", "--json"]
+    words = ["reduce", take, "--max-error", "0.5mm", "-o", via, "--back", back, "--fps", "50", "--json"]
     app([str(word) for word in words], standalone_mode=False)
     curve = json.loads(capsys.readouterr().out)
     assert curve[0]["tolerance_mm"] == 0.5
@@ -46,9 +46,11 @@ def test_what_cannot_be_reduced_is_told(take, tmp_path):
         with pytest.raises(kind, match=message):
             app(["reduce", *map(str, words)], standalone_mode=False)
 
-    refused(UsageError, "must be millimetres", take, "--bound", "little", "-o", tmp_path / "via.npz")
+    refused(UsageError, "must be millimetres", take, "--max-error", "little", "-o", tmp_path / "via.npz")
     for bound in ("0", "nan", "inf", "101mm"):
-        refused(UsageError, "--bound: must be 0.001 to 100 mm", take, "--bound", bound, "-o", tmp_path / "via.npz")
+        refused(
+            UsageError, "--max-error: must be 0.001 to 100 mm", take, "--max-error", bound, "-o", tmp_path / "via.npz"
+        )
     refused(UsageError, r"ends with \.npz", take, "-o", tmp_path / "via.csv")
     track = load_markers(take).markers
     places = np.array(track.positions_mm)
@@ -64,7 +66,7 @@ def test_via_points_are_a_recording_for_every_reader(take, capsys):
         app([*map(str, words)], standalone_mode=False)
         return capsys.readouterr().out
 
-    run("reduce", take, "--bound", "0.5mm", "-o", via)
+    run("reduce", take, "--max-error", "0.5mm", "-o", via)
     told = run("inspect", via)
     assert "200 frames at 100 Hz" in told
     assert "via points" in told

@@ -63,7 +63,10 @@ def test_options_of_files_do_not_go_with_phones(name: str) -> None:
     [
         (["sya", "Hi."], "command: got 'sya', did you mean say?"),
         (["frobnicate"], "command: got 'frobnicate', expected one of say, serve"),
-        (["animate", "a.wav", "--text", "hello"], "--text: file not found: hello; --transcript takes the words"),
+        (
+            ["animate", "a.wav", "--transcript-file", "hello"],
+            "--transcript-file: file not found: hello; --transcript takes the words",
+        ),
     ],
 )
 def test_commands_and_texts_that_are_not_there(

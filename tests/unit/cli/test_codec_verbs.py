@@ -73,7 +73,13 @@ def test_a_voice_and_its_faps_in_one_mp4_file(fap_file: Path, tmp_path: Path) ->
 
 @pytest.mark.parametrize(
     "choices",
-    [("--kbps", 3), ("--fitted",), ("--max-error-mm", 0.5), ("--intra-every", 10), ("--moving-only", "--start-codes")],
+    [
+        ("--kbps", 3),
+        ("--fit-ranges",),
+        ("--max-error-mm", 0.5),
+        ("--intra-every", 10),
+        ("--moving-only", "--start-codes"),
+    ],
 )
 def test_each_choice_shortens_or_marks(fap_file: Path, tmp_path: Path, choices: tuple[object, ...]) -> None:
     run("encode", fap_file, "-o", tmp_path / "plain.fba")

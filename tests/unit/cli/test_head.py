@@ -126,7 +126,7 @@ def test_a_file_s_own_names_are_mapped(avatar, tmp_path):
         '[shapes]\n"_epOwaj" = "jawOpen"\n"tfeLk_ilBeye" = "eyeBlinkLeft"\n"thgiRk_ilBeye" = "blinkRight"\n'
         'cheekPuff = {"65" = 300, pull_l_ear = -200}\nmouthLeft = "unused"\n'
     )
-    text = run("head", "import", tmp_path / "b.glb", "--map", tmp_path / "map.toml", "-o", tmp_path / "h").stdout
+    text = run("head", "import", tmp_path / "b.glb", "--shape-map", tmp_path / "map.toml", "-o", tmp_path / "h").stdout
     assert "44 shapes" not in text
     assert "43 shapes" in text
     still = text.splitlines()[-1]
@@ -150,7 +150,7 @@ def test_a_file_s_own_names_are_mapped(avatar, tmp_path):
 def test_mappings_that_cannot_be(avatar, tmp_path, table, message):
     (tmp_path / "map.toml").write_text(table)
     with pytest.raises(DataError, match=message):
-        run("head", "import", avatar, "--map", tmp_path / "map.toml", "-o", tmp_path / "h")
+        run("head", "import", avatar, "--shape-map", tmp_path / "map.toml", "-o", tmp_path / "h")
 
 
 def test_points_correct_what_the_shapes_showed(avatar, adopted, tmp_path):

@@ -57,7 +57,7 @@ def test_music_moves_nothing(tmp_path: Path) -> None:
 
 def test_align_writes_what_animate_reads(talk: Path, tmp_path: Path) -> None:
     (tmp_path / "talk.txt").write_text(BABY)
-    run("align", talk, "--text", tmp_path / "talk.txt", "-o", tmp_path / "talk.TextGrid")
+    run("align", talk, "--transcript-file", tmp_path / "talk.txt", "-o", tmp_path / "talk.TextGrid")
     heard = fapengine.animate(tmp_path / "talk.TextGrid", sound=talk)
     truth = closures(spoken("slt", BABY).phones)
     assert met(truth, closures(heard.phones)) == len(truth)
@@ -168,7 +168,7 @@ def test_refusals(talk: Path, tmp_path: Path) -> None:
     cases: list[tuple[list[object], type[FapEngineError], str]] = [
         (["animate", talk, "--audio", talk], UsageError, "--audio: cannot be used with a recording"),
         (["animate", pho, "--transcript", "x"], UsageError, "--transcript: cannot be used with phone timings"),
-        (["align", talk, "--transcript", "x", "--text", pho], UsageError, "use only one"),
+        (["align", talk, "--transcript", "x", "--transcript-file", pho], UsageError, "use only one"),
         (["align", talk, "-o", tmp_path / "a.srt"], UsageError, r"--output: .*'\.srt'"),
         (["align", talk, "--channel", 2], UsageError, r"--channel: got 2, expected 1 to 1"),
         (

@@ -132,11 +132,11 @@ def test_edges(fap_file: Path, tmp_path: Path) -> None:
 
 
 def test_wire_and_sheet(fap_file: Path, tmp_path: Path) -> None:
-    run(fap_file, "--wire", "-o", tmp_path / "wire.png")
+    run(fap_file, "--wireframe", "-o", tmp_path / "wire.png")
     run(fap_file, "-o", tmp_path / "bare.png")
     wire, bare = (load_picture(tmp_path / f"{name}.png").astype(int).mean() for name in ("wire", "bare"))
     assert wire < bare - 3
-    assert "3 moments" in run(fap_file, "--sheet", 3, "-o", tmp_path / "sheet.png")
+    assert "3 moments" in run(fap_file, "--contact-sheet", 3, "-o", tmp_path / "sheet.png")
     sheet = load_picture(tmp_path / "sheet.png")
     assert sheet.shape[1] == 2 * 16 + 3 * 192 + 2 * 8
 
@@ -146,7 +146,7 @@ def test_refuses_what_does_not_fit(fap_file: Path, tmp_path: Path) -> None:
         (("-b", "#12345"), "--background: got '#12345', expected a colour"),
         (("-b", "nowhere.png"), "--background: got 'nowhere.png', expected studio, none"),
         (("-b", "none", "-o", "a.mp4"), "--background: got none, but .mp4 has no alpha"),
-        (("--sheet", 3), "--sheet: requires a .png output"),
+        (("--contact-sheet", 3), "--contact-sheet: requires a .png output"),
         ((fap_file, fap_file, "--head", "a", "--head", "b"), "--head: got 2; give one, or one for each of the 3"),
         ((fap_file, "--head", "a", "--head", "b", "--head", "c"), "track: got 2"),
     ):

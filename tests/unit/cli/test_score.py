@@ -57,7 +57,7 @@ def talk(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_everything_at_once(talk: Path, tmp_path: Path) -> None:
     said = run(
-        "score", talk / "talk.fap", "--against", talk / "talk.fap", "--phones", talk / "talk.lab",
+        "score", talk / "talk.fap", "--reference", talk / "talk.fap", "--phones", talk / "talk.lab",
         "--audio", talk / "talk.wav", "-o", tmp_path / "score.html",
     )  # fmt: skip
     assert re.search(r"p b m that close +100 % \((\d+) of \1\)", said)
@@ -78,7 +78,7 @@ def test_everything_at_once(talk: Path, tmp_path: Path) -> None:
     ],
 )  # fmt: skip
 def test_recordings_of_every_kind(talk: Path, name: str, opening_r: float) -> None:
-    found = json.loads(run("score", talk / name, "--against", talk / "talk.fap", "--json"))
+    found = json.loads(run("score", talk / name, "--reference", talk / "talk.fap", "--json"))
     assert found["truth"]["likeness"]["opening_r"] > opening_r
     assert abs(found["truth"]["timing"]["lag_ms"]) < 15
     assert found["phones"] is None
@@ -112,7 +112,7 @@ def test_alone_it_says_that_nothing_was_compared(talk: Path) -> None:
         (("talk.fap", "-o", "score.pdf"), UsageError, "--output: got score.pdf"),
         (("talk.wav",), DataError, "talk.wav"),
         (("none.fap",), UsageError, "cannot be read"),
-        (("talk.fap", "--against", "talk.lab"), DataError, "talk.lab"),
+        (("talk.fap", "--reference", "talk.lab"), DataError, "talk.lab"),
     ],
 )
 def test_bad_input_is_one_error(
@@ -249,7 +249,7 @@ def test_meshes_have_the_errors_of_papers(tmp_path: Path) -> None:
     (tmp_path / "lips.txt").write_text("0, 1\n2", encoding="utf-8")
     np.save(tmp_path / "upper.npy", np.array([False, False, False, True, True]))
     arguments = (
-        "score", tmp_path / "made.npy", "--against", tmp_path / "true.npz", "--lips", tmp_path / "lips.txt",
+        "score", tmp_path / "made.npy", "--reference", tmp_path / "true.npz", "--lips", tmp_path / "lips.txt",
         "--upper", tmp_path / "upper.npy", "--neutral", tmp_path / "rest.npy",
     )  # fmt: skip
     found = json.loads(run(*arguments, "--json"))
@@ -259,14 +259,14 @@ def test_meshes_have_the_errors_of_papers(tmp_path: Path) -> None:
     for name, frames in (("ours", made), ("truth", true)):
         (tmp_path / name).mkdir()
         np.save(tmp_path / name / "a.npy", frames)
-    folders = ("score", tmp_path / "ours", "--against", tmp_path / "truth")
+    folders = ("score", tmp_path / "ours", "--reference", tmp_path / "truth")
     assert run(*folders, "--fail-under", "mve=1.9", code=1).startswith("fails: 1 of 1 recordings")
     meshes = tmp_path / "true"
     meshes.mkdir()
     for number, frame in enumerate(true):
         lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in frame] + ["f 1 2 3", "f 3 4 5"]
         (meshes / f"{number}.obj").write_text("\n".join(lines), encoding="utf-8")
-    folder = json.loads(run("score", tmp_path / "made.npy", "--against", meshes, "--json"))
+    folder = json.loads(run("score", tmp_path / "made.npy", "--reference", meshes, "--json"))
     assert folder["mve"] == pytest.approx(2.0)
     assert folder["lve"] is None
     for extra, message in (
@@ -275,7 +275,7 @@ def test_meshes_have_the_errors_of_papers(tmp_path: Path) -> None:
     ):
         with pytest.raises(UsageError, match=message):
             run(*arguments[:4], *extra)
-    with pytest.raises(UsageError, match="against: missing"):
+    with pytest.raises(UsageError, match="reference: missing"):
         run("score", tmp_path / "made.npy")
     (tmp_path / "lips.txt").write_text("0 one", encoding="utf-8")
     with pytest.raises(DataError, match=r"lips\.txt: indices: got invalid literal"):
@@ -285,7 +285,7 @@ def test_meshes_have_the_errors_of_papers(tmp_path: Path) -> None:
         run(*arguments[:4])
     np.savez(tmp_path / "two.npz", one=true, other=true)
     with pytest.raises(DataError, match=r"two\.npz: NPZ: got arrays \['one', 'other'\]"):
-        run("score", tmp_path / "two.npz", "--against", tmp_path / "true.npz")
+        run("score", tmp_path / "two.npz", "--reference", tmp_path / "true.npz")
 
 
 def test_people_are_asked_and_their_answers_analysed(talk: Path, tmp_path: Path) -> None:

@@ -63,7 +63,7 @@ def test_every_option_arrives(monkeypatch: pytest.MonkeyPatch) -> None:
             "json",
             "--verbose",
         ),
-        *("--profile", "p", "--head", "o", "--seed", 0, "--without", "all", "--play", "face", "--device", "USB"),
+        *("--profile", "p", "--head", "o", "--seed", 0, "--without", "all", "--play", "face", "--audio-device", "USB"),
     )
     listen = config.listen
     assert (listen.host, listen.port, listen.web_port, listen.metrics_port, listen.token) == ("h", 0, 3, 4, "t" * 16)
@@ -72,13 +72,13 @@ def test_every_option_arrives(monkeypatch: pytest.MonkeyPatch) -> None:
     assert (config.sound.session, config.sound.device) == ("face", "USB")
     assert not any((config.style.blinks, config.style.gaze, config.style.emphasis))
     assert configured(monkeypatch, "--web-port", 3, "--no-page").listen.web_port is None
-    assert configured(monkeypatch, "--token", "", "--play", "", "--device", "") == ServeConfig()
+    assert configured(monkeypatch, "--token", "", "--play", "", "--audio-device", "") == ServeConfig()
 
 
 @pytest.mark.parametrize(
     ("words", "what"),
     [
-        (("--device", "USB"), "--device: requires --play SESSION"),
+        (("--audio-device", "USB"), "--audio-device: requires --play SESSION"),
         (("--play", "x" * 33), "session: got"),
         (("--fps", "0.5"), r"^--fps: got 0.5, expected a number, 1 to 240"),
         (("--fps", "nan"), "^--fps: got nan"),

@@ -37,8 +37,8 @@ def test_a_window_opens_speaks_and_closes(
     """All that is real: display, sound card, voice, process."""
     shot = tmp_path / "shot.png"
     answer = run(
-        null_sink, virtual_display, "view", "--say", "Mama.", "--for", "1.5", "--shot", shot, "--size", "560x300",
-        "--fps", "30", "--head", coarse_head,
+        null_sink, virtual_display, "view", "--say", "Mama.", "--duration", "1.5", "--screenshot", shot,
+        "--size", "560x300", "--fps", "30", "--head", coarse_head,
     )  # fmt: skip
     assert answer["frames"] > 0
     picture = load_picture(shot)
@@ -109,9 +109,9 @@ def test_a_file_with_its_sound_is_shown_and_paused(
         "--audio",
         tmp_path / "a.wav",
         "--silent",
-        "--for",
+        "--duration",
         "0.3",
-        "--shot",
+        "--screenshot",
         tmp_path / "s.png",
     )
     (window,) = windows
@@ -126,7 +126,7 @@ def test_a_file_with_its_sound_is_shown_and_paused(
 
 
 def test_our_own_face_speaks_in_a_window(windows: list[FakeWindow]) -> None:
-    call("view", "--say", "Papa.", "--silent", "--for", "1.2", "--without", "all")
+    call("view", "--say", "Papa.", "--silent", "--duration", "1.2", "--without", "all")
     assert not windows[0].shown[0].any()
     assert any(faps.any() for faps in windows[0].shown)
     call("say", "Papa.", "--live", "--window", "--silent", "--fps", "60", "--without", "all")
@@ -143,13 +143,13 @@ def test_a_window_that_is_closed_ends_the_speech(windows: list[FakeWindow], monk
 
 
 def test_frames_of_a_port_are_shown(windows: list[FakeWindow]) -> None:
-    call("view", "osc://127.0.0.1:0", "--for", "0.2")
+    call("view", "osc://127.0.0.1:0", "--duration", "0.2")
     assert windows[0].name.startswith("fapengine, port ")
 
 
 def test_a_server_that_is_not_there_is_told_of(windows: list[FakeWindow]) -> None:
     with pytest.raises(ResourceError, match=r"^server: no answer from 127.0.0.1:9: is fapengine serve running there"):
-        call("view", "http://127.0.0.1:9/", "--for", "0.5")
+        call("view", "http://127.0.0.1:9/", "--duration", "0.5")
     assert "no server: no answer" in windows[0].name
     assert windows[0].is_closed
 
@@ -192,7 +192,7 @@ def test_refuses_what_is_no_source(tmp_path: Path) -> None:
 @pytest.mark.parametrize("source", [(), ("http://127.0.0.1:9/",), ("a.fap", "--audio", "a.wav")])
 def test_a_wrong_device_is_told_of_before_a_window_opens(windows: list[FakeWindow], source: tuple[str, ...]) -> None:
     with pytest.raises(ResourceError, match="sound: "):
-        call("view", *source, "--device", "no such card", "--for", "0.5")
+        call("view", *source, "--audio-device", "no such card", "--duration", "0.5")
     assert not windows
 
 

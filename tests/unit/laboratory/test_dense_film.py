@@ -99,7 +99,7 @@ def test_fit_puts_our_own_head_on_to_the_dense_face(tmp_path, monkeypatch):
     assert "0.50 mm after; too few" in run("head", "import", profile, "--adapt", "-o", tmp_path / "ours")
     np.testing.assert_array_equal(load_head(str(tmp_path / "ours")).vertices_mm, adapted.vertices_mm)
     with pytest.raises(UsageError, match="no other names"):
-        run("head", "import", profile, "--adapt", "--map", tmp_path / "names.toml", "-o", tmp_path / "ours")
+        run("head", "import", profile, "--adapt", "--shape-map", tmp_path / "names.toml", "-o", tmp_path / "ours")
     shutil.rmtree(session / "scans")
     text = (session / "session.toml").read_text()
     (session / "session.toml").write_text(text[: text.index("[[scan]]")])
@@ -129,14 +129,14 @@ def test_a_take_becomes_a_film(made, head, take, tmp_path):
     run("render", take, "--head", head, "-o", tmp_path / "slow.mp4", "--fps", "25", *SMALL)
     assert len(load_video(tmp_path / "slow.mp4").frames) == 8
     pictures = {}
-    for way in (("--still-head",), (), ("--by", "modes"), ("--still-head", "--at", "0.2")):
+    for way in (("--no-head-motion",), (), ("--reconstruction", "modes"), ("--no-head-motion", "--at", "0.2")):
         run("render", take, "--head", head, "-o", tmp_path / "one.png", "--at", "0.28", *way, *SMALL)
         pictures[way] = load_picture(tmp_path / "one.png").astype(int)
     still, turned, by_modes, before = pictures.values()
     assert np.abs(still - turned).mean() > 1  # the head has moved
     assert np.abs(by_modes - turned).mean() < 0.2  # two ways to one face
     assert np.abs(before - still)[60:85, 30:65].mean() > 0.3  # so has the mouth
-    run("render", take, take, "--head", head, "--sheet", "2", "-o", tmp_path / "sheet.png", *SMALL)
+    run("render", take, take, "--head", head, "--contact-sheet", "2", "-o", tmp_path / "sheet.png", *SMALL)
 
 
 def test_a_take_goes_into_gltf_as_weights_of_the_modes(made, head, take, tmp_path):
@@ -177,13 +177,17 @@ def test_what_cannot_be_is_told(made, profile, head, take, tmp_path):
     for words, kind, message in (
         (("render", take, "-o", out), UsageError, "has no modes that a recording could move"),
         (("render", take, tmp_path / "a.fap", "--head", head, "-o", out), UsageError, "use marker recordings only"),
-        (("render", take, "--head", head, "--by", "both", "-o", out), UsageError, "use estimator or modes"),
+        (("render", take, "--head", head, "--reconstruction", "both", "-o", out), UsageError, "use estimator or modes"),
         (("render", take, "--head", tmp_path / "bare", "-o", out), UsageError, "has no dense face"),
         (("render", take, "--head", old, "-o", out), UsageError, "fit it again"),
         (("render", take, "--head", torn, "-o", out), ProfileError, "sha256 of dense.npz"),
         (("convert", take, "--into", head, "-o", tmp_path / "a.vrm"), UsageError, "expected .glb and a dense face"),
         (("convert", take, "-o", tmp_path / "a.fap"), UsageError, "expected .glb and a dense face"),
-        (("head", "import", profile, "--map", take, "-o", tmp_path / "h"), UsageError, "cannot be used with a profile"),
+        (
+            ("head", "import", profile, "--shape-map", take, "-o", tmp_path / "h"),
+            UsageError,
+            "cannot be used with a profile",
+        ),
     ):
         with pytest.raises(kind, match=message):
             run(*words)
