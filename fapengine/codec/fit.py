@@ -242,22 +242,6 @@ def _polynomial(numbers: _Numbers, parents: int) -> Polynomial:
     return Polynomial(tuple(terms), divisor)
 
 
-def format_fit(table: Fit) -> bytes:
-    """Write the text of a ``.fit`` file; :func:`parse_fit` reads it back."""
-    lines = [[len(table.nodes)], *([len(node), *node] for node in table.nodes), [len(table.links)]]
-    for link in table.links:
-        lines.append([link.parent, link.child, link.priority])
-        for polynomial in (side for pair in link.quotients for side in pair):
-            line = [len(polynomial.terms)]
-            if polynomial.terms:
-                line.append(polynomial.divisor)
-            for term in polynomial.terms:
-                line += [int(term.coefficient < 0), abs(term.coefficient), len(term.powers)]
-                line += [number for power in term.powers for number in power]
-            lines.append(line)
-    return "".join(" ".join(map(str, line)) + "\n" for line in lines).encode()
-
-
 LIP_PARTNERS = tuple(zip(range(4, 14), range(51, 61), strict=True))
 """Inner and outer lip FAPs; each fills the other."""
 SIDE_PARTNERS = (

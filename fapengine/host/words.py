@@ -184,31 +184,11 @@ def adjusted(word: Sequence[Phone], heard: Sequence[Phone]) -> list[Phone]:
 
 
 def _counterparts(word: Sequence[Phone], heard: Sequence[Phone]) -> list[tuple[int, int]]:
-    """Pair phones of a word with recognized ones: least sum of changes (Wagner and Fischer, 1974)."""
+    """Pair phones of a word with recognized ones; those around it belong to other words."""
     starts_s, heard_s = ([phone.start_s for phone in phones] for phones in (word, heard))
     unlike = np.array([[_unlike(phone.label, other.label) for other in heard] for phone in word])
     changes = unlike + 0.3 * np.abs(np.subtract.outer(starts_s, heard_s)) / MAX_MOVE_S
-    costs = np.zeros((len(word) + 1, len(heard) + 1))
-    costs[:, 0] = LEFT_OUT * np.arange(len(word) + 1)
-    costs[0] = 0.3 * np.arange(len(heard) + 1)  # those around belong to other words
-    for row, column in np.ndindex(changes.shape):
-        costs[row + 1, column + 1] = min(
-            costs[row, column] + changes[row, column],
-            costs[row, column + 1] + LEFT_OUT,
-            costs[row + 1, column] + LEFT_OUT,
-        )
-    row, column = len(word), int(np.argmin(costs[-1] + 0.3 * np.arange(len(heard), -1, -1)))
-    pairs = []
-    while row and column:
-        if costs[row, column] == costs[row - 1, column - 1] + changes[row - 1, column - 1]:
-            row, column = row - 1, column - 1
-            if unlike[row, column] <= ALIKE:
-                pairs.append((row, column))
-        elif costs[row, column] == costs[row - 1, column] + LEFT_OUT:
-            row -= 1
-        else:
-            column -= 1
-    return pairs[::-1]
+    return [pair for pair in ipa.counterparts(changes.tolist(), LEFT_OUT, 0.3) if unlike[pair] <= ALIKE]
 
 
 @lru_cache(maxsize=4096)

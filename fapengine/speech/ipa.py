@@ -10,6 +10,7 @@ alike (``tests/oracle``).
 """
 
 import unicodedata
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -249,6 +250,50 @@ def distance(one: str, other: str) -> float:
     """
     a, b = SOUNDS[one], SOUNDS[other]
     return float(sum(weight * abs(getattr(a, name) - getattr(b, name)) for name, weight in _VISIBILITY.items()))
+
+
+def counterparts(changes: Sequence[Sequence[float]], lost: float, around: float) -> list[tuple[int, int]]:
+    """Pair phones of two sequences: least sum of changes (Wagner and Fischer, 1974).
+
+    Parameters
+    ----------
+    changes : sequence of sequence of float
+        Cost of each phone of the second sequence for each of the first.
+    lost : float
+        Cost of a phone without a counterpart.
+    around : float
+        The same before the first pair and after the last one, in the second sequence.
+
+    Returns
+    -------
+    list of tuple of int
+        Places in the two sequences, in order.
+
+    Examples
+    --------
+    >>> counterparts([[0.5, 0.0, 0.5]], lost=1.0, around=1.0)
+    [(0, 1)]
+    """
+    count = len(changes[0]) if changes else 0
+    costs = [[around * column for column in range(count + 1)]]
+    for row, unlike in enumerate(changes, start=1):
+        above, line = costs[-1], [lost * row]
+        for column, change in enumerate(unlike):
+            line.append(min(above[column] + change, line[column] + lost, above[column + 1] + lost))
+        costs.append(line)
+    row, column = len(changes), count
+    if around < lost:
+        column = min(range(count + 1), key=lambda last: costs[-1][last] + around * (count - last))
+    pairs = []
+    while row and column:
+        if costs[row][column] == costs[row - 1][column - 1] + changes[row - 1][column - 1]:
+            row, column = row - 1, column - 1
+            pairs.append((row, column))
+        elif costs[row][column] == costs[row - 1][column] + lost:
+            row -= 1
+        else:
+            column -= 1
+    return pairs[::-1]
 
 
 def is_rounded(letter: str) -> bool:

@@ -181,32 +181,12 @@ def shared_out(phrase: Sequence[Phone], alone: Sequence[Sequence[Phone]]) -> lis
     """
     owners = [(index, phone.label) for index, word in enumerate(alone) for phone in word]
     shared: list[list[Phone]] = [[] for _ in alone]
-    last = 0
-    for phone, at in zip(phrase, _counterparts([phone.label for phone in phrase], [o for _, o in owners]), strict=True):
-        last = last if at is None else owners[at][0]
+    changes = [[_change(phone.label, known) for _, known in owners] for phone in phrase]
+    found, last = dict(ipa.counterparts(changes, lost=1.0, around=1.0)), 0
+    for place, phone in enumerate(phrase):
+        last = owners[found[place]][0] if place in found else last
         shared[last].append(phone)
     return shared
-
-
-def _counterparts(spoken: Sequence[str], known: Sequence[str]) -> list[int | None]:
-    """Index of the known label that each spoken one stands for: least sum of changes (Wagner and Fischer, 1974)."""
-    costs = [[float(column) for column in range(len(known) + 1)]]
-    for row, label in enumerate(spoken, start=1):
-        above, line = costs[-1], [float(row)]
-        for column, other in enumerate(known):
-            line.append(min(above[column] + _change(label, other), above[column + 1] + 1.0, line[column] + 1.0))
-        costs.append(line)
-    found: list[int | None] = [None] * len(spoken)
-    row, column = len(spoken), len(known)
-    while row and column:
-        if costs[row][column] == costs[row - 1][column - 1] + _change(spoken[row - 1], known[column - 1]):
-            row, column = row - 1, column - 1
-            found[row] = column
-        elif costs[row][column] == costs[row - 1][column] + 1.0:
-            row -= 1
-        else:
-            column -= 1
-    return found
 
 
 @lru_cache(maxsize=4096)

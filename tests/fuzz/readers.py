@@ -31,7 +31,7 @@ from fapengine.codec.decoder import decode
 from fapengine.codec.encoder import Encoder, EncoderOptions
 from fapengine.codec.epf import parse_epf
 from fapengine.codec.fapfile import parse_fap
-from fapengine.codec.fit import PARTNERS, format_fit, parse_fit
+from fapengine.codec.fit import PARTNERS, parse_fit
 from fapengine.errors import DataError, UsageError
 from fapengine.files.gltf.compression import decode_draco
 from fapengine.files.gltf.document import parse_gltf
@@ -62,6 +62,7 @@ from fapengine.wire import fap_osc, osc
 from fapengine.wire.framing import LengthDecoder, SlipDecoder, encode_length, encode_slip
 from fapengine.wire.rtp import RtpSender
 from fapengine.wire.speech_osc import codec, schema
+from tests.fit_files import format_fit
 from tests.recordings import BVH, mview_file, pos_file, wave_file
 from tests.serve_example import EXAMPLE
 from tests.unit.files.glb import Builder, square, write_rig

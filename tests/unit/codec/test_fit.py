@@ -5,9 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fapengine.codec.fit import PARTNERS, Fit, Link, Polynomial, Term, format_fit, parse_fit
+from fapengine.codec.fit import PARTNERS, Fit, Link, Polynomial, Term, parse_fit
 from fapengine.errors import DataError, TruncatedError, UsageError
 from fapengine.mpeg4 import fap
+from tests.fit_files import format_fit
 
 EXAMPLE = b"""2
 2  2 3
