@@ -12,10 +12,7 @@ from fapengine.mesh.face_mesh import FaceMesh
 
 @checked
 def load_head(
-    name: str | Path | HeadStyle = DEFAULT_HEAD,
-    *,
-    points: str | Path | None = None,
-    mapping: str | Path | None = None,
+    name: str | Path | HeadStyle = DEFAULT_HEAD, *, points: str | Path | None = None, mapping: str | Path | None = None
 ) -> FaceMesh:
     """Load a head.
 

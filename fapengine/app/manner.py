@@ -47,11 +47,7 @@ def manner_of(options: MannerOptions) -> Manner:
         method=parse_method(options.method),
     ).without(options.without)
     return Manner(
-        profile=options.profile,
-        style=style,
-        expressions=options.expression,
-        seed=options.seed,
-        rate_hz=options.fps,
+        profile=options.profile, style=style, expressions=options.expression, seed=options.seed, rate_hz=options.fps
     )
 
 

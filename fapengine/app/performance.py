@@ -439,11 +439,7 @@ def animated(
 
 
 def read_timings(
-    path: Path,
-    voice: str | VoiceChoice | Voice | None = None,
-    *,
-    language: str | None = None,
-    **how: str | None,
+    path: Path, voice: str | VoiceChoice | Voice | None = None, *, language: str | None = None, **how: str | None
 ) -> PhoneTrack:
     """Read phones from a file of timings, with words pronounced.
 

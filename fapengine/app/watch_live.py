@@ -99,10 +99,7 @@ class Eyes:
     """
 
     def __init__(
-        self,
-        pictures: Pictures,
-        open_detector: Callable[[], Detector],
-        clock: Callable[[], float] = time.monotonic,
+        self, pictures: Pictures, open_detector: Callable[[], Detector], clock: Callable[[], float] = time.monotonic
     ) -> None:
         self.counts = EyeCounts()
         self.error: Exception | None = None

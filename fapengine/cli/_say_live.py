@@ -18,14 +18,7 @@ PERCENTILES = {"p50": "half of the frames", "p95": "95 %", "max": "all"}
 
 
 def say_now(
-    speech: Speech,
-    text: str,
-    manner: Manner,
-    output: LiveOutput,
-    *,
-    head: str,
-    drawing: Drawing,
-    window: bool | None,
+    speech: Speech, text: str, manner: Manner, output: LiveOutput, *, head: str, drawing: Drawing, window: bool | None
 ) -> dict[str, object]:
     """Say it in a window, or in the terminal if there is no display; ``window`` forces one of them."""
     return say_live(

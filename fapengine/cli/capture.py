@@ -34,8 +34,7 @@ def capture(
         str | None, typer.Option("--size", help="Landmarks: WIDTHxHEIGHT of the images. Live: of the window.")
     ] = None,
     fps: Annotated[
-        float | None,
-        typer.Option("--fps", min=0.1, max=1000.0, help="Landmarks: frame rate. Live: output frame rate."),
+        float | None, typer.Option("--fps", min=0.1, max=1000.0, help="Landmarks: frame rate. Live: output frame rate.")
     ] = None,
     seconds: Annotated[
         float | None,
@@ -47,8 +46,7 @@ def capture(
         Path | None, typer.Option("--model", help="face_landmarker.task, for a mediapipe without a built-in model.")
     ] = None,
     window: Annotated[
-        bool,
-        typer.Option("--window", help="Show the result live in a window.", rich_help_panel=LIVE),
+        bool, typer.Option("--window", help="Show the result live in a window.", rich_help_panel=LIVE)
     ] = False,
     sink: Sinks = [],  # noqa: B006
     to: Annotated[

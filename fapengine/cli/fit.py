@@ -35,9 +35,7 @@ def fit(
     report: bool = typer.Option(True, "--report/--no-report", help="Write report.html into the profile folder."),
     faps: bool = typer.Option(False, "--faps", help="Also write every take as FAPs: takes/TAKE.fap."),
     adapt: bool = typer.Option(
-        False,
-        "--adapt",
-        help="Fit the built-in head, with eyes and teeth, to the dense face, for --head PROFILE.",
+        False, "--adapt", help="Fit the built-in head, with eyes and teeth, to the dense face, for --head PROFILE."
     ),
     as_json: AsJson = False,
     writing: WriteOptions = WriteOptions(),

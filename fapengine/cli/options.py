@@ -68,19 +68,13 @@ Strict = Annotated[
 WordsVoice = Annotated[
     str | None,
     typer.Option(
-        "--voice",
-        "-v",
-        help="Voice that pronounces timings without phones. Default: the file's language, else en-us.",
+        "--voice", "-v", help="Voice that pronounces timings without phones. Default: the file's language, else en-us."
     ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 Device = Annotated[
     str | None,
-    typer.Option(
-        "--audio-device",
-        help="Audio output device: its number, or part of its name.",
-        rich_help_panel=LIVE,
-    ),
+    typer.Option("--audio-device", help="Audio output device: its number, or part of its name.", rich_help_panel=LIVE),
 ]
 
 
@@ -169,11 +163,7 @@ class WriteOptions:
     ] = False
 
     def check(
-        self,
-        outputs: "Iterable[Path]",
-        inputs: "Iterable[Path | str | None]" = (),
-        *,
-        beside: "Iterable[Path]" = (),
+        self, outputs: "Iterable[Path]", inputs: "Iterable[Path | str | None]" = (), *, beside: "Iterable[Path]" = ()
     ) -> None:
         """Check the output names; when the command has finished, report which files were replaced.
 

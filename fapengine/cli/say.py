@@ -27,9 +27,7 @@ def say(
     live: Annotated[
         bool,
         typer.Option(
-            "--live",
-            help="Play now, in a window or in the terminal. Writes no file.",
-            rich_help_panel=shared.LIVE,
+            "--live", help="Play now, in a window or in the terminal. Writes no file.", rich_help_panel=shared.LIVE
         ),
     ] = False,
     mic: Annotated[

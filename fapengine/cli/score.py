@@ -62,8 +62,7 @@ def score(
     ] = 1.0,
     voice: WordsVoice = None,
     check: Annotated[
-        bool,
-        typer.Option("--check", help="Exit with code 1 if the verdict is 'fails'.", rich_help_panel=CHECKS),
+        bool, typer.Option("--check", help="Exit with code 1 if the verdict is 'fails'.", rich_help_panel=CHECKS)
     ] = False,
     fail_under: Annotated[
         str | None,
@@ -90,8 +89,7 @@ def score(
         Path | None, typer.Option("--upper", help="Vertices of the upper face.", rich_help_panel=MESHES)
     ] = None,
     neutral: Annotated[
-        Path | None,
-        typer.Option("--neutral", help="The face at rest; --upper needs it.", rich_help_panel=MESHES),
+        Path | None, typer.Option("--neutral", help="The face at rest; --upper needs it.", rich_help_panel=MESHES)
     ] = None,
     listen: Annotated[
         bool,
@@ -261,10 +259,7 @@ def _score_set(jobs: "list[ScoreJob]", output: Path | None, *, as_json: bool) ->
         write_bytes(output, format_set(results))
     failed = [result for result in results if not result.verdict.passes]
     verdict = f"fails: {len(failed)} of {len(results)} recordings" if failed else f"passes: {len(results)} recordings"
-    lines = [
-        verdict,
-        *(f"  {_name(result)}: {result.verdict}" for result in failed),
-    ]
+    lines = [verdict, *(f"  {_name(result)}: {result.verdict}" for result in failed)]
     lines += summary_lines(summary.systems, summary.units, summary.tests)
     facts = {
         "verdict": {"passes": not failed, "failed": len(failed), "recordings": len(results)},

@@ -9,14 +9,7 @@ from fapengine._arrays import Array
 from fapengine.errors import UsageError
 from fapengine.laboratory.few_markers import spread_out
 from fapengine.laboratory.prepare import Displacements, Prepared
-from fapengine.models.subset import (
-    MarkerSubset,
-    PivotedFactor,
-    factorise_gram,
-    fit_weights,
-    search_swaps,
-    select,
-)
+from fapengine.models.subset import MarkerSubset, PivotedFactor, factorise_gram, fit_weights, search_swaps, select
 from fapengine.models.subset_study import (
     ErrorCurve,
     KinematicRegions,

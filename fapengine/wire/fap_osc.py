@@ -272,13 +272,7 @@ def _row(values: NDArray[np.int32], visemes: NDArray[np.int32], expressions: NDA
 
 
 def _encode(
-    session: str,
-    number: int,
-    time_us: int,
-    mask: NDArray[np.bool_],
-    row: NDArray[np.int32],
-    *,
-    has_epoch: bool = False,
+    session: str, number: int, time_us: int, mask: NDArray[np.bool_], row: NDArray[np.int32], *, has_epoch: bool = False
 ) -> bytes:
     sent = row[np.repeat(mask, _WIDTHS)]
     fixed = _FIXED.pack(number, time_us, MASK_BYTES, np.packbits(mask).tobytes())

@@ -100,8 +100,5 @@ RECORDING = FileKind(
     describe=_recording,
 )
 IMAGE = FileKind(
-    name="an image",
-    endings=tuple(IMAGE_FORMATS),
-    fits=lambda source: source.ending in IMAGE_FORMATS,
-    describe=_image,
+    name="an image", endings=tuple(IMAGE_FORMATS), fits=lambda source: source.ending in IMAGE_FORMATS, describe=_image
 )

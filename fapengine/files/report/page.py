@@ -121,11 +121,7 @@ def _selection(fitted: Fitted) -> list[str]:
         f"<p>The data have rank {study.factor.rank()}; R_kk falls most after k = {int(gaps.argmax()) + 1}, to"
         f" 1/{gaps.max():.1f}.</p>",
         picture(figures.subset(study), "Dashed: the k that was chosen. Bars: one standard error over folds."),
-        table(
-            (f"error of the driven markers in {judged}", "mm"),
-            study.held_out_mm.items(),
-            "s .3f",
-        ),
+        table((f"error of the driven markers in {judged}", "mm"), study.held_out_mm.items(), "s .3f"),
         f"<p>Ten draws of three quarters of the sentences agree on {100 * study.stability:.0f} % of the {study.k}:</p>",
         table(
             ("trial", *(f"{n + 1}." for n in range(study.trials.shape[1]))),

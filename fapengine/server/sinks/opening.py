@@ -109,11 +109,7 @@ def datagram_sink(hub: Hub, address: SinkAddress, epochs: Epochs = None) -> Data
 
 
 async def open_sink(
-    hub: Hub,
-    address: SinkAddress,
-    epochs: Epochs = None,
-    studio: "Studio | None" = None,
-    head: str = "default",
+    hub: Hub, address: SinkAddress, epochs: Epochs = None, studio: "Studio | None" = None, head: str = "default"
 ) -> Sink:
     """Open a sink of any kind. A studio renders the images of a head.
 
