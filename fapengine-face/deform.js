@@ -8,6 +8,18 @@ export const HEAD = 4;
 const fapOf = (faps, number) => faps[number - 1];
 const clamp = (value, low, high) => Math.min(Math.max(value, low), high);
 
+// FAPs with the pose at rest (fapengine/mesh/resting.py) added: (68,). resting: rows of values, FAPs to which they
+// yield, and the limit of these, as in /setup.json.
+export function withRest(faps, resting, share, rested = new Float64Array(faps.length)) {
+  rested.set(faps);
+  for (const [values, yieldsTo, limit] of share ? resting : []) {
+    const moved = Math.min(Math.max(...yieldsTo.map((number) => Math.abs(fapOf(faps, number)))) / limit, 1);
+    const left = share * (1 - moved ** 3 * (10 + moved * (6 * moved - 15)));
+    for (const [number, value] of values) rested[number - 1] += left * value;
+  }
+  return rested;
+}
+
 // How far each channel has gone, mixed if the head says so, FAPU: (128,), zeros behind the last.
 export function channelWeights(head, faps, weights = new Float32Array(MAX_CHANNELS)) {
   const table = head.channels.array;

@@ -1,7 +1,7 @@
 // Draws the head with WebGL2 by the shaders of shaders/, as fapengine/render/renderer.py does. Edges are either fine,
 // four samples a pixel, or soft: drawn into a texture first, found and softened on the way to the canvas.
 
-import { boneMatrices, channelWeights, irisAndPupil, lidMargins } from "./deform.js";
+import { boneMatrices, channelWeights, irisAndPupil, lidMargins, withRest } from "./deform.js";
 import { cameraPosition, clipFromWorld, pixelsPerMm } from "./camera.js";
 
 const FLOAT_BYTES = 4;
@@ -10,11 +10,13 @@ const UNITS = { u_displacements: 0, u_normal_deltas: 1, u_skin: 2, u_picture: 0 
 
 export class FaceView {
   // setup: what /setup.json holds of the shaders and how they are used. wall: linear RGB, or null for a clear ground.
-  constructor(canvas, head, setup, wall) {
+  // rest: share of the pose at rest, 0 to 1.
+  constructor(canvas, head, setup, wall, rest = 1) {
     this.canvas = canvas;
     this.head = head;
     this.setup = setup;
     this.wall = wall;
+    this.rest = rest;
     const options = { alpha: wall === null, antialias: false, depth: true, powerPreference: "high-performance" };
     this.gl = canvas.getContext("webgl2", options);
     if (!this.gl) throw new Error("This browser has no WebGL2. Current browsers have it if hardware acceleration is enabled.");
@@ -110,8 +112,9 @@ export class FaceView {
     const { gl } = this;
     if (gl.isContextLost() || !this.target) return;
     const { width, height } = this.target;
-    this.weights = channelWeights(this.head, faps, this.weights);
-    this.bones = boneMatrices(this.head, faps, this.bones);
+    this.rested = withRest(faps, this.setup.rest, this.rest, this.rested);
+    this.weights = channelWeights(this.head, this.rested, this.weights);
+    this.bones = boneMatrices(this.head, this.rested, this.bones);
     const clip = clipFromWorld(camera, width / height);
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.target.frame);
     gl.viewport(0, 0, width, height);
@@ -128,9 +131,9 @@ export class FaceView {
       u_bones: this.bones,
       u_clip_from_world: clip,
       u_eye_position: cameraPosition(camera),
-      u_iris: irisAndPupil(this.head, faps),
+      u_iris: irisAndPupil(this.head, this.rested),
       u_iris_albedo: this.head.irisAlbedo,
-      u_lids: lidMargins(this.head, faps),
+      u_lids: lidMargins(this.head, this.rested),
     };
     const atVertices = this.isLitAtVertices(camera, height);
     const inPart = ({ part }) => this.setup.parts[part].covers_in_part;

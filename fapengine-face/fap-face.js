@@ -21,7 +21,7 @@ async function fetched(url, read) {
 }
 
 export class FapFace extends HTMLElement {
-  static observedAttributes = ["server", "session", "head", "token", "src", "audio", "camera", "transparent", "edges"];
+  static observedAttributes = ["server", "session", "head", "token", "src", "audio", "camera", "transparent", "edges", "rest"];
 
   constructor() {
     super();
@@ -113,6 +113,7 @@ export class FapFace extends HTMLElement {
     this.picture = new Picture(canvas, setup, parseHead(bytes), (now, faps) => this.source.sample(now, faps), this.steering, {
       wall: this.hasAttribute("transparent") ? null : setup.wall,
       edges: this.getAttribute("edges"),
+      rest: Number(this.getAttribute("rest") ?? 1),
       isBusy: () => this.source.isSpeaking,
       shown: () => this.tell("picture"),
     });

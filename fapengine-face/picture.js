@@ -11,14 +11,14 @@ const MOVED_MS = 600; // the camera counts as in motion for so long
 export class Picture {
   // sample(now, faps): writes the 68 values at a time in s; returns { time }, or null while there is nothing to show yet.
   // steering: where one looks from. options: wall (linear RGB, or null for a clear ground), edges ("fine", "soft"; else as
-  // the machine can), isBusy (whether every turn of the screen counts), shown(shown, now) after each sample.
-  constructor(canvas, setup, head, sample, steering, { wall = null, edges = null, isBusy = () => true, shown = () => {} } = {}) {
+  // the machine can), rest (share of the pose at rest, 0 to 1), isBusy (whether every turn of the screen counts), shown(shown, now) after each sample.
+  constructor(canvas, setup, head, sample, steering, { wall = null, edges = null, rest = 1, isBusy = () => true, shown = () => {} } = {}) {
     Object.assign(this, { canvas, sample, steering, edges, isBusy, shown });
     this.faps = new Float32Array(68);
     this.drawn = null; // what was drawn last
     this.count = 0; // pictures drawn
     try {
-      this.view = new FaceView(canvas, head, setup, wall);
+      this.view = new FaceView(canvas, head, setup, wall, rest);
     } catch (error) {
       this.view = null;
       this.trouble = error.message;

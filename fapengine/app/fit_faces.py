@@ -21,7 +21,7 @@ from fapengine.models.subset import MarkerSubset
 from fapengine.render.drawing import Drawing
 from fapengine.render.renderer import CrowdRenderer, FaceRenderer
 
-FACE = Drawing(size=(PICTURE_PX, PICTURE_PX))
+FACE = Drawing(size=(PICTURE_PX, PICTURE_PX), rest=0.0)
 SHOWN, FAR = 8, 3.0
 """Components drawn at most, and their distance from the mean, in standard deviations."""
 

@@ -42,7 +42,7 @@ def draw_check(mesh: FaceMesh, path: Path, *, title: str) -> int:
     if path.suffix != ".png":
         raise UsageError(f"path: got {path}, expected a name that ends with .png")
     rows, labels = poses()
-    with FaceRenderer(mesh, Drawing(size=(PICTURE_PX, PICTURE_PX), samples=0)) as renderer:
+    with FaceRenderer(mesh, Drawing(size=(PICTURE_PX, PICTURE_PX), samples=0, rest=0.0)) as renderer:
         pictures = list(renderer.frames(to_codable(rows)))
     title = f"{title}: FAPs at {POSE_FAPU} FAPU (angles at {POSE_AU / 1e5:g} rad), phones"
     save_png(path, contact_sheet(pictures, labels, title=title))

@@ -127,7 +127,7 @@ def _live(
         source=source, rate_hz=LIVE_HZ if fps is None else fps, seconds=seconds, sinks=tuple(sinks), server=server,
         output=output, model=model,
     )  # fmt: skip
-    drawing = Drawing.parse(size=size or WINDOW)
+    drawing = Drawing.parse(size=size or WINDOW, rest=0.0)
 
     def screen() -> Screen:
         if head is None:

@@ -133,6 +133,16 @@ class DrawingOptions:
         ),
     ] = "soft"
     size: Size = "512x512"
+    rest: Annotated[
+        float,
+        typer.Option(
+            "--rest",
+            min=0.0,
+            max=1.0,
+            help="Strength of the expression of the face at rest; 0 draws the neutral face of the standard.",
+            rich_help_panel=DRAWING,
+        ),
+    ] = 1.0
 
     def value(self, *, wire: bool = False) -> "Drawing":
         """Return the drawing that the options describe.
@@ -150,7 +160,7 @@ class DrawingOptions:
         is_file = not self.background.startswith("#") and Path(self.background).is_file()
         background = load_picture(Path(self.background)) if is_file else self.background
         return Drawing.parse(
-            size=self.size, camera=self.camera, background=background, edges=self.antialias, wire=wire
+            size=self.size, camera=self.camera, background=background, edges=self.antialias, wire=wire, rest=self.rest
         )  # fmt: skip
 
 

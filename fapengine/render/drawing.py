@@ -60,10 +60,12 @@ class Drawing:
     """Whether to draw the edges of the triangles over the face."""
     scale: float = 1.0
     """Fraction of each side that is rendered, 0.1 to 1; the result is enlarged to full size."""
+    rest: float = 1.0
+    """Strength of the expression at rest, 0 to 1 (:mod:`fapengine.mesh.resting`); 0 draws the standard's neutral face."""
 
     def __post_init__(self) -> None:
         check_value("size", self.size, tuple[int, ...])
-        for name, kind in (("samples", int), ("shading", str), ("wire", bool), ("scale", float)):
+        for name, kind in (("samples", int), ("shading", str), ("wire", bool), ("scale", float), ("rest", float)):
             check_value(name, getattr(self, name), kind)
         if len(self.size) != 2 or not all(MIN_SIDE_PX <= side <= MAX_SIDE_PX for side in self.size):
             shown = "x".join(map(str, self.size))
@@ -78,6 +80,8 @@ class Drawing:
             raise UsageError(f"shading: got {self.shading!r}, expected one of {', '.join(SHADINGS)}")
         if not MIN_SCALE <= self.scale <= MAX_SCALE:
             raise UsageError(f"scale: got {self.scale:g}, expected {MIN_SCALE:g} to {MAX_SCALE:g}")
+        if not 0 <= self.rest <= 1:
+            raise UsageError(f"rest: got {self.rest:g}, expected 0 to 1")
         object.__setattr__(self, "background", _checked_background(self.background))
 
     @classmethod
@@ -90,6 +94,7 @@ class Drawing:
         background: str | Background = "studio",
         edges: str = "soft",
         wire: bool = False,
+        rest: float = 1.0,
     ) -> "Drawing":
         """Make options from text: see :func:`parse_size`, :func:`parse_background`, :func:`parse_edges`.
 
@@ -100,6 +105,7 @@ class Drawing:
         background : str or Background
             For example ``"#f0e8d8"``; other values are used unchanged.
         wire : bool
+        rest : float
 
         Raises
         ------
@@ -112,6 +118,7 @@ class Drawing:
             background=parse_background(background) if isinstance(background, str) else background,
             samples=parse_edges(edges),
             wire=wire,
+            rest=rest,
         )
 
     @property

@@ -22,6 +22,7 @@ from fapengine.errors import UsageError
 from fapengine.geometry.surface import sphere_directions
 from fapengine.mesh.deform import Pose
 from fapengine.mesh.face_mesh import FaceMesh
+from fapengine.mesh.resting import with_rest
 from fapengine.render.camera import Camera
 from fapengine.render.canvas import Backdrop, Canvas, Rectangle
 from fapengine.render.context import Programs, Renderer, moderngl
@@ -191,7 +192,7 @@ class FaceRenderer(Renderer):
 
     def _draw(self, faps: ArrayLike) -> Sequence[Rectangle] | None:
         drawing = self._drawing
-        uniforms = frame_uniforms(self.mesh, faps)
+        uniforms = frame_uniforms(self.mesh, with_rest(faps, drawing.rest))
         ground = drawing.camera, drawing.shading, drawing.wire
         draw_still = partial(self._model.draw, uniforms, drawing, draw_behind=self._backdrop.draw, moving=False)
         is_there = self._canvas.begin(ground, draw_still)
@@ -294,7 +295,7 @@ class CrowdRenderer(Renderer):
         uniforms: dict[int, FrameUniforms] = {}
         for mesh in {id(mesh): mesh for mesh in self.meshes}.values():
             numbers = [number for number, other in enumerate(self.meshes) if other is mesh]
-            together = frame_uniforms(mesh, values[numbers])
+            together = frame_uniforms(mesh, with_rest(values[numbers], self.drawing.rest))
             for row, number in enumerate(numbers):
                 each = {field.name: getattr(together, field.name)[row] for field in fields(FrameUniforms)}
                 uniforms[number] = FrameUniforms(**each)

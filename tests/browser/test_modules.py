@@ -17,6 +17,7 @@ from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack, limits
 from fapengine.render.camera import PRESETS
 from fapengine.render.drawing import Drawing
+from fapengine.mesh.resting import with_rest
 from fapengine.render.packing import frame_uniforms
 from fapengine.render.renderer import FaceRenderer
 from fapengine.server.web.page_files import PAGE_CAMERAS
@@ -77,6 +78,18 @@ def test_channels_bones_pupil_and_lids_are_python_s(modules: Page, head: FaceMes
         channel_weights(head.basis, frames[3]), rel=1e-5, abs=1e-4
     )
     assert bones[3].swapaxes(-1, -2) == pytest.approx(bone_transforms(head, frames[3]), rel=1e-5, abs=1e-4)
+
+
+def test_the_expression_at_rest_is_python_s(modules: Page) -> None:
+    frames = plausible(12)
+    found = calculated(
+        modules,
+        "deform.js",
+        "return given.frames.map((faps) => [...m.withRest(faps, page.setup.rest, 0.8)]);",
+        frames=frames.tolist(),
+    )
+    assert np.array(found) == pytest.approx(with_rest(frames, 0.8), abs=1e-9)
+    assert found != pytest.approx(frames, abs=1.0)
 
 
 def test_channels_are_mixed_as_python_mixes_them(modules: Page) -> None:

@@ -139,7 +139,7 @@ def draw_mouths(faps: NDArray[np.float64]) -> list[Picture]:
     from fapengine.render.drawing import Drawing
     from fapengine.render.renderer import FaceRenderer
 
-    drawing = Drawing(size=(PICTURE_PX, PICTURE_PX), camera=LOWER_FACE)
+    drawing = Drawing(size=(PICTURE_PX, PICTURE_PX), camera=LOWER_FACE, rest=0.0)
     with FaceRenderer(load_head(DEFAULT_HEAD), drawing) as renderer:
         return list(renderer.frames(to_codable(faps)))
 

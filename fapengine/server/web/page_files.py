@@ -19,6 +19,7 @@ from fapengine.engine.command_table import Command, fields_of
 from fapengine.expressions import EXPRESSION_NAMES
 from fapengine.mesh.default_head.style import PEOPLE
 from fapengine.mesh.face_mesh import PUPIL_SHARE, FaceMesh
+from fapengine.mesh.resting import RESTING
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fap import FapSpec, FapUnit
 from fapengine.render import programs
@@ -87,6 +88,7 @@ def setup(*, voices: dict[str, str], rate_wpm: int = DEFAULT_RATE_WPM) -> dict[s
         "skin_level_bias": programs.SKIN_LEVEL_BIAS,
         "fine_samples": EDGES["fine"],
         "wall": PAGE_WALL,
+        "rest": [[list(rest.values.items()), rest.yields_to, rest.limit] for rest in RESTING],
         "groups": [{"name": name, "faps": [_slider(row) for row in fap.FAPS if row.group == group]}
                    for group, name in GROUP_NAMES.items()],
         "ranges": {kind.SPEC.json: _ranges(kind) for kind in commands.COMMANDS if kind.SPEC.json},

@@ -1,0 +1,55 @@
+"""The expression at rest: a pose for display that yields to whatever the face does."""
+
+import numpy as np
+import pytest
+
+from fapengine.mesh.default_head.head import build_head
+from fapengine.mesh.deform import deform
+from fapengine.mesh.resting import RESTING, with_rest
+from fapengine.mpeg4 import fap
+
+
+def frame(**values: float) -> np.ndarray:
+    faps = np.zeros(68)
+    for number, value in values.items():
+        faps[fap.column(int(number[1:]))] = value
+    return faps
+
+
+def test_a_face_at_rest_smiles_and_lowers_its_lids() -> None:
+    rested = with_rest(np.zeros((2, 68)), 1.0)
+    assert (rested[:, [fap.column(number) for number in (12, 13, 19, 20, 59, 60)]] > 40).all()
+    assert with_rest(np.zeros(68), 0.5) == pytest.approx(rested[0] / 2)
+    assert not with_rest(np.zeros(68), 0.0).any()
+
+
+@pytest.mark.parametrize(
+    ("does", "untouched"),
+    [
+        ({"f19": 1024.0}, (19,)),
+        ({"f20": -400.0}, (20,)),
+        ({"f12": 250.0}, (12, 13, 53, 59, 41)),
+        ({"f60": -300.0}, (12, 13, 53, 59, 42)),
+        ({"f31": -250.0}, (12, 13, 59, 60, 41, 42)),
+    ],
+)
+def test_it_yields(does: dict[str, float], untouched: tuple[int, ...]) -> None:
+    faps = frame(**does)
+    columns = [fap.column(number) for number in untouched]
+    assert with_rest(faps, 1.0)[columns] == pytest.approx(faps[columns])
+    assert with_rest(0.5 * faps, 1.0) != pytest.approx(0.5 * faps)
+
+
+@pytest.mark.parametrize("number", sorted({number for rest in RESTING for number in rest.values}))
+def test_a_fap_that_rises_never_falls(number: int) -> None:
+    rising = np.linspace(-600, 1100, 341)
+    frames = rising[:, None] * frame(**{f"f{number}": 1.0})
+    assert (np.diff(with_rest(frames, 1.0)[:, fap.column(number)]) > 0).all()
+
+
+def test_lips_stay_shut() -> None:
+    head = build_head()
+    points = head.vertices_mm.astype(float), deform(head, with_rest(np.zeros(68), 1.0))
+    for upper, lower in (("2.2", "2.3"), ("2.6", "2.8"), ("2.7", "2.9")):
+        before, after = (each[head.feature_points[upper]] - each[head.feature_points[lower]] for each in points)
+        assert after[1] - before[1] == pytest.approx(0.0, abs=0.05)  # mm
