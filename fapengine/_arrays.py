@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from fapengine.errors import ResourceError, UsageError
+from fapengine.errors import DataError, ResourceError, UsageError
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -40,6 +40,8 @@ SAMPLE_KINDS = {
 DIGESTS = "SHA256SUMS"
 """File with the digests of the tables in its folder, in the format of ``sha256sum``."""
 
+MAX_UNPACKED = 1 << 30
+"""Bytes of the arrays of one file."""
 DAMAGE = (
     ValueError, OSError, EOFError, LookupError, RuntimeError, SyntaxError, struct.error, zlib.error, zipfile.BadZipFile
 )  # fmt: skip
@@ -232,5 +234,27 @@ def read_table(package: str, name: str) -> dict[str, NDArray[Any]]:
         raise ResourceError(f"{name}: not found in {package}; reinstall fapengine") from error
     if hashlib.sha256(data).hexdigest() != digests.get(name):
         raise ResourceError(f"{name}: its digest is not the one in {DIGESTS}; reinstall fapengine")
+    return unpack(data)
+
+
+def unpack(data: bytes) -> dict[str, NDArray[Any]]:
+    """Read the arrays of a file of our own, name to array, each of any shape (...).
+
+    Raises
+    ------
+    DataError
+        If they have more than :data:`MAX_UNPACKED` bytes. Damage raises any of :data:`DAMAGE`.
+    """
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        size = sum(entry.file_size for entry in archive.infolist())
+    if size > MAX_UNPACKED:
+        raise DataError(f"got {size} bytes unpacked, expected at most {MAX_UNPACKED}")
     with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
         return dict(arrays)
+
+
+def pack(**arrays: Any) -> bytes:
+    """Write arrays, each of any shape (...), as a compressed ``.npz`` file."""
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **arrays)
+    return buffer.getvalue()

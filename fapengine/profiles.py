@@ -15,7 +15,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fapengine._arrays import DAMAGE, Rebuilt, frozen
+from fapengine._arrays import DAMAGE, Rebuilt, frozen, pack
 from fapengine._strict_toml import check_fields, parse_toml, quoted, spell_path
 from fapengine.errors import ProfileError, UsageError
 from fapengine.expressions import STANDARD_EXPRESSIONS, Expression
@@ -177,10 +177,8 @@ def format_profile(profile: Profile) -> dict[str, bytes]:
         ]
     files = {ARRAYS_NAME: arrays}
     if profile.context is not None:
-        buffer = io.BytesIO()
-        names = np.array(profile.context.features)
-        np.savez_compressed(buffer, features=names, coefficients=profile.context.coefficients.astype(np.float16))
-        files[CONTEXT_NAME] = buffer.getvalue()
+        coefficients = profile.context.coefficients.astype(np.float16)
+        files[CONTEXT_NAME] = pack(features=np.array(profile.context.features), coefficients=coefficients)
         lines += [
             "",
             "[context]",

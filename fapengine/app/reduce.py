@@ -1,10 +1,10 @@
 """A recording reduced to via points, and sampled again at any rate: paper 004, "Interpolation"."""
 
-import io
 from pathlib import Path
 
 import numpy as np
 
+from fapengine._arrays import pack
 from fapengine.capture.marker_track import MarkerTrack
 from fapengine.errors import DataError, UsageError
 from fapengine.files.paths import write_bytes
@@ -48,14 +48,13 @@ def reduce_take(
     points = extract_via_points(track.positions_mm, track.rate_hz, bound_mm)
     bounds = [bound_mm, *(bound_mm * times for times in CURVE if times != 1.0)]
     curve = reduction_curve(track.positions_mm, track.rate_hz, bounds)
-    buffer = io.BytesIO()
-    np.savez_compressed(
-        buffer, times_s=points.times_s, via_mm=points.positions_mm, labels=np.array(track.labels),
+    arrays = pack(
+        times_s=points.times_s, via_mm=points.positions_mm, labels=np.array(track.labels),
         rate_hz=track.rate_hz,
         bound_mm=[row.tolerance_mm for row in curve], share=[row.share for row in curve],
         mean_mm=[row.mean_mm for row in curve], max_mm=[row.max_mm for row in curve],
     )  # fmt: skip
-    write_bytes(output, buffer.getvalue())
+    write_bytes(output, arrays)
     if back is not None:
         rate_hz = rate_hz or track.rate_hz
         save_markers(back, MarkerTrack(positions_mm=points.frames(rate_hz), labels=track.labels, rate_hz=rate_hz))

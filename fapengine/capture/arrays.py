@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine._arrays import DAMAGE
+from fapengine._arrays import DAMAGE, pack
 from fapengine.capture.marker_track import MarkerTrack, RawTrack
 from fapengine.errors import DataError
 
@@ -110,11 +110,4 @@ def _rate(arrays_by_name: dict[str, NDArray[Any]]) -> float | None:
 
 def format_npz(track: MarkerTrack) -> bytes:
     """Write a recording."""
-    buffer = io.BytesIO()
-    np.savez_compressed(
-        buffer,
-        positions_mm=track.positions_mm,
-        labels=np.array(track.labels),
-        rate_hz=track.rate_hz,
-    )
-    return buffer.getvalue()
+    return pack(positions_mm=track.positions_mm, labels=np.array(track.labels), rate_hz=track.rate_hz)

@@ -8,8 +8,6 @@ colours.
 """
 
 import hashlib
-import io
-import zipfile
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from itertools import pairwise
@@ -17,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from fapengine._arrays import DAMAGE
+from fapengine._arrays import DAMAGE, pack, unpack
 from fapengine._strict_toml import parse_toml, quoted, spell_path
 from fapengine.errors import ProfileError, UsageError
 from fapengine.geometry.rigid import RigidMotion
@@ -29,8 +27,6 @@ from fapengine.models.missing import GapModel
 
 SCHEMA = 1
 TOML_NAME, ARRAYS_NAME = "dense.toml", "dense.npz"
-MAX_BYTES = 1 << 30
-"""Bytes of all arrays, unpacked; a small archive cannot ask for more."""
 
 SINGLE = ("mean_mm", "modes_mm", "face_mean_mm", "face_modes", "scan_weights", "take_weights", "uv", "albedo")
 """Arrays in single precision."""
@@ -58,7 +54,7 @@ def format_dense(face: DenseFace) -> dict[str, bytes]:
     colours = {"uv": paint.uv, "albedo": paint.albedo, "texture": paint.texture}
     arrays |= {name: values for name, values in colours.items() if values is not None}
     arrays |= {name: arrays[name].astype(np.float32) for name in SINGLE if name in arrays}
-    data = _packed(arrays)
+    data = pack(**arrays)
     document = _Document(
         schema=SCHEMA, subject=face.subject, licence=face.licence, ridge=face.modes.ridge,
         ridge_error_mm=face.modes.left_out_mm, noise_mm=face.noise_mm, left_out_modes_mm=face.left_out_mm[0],
@@ -94,7 +90,7 @@ def parse_dense(files: Mapping[str, bytes]) -> DenseFace:
             f"sha256 of {ARRAYS_NAME}: got {digest}, expected {document.sha256}", where=spell_path(TOML_NAME, "sha256")
         )
     try:
-        return _face(document, _unpacked(files[ARRAYS_NAME]))
+        return _face(document, unpack(files[ARRAYS_NAME]))
     except (*DAMAGE, UsageError, TypeError, OverflowError, MemoryError) as error:  # arrays may be of any shape
         raise ProfileError(f"arrays: {error}", where=ARRAYS_NAME) from error
 
@@ -121,20 +117,17 @@ def _face(document: _Document, arrays: Arrays) -> DenseFace:
 def format_rig(rig: ModeRig) -> bytes:
     """Write what drives a head's modes, for the head's folder; :func:`parse_rig` reads it back."""
     driver = rig.driver
-    return _packed(
-        _marker_arrays(driver)
-        | {
-            "matrix": driver.matrix, "from_sparse": driver.from_sparse, "offset": driver.offset,
-            "modes_mm": rig.modes_mm, "axes": rig.axes, "scale": np.array(rig.scale), "origin_mm": rig.origin_mm,
-        }
+    return pack(
+        **_marker_arrays(driver), matrix=driver.matrix, from_sparse=driver.from_sparse, offset=driver.offset,
+        modes_mm=rig.modes_mm, axes=rig.axes, scale=np.array(rig.scale), origin_mm=rig.origin_mm,
     )  # fmt: skip
 
 
 def parse_rig(data: bytes, where: str) -> ModeRig:
     """Read what drives a head's modes."""
     try:
-        arrays = _unpacked(data)
-        sizes = {name: arrays[name] for name in ("matrix", "from_sparse", "offset")}
+        arrays = unpack(data)
+        sizes: Arrays = {name: arrays[name] for name in ("matrix", "from_sparse", "offset")}
         return ModeRig(
             driver=MarkerDriver(**_markers(arrays), **sizes), scale=float(arrays["scale"]),
             **{name: arrays[name] for name in ("modes_mm", "axes", "origin_mm")},
@@ -168,18 +161,3 @@ def _markers(arrays: Arrays) -> dict[str, Any]:
     return {
         "labels": labels, "points": points, "neutral_mm": arrays["neutral_mm"], "reference": reference, "sparse": sparse
     }  # fmt: skip
-
-
-def _packed(arrays: Arrays) -> bytes:
-    buffer = io.BytesIO()
-    np.savez_compressed(buffer, **arrays)
-    return buffer.getvalue()
-
-
-def _unpacked(data: bytes) -> Arrays:
-    with zipfile.ZipFile(io.BytesIO(data)) as archive:
-        size = sum(entry.file_size for entry in archive.infolist())
-    if size > MAX_BYTES:
-        raise UsageError(f"must have at most {MAX_BYTES} bytes unpacked, got {size}")
-    with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-        return {name: arrays[name] for name in arrays.files}

@@ -8,8 +8,6 @@ mesh, float32) and, if it has a texture, ``head.png``. A dense face that ``fapen
 from __future__ import annotations
 
 import hashlib
-import io
-import zipfile
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine._arrays import DAMAGE
+from fapengine._arrays import DAMAGE, pack, unpack
 from fapengine._strict_toml import MAX_BYTES as MOST_TOML
 from fapengine._strict_toml import parse_toml, quoted, spell_path
 from fapengine.errors import DataError, ProfileError, UsageError
@@ -36,8 +34,6 @@ OWNED = (TOML_NAME, ARRAYS_NAME, TEXTURE_NAME, MODES_NAME)
 OTHERS = ("feature_points", "fapu", "basis", "texture", "folds")
 ARRAYS = tuple(field.name for field in fields(FaceMesh) if field.name not in OTHERS)
 """Fields of a head that are arrays."""
-MAX_BYTES = 1 << 30
-"""Largest size of a head's arrays, unpacked; a small archive may state any."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +56,7 @@ def save_head(folder: Path, mesh: FaceMesh, info: HeadInfo, rig: ModeRig | None 
     ResourceError
         If it cannot be written.
     """
-    basis, buffer = mesh.basis, io.BytesIO()
+    basis = mesh.basis
     arrays: dict[str, Any] = {name: getattr(mesh, name) for name in ARRAYS}
     arrays |= {
         "point_names": np.array(list(mesh.feature_points)), "point_vertices": np.array([*mesh.feature_points.values()]),
@@ -72,8 +68,7 @@ def save_head(folder: Path, mesh: FaceMesh, info: HeadInfo, rig: ModeRig | None 
         arrays["mix"] = basis.mix
     if mesh.folds is not None:
         arrays |= {f"folds_{field.name}": getattr(mesh.folds, field.name) for field in fields(Folds)}
-    np.savez_compressed(buffer, **arrays)
-    files = {ARRAYS_NAME: buffer.getvalue()}
+    files = {ARRAYS_NAME: pack(**arrays)}
     if mesh.texture is not None:
         files[TEXTURE_NAME] = format_png(mesh.texture, compress_level=3)
     if rig is not None:
@@ -110,7 +105,7 @@ def load_folder(folder: Path) -> tuple[HeadInfo, FaceMesh]:
         except DataError as error:
             raise ProfileError(error.message, where=where) from error
     try:
-        return info, _mesh(_arrays(files[ARRAYS_NAME]), texture)
+        return info, _mesh(unpack(files[ARRAYS_NAME]), texture)
     except (*DAMAGE, TypeError, OverflowError, MemoryError) as error:  # arrays may have any shape
         raise ProfileError(f"arrays: {error}", where=str(folder / ARRAYS_NAME)) from error
 
@@ -154,15 +149,6 @@ def _read(folder: Path) -> tuple[HeadInfo, dict[str, bytes]]:
         if (digest := hashlib.sha256(data).hexdigest()) != digests[key]:
             raise ProfileError(f"got {digest}, expected {digests[key]}", where=spell_path(path, "sha256", key))
     return HeadInfo(document.source, document.licence, document.used, document.lacking), files
-
-
-def _arrays(data: bytes) -> dict[str, Any]:
-    with zipfile.ZipFile(io.BytesIO(data)) as archive:
-        size = sum(entry.file_size for entry in archive.infolist())
-    if size > MAX_BYTES:
-        raise DataError(f"got {size} bytes unpacked, expected at most {MAX_BYTES}")
-    with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-        return {name: arrays[name] for name in arrays.files}
 
 
 def _mesh(arrays: dict[str, Any], texture: NDArray[np.uint8] | None) -> FaceMesh:
