@@ -25,6 +25,7 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from math import inf
 from pathlib import Path
@@ -243,7 +244,10 @@ def _ended(child: int, board: Board) -> tuple[int, resource.struct_rusage]:
         ended, status, used = os.wait4(child, os.WNOHANG)
         if ended:
             return os.waitstatus_to_exitcode(status), used
-        states = {path.read_text().rpartition(") ")[2][:1] for path in Path(f"/proc/{child}/task").glob("*/stat")}
+        states = set()
+        for thread in Path(f"/proc/{child}/task").glob("*/stat"):
+            with suppress(OSError):  # it has just ended
+                states.add(thread.read_text().rpartition(") ")[2][:1])
         asleep, last = (asleep + 1 if board.number == last and states == {"S"} else 0), board.number
         if asleep > ASLEEP:
             os.kill(child, signal.SIGKILL)
