@@ -1,14 +1,12 @@
 """espeak-ng as a voice: the library of the wheel ``espeakng-loader``, loaded at run time.
 
 The library reports a phone's onset only, in samples, and not quite where it is heard; :mod:`.sounding` corrects that.
-Words are reported by their place in the text. Names of phones are meant to be IPA with stress marks, cut at 8 bytes.
-Where a voice's data name no IPA, the library converts its own mnemonic character by character: ``s.`` for ʂ, ``ə-`` for
-a weak e. An empty name is a pause or less. The library's state is global to the process, so one lock guards it.
+Words are reported by their place in the text, phones by a name (:mod:`.espeak_labels`). An empty name is a pause or
+less. The library's state is global to the process, so one lock guards it.
 GPL-3.0: the user installs it (``design/decisions.md, 0003``).
 """
 
 import ctypes
-import re
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -24,7 +22,6 @@ from fapengine._late import needed
 from fapengine._signals import signals_kept
 from fapengine.errors import NothingToSpeakError, ResourceError, UsageError
 from fapengine.speaking import DEFAULT_RATE_WPM, DEFAULT_VOICE, RATES_WPM
-from fapengine.speech import ipa
 from fapengine.speech.marks import read_marks
 from fapengine.speech.phone_track import PhoneTrack
 from fapengine.speech.text.normal_form import SpeakableText, speakable
@@ -32,8 +29,9 @@ from fapengine.speech.text.scripts import is_spelled, reads, scripts_in, unread_
 from fapengine.speech.text.ssml import check_ssml, find_tag
 from fapengine.speech.text.words import Stretch, attribute, without_tags, words_of
 from fapengine.voices.catalogue import Catalogue, VoiceEntry
+from fapengine.voices.espeak_labels import NAME_BYTES, in_context, language_after, read_label
 from fapengine.voices.protocol import Speech
-from fapengine.voices.sounding import Mark, SoundLevel, is_addition, sounding
+from fapengine.voices.sounding import Mark, SoundLevel, sounding
 
 # Numbers of speak_lib.h.
 _SYNCHRONOUS, _PHONEME_EVENTS, _IPA_NAMES, _DO_NOT_EXIT = 2, 0x1, 0x2, 0x8000
@@ -41,20 +39,6 @@ _EVENT_LIST_END, _EVENT_WORD, _EVENT_PHONEME = 0, 1, 7
 _CHARS_UTF8, _SSML, _PARAMETER_RATE = 0x1, 0x10, 1
 Event = tuple[int, int, int, int, bytes]
 """Sample, kind, position in the text from 1, length, name of the phone."""
-NAME_BYTES = 8
-"""Length of a name in an event (speak_lib.h); a longer one is cut."""
-_LANGUAGE = re.compile(r"\(.*\)")
-"""A change of language, such as (en): no phone."""
-_ASPIRATED = re.compile(r"(?<=[ptkqcʈɕʂs])h$")
-_NASAL = "\u0303"
-
-# Places by voice; espeak-ng 1.52, number texts of all its voices (tests/unit/voices/test_all_voices.py).
-_OWN = {
-    "s.": "ʂ", "ts.": "ʈʂ", "ts.h": "ʈʂʰ", "i.": "ɨ", "o-": "ɤ",  # cmn, hak
-    "r.": "ɽ", "n^": "ɲ", "t[": "t̪", "d[": "d̪", "l-": "ɫ",  # gu ml or sd; fr; ky
-    "r#": "r̥", "l#": "l̥", "tl#": "tl̥",  # is
-    "ε": "ɛ", "Φ": "ɸ", "A": "ɑ", "t`": "ʈ", "d`": "ɖ",  # da; smj; ga; Scandinavian
-}  # fmt: skip
 
 _lock = threading.Lock()
 
@@ -68,7 +52,7 @@ class _Event(ctypes.Structure):
         ("audio_position", ctypes.c_int),
         ("sample", ctypes.c_int),
         ("user_data", ctypes.c_void_p),
-        ("name", ctypes.c_char * 8),
+        ("name", ctypes.c_char * NAME_BYTES),
     )
 
 
@@ -201,7 +185,7 @@ class EspeakVoice:
             check_ssml(formed.text)
         words = without_tags(formed.text) if self.ssml else formed.text
         events, samples, rate_hz = self._synthesise(formed.text)
-        phones = _phones(with_whole_words(events, words), formed.text, samples, rate_hz)
+        phones = _phones(with_whole_words(events, words), formed.text, samples, rate_hz, self.entry.code)
         if all(phone.is_silence for phone in phones.phones):
             why = f"voice {self.name!r} finds nothing in it"
             raise NothingToSpeakError(f"text: {_shortened(text)} contains nothing to speak ({why})")
@@ -288,45 +272,23 @@ def _succeed(code: int, what: str) -> None:
         raise ResourceError(f"voice: espeak-ng refuses {what} (code {code}); its data may be damaged")
 
 
-def _phones(events: Sequence[Event], text: str, samples: NDArray[np.int16], rate_hz: int) -> PhoneTrack:
+def _phones(events: Sequence[Event], text: str, samples: NDArray[np.int16], rate_hz: int, code: str) -> PhoneTrack:
     """Turn events into phones that lie where they sound (:mod:`.sounding`)."""
-    marks: list[Mark] = []
-    word = ""
-    for sample, kind, position, length, name in events:
-        if kind == _EVENT_WORD:
-            word = text[position - 1 : position - 1 + length]
-        elif kind == _EVENT_PHONEME and (label := read_label(name)) is not None:
-            marks.append(Mark(sample / rate_hz, *label, word))
+    marks = in_context(_marks(events, text, rate_hz, code), code)
     return PhoneTrack.of(sounding(marks, SoundLevel(samples, rate_hz)), tolerance_s=0.0)
 
 
-def read_label(name: bytes) -> tuple[str, int] | None:
-    """Label in IPA and stress of a phone event; empty for a nameless event, None for a change of language.
-
-    A name that cannot be converted is returned unchanged, to be reported as unknown.
-
-    Parameters
-    ----------
-    name : bytes
-        UTF-8, filled up with zeros.
-
-    Examples
-    --------
-    >>> read_label("ˈaɪ".encode()), read_label(b"s."), read_label(b""), read_label(b"(en)")
-    (('aɪ', 1), ('ʂ', 0), ('', 0), None)
-    """
-    spelling = name.split(b"\0")[0].decode("utf-8", errors="ignore").strip("_:| ")
-    if _LANGUAGE.fullmatch(spelling):
-        return None
-    label, stress = ipa.split_stress(spelling)
-    label = _ASPIRATED.sub("ʰ", _OWN.get(label, label))
-    if len(name.rstrip(b"\0")) == NAME_BYTES and _NASAL in label and label[-1] != _NASAL:
-        label += _NASAL  # Portuguese ɐ̃ʊ̃ under stress has 10 bytes
-    if label and not ipa.letters(label) and not is_addition(label):
-        from fapengine.speech.alphabets.phone_sets import ESPEAK  # mnemonics are rare
-
-        label = ESPEAK.to_ipa(label) or label.rstrip("-#.") or label
-    return label, stress
+def _marks(events: Sequence[Event], text: str, rate_hz: int, code: str) -> list[Mark]:
+    marks: list[Mark] = []
+    word, language = "", code
+    for sample, kind, position, length, name in events:
+        if kind == _EVENT_WORD:
+            word = text[position - 1 : position - 1 + length]
+        elif kind == _EVENT_PHONEME and (changed := language_after(name)) is not None:
+            language = code if code.startswith(changed) else changed
+        elif kind == _EVENT_PHONEME and (label := read_label(name, language)) is not None:
+            marks.append(Mark(sample / rate_hz, *label, word))
+    return marks
 
 
 def with_whole_words(events: Sequence[Event], text: str) -> list[Event]:

@@ -256,8 +256,9 @@ def _joined(marks: list[Mark]) -> list[Mark]:
     joined: list[Mark] = []
     begins_s: float | None = None
     for mark in marks:
-        if joined and joined[-1].label and is_addition(mark.label):
-            joined[-1] = replace(joined[-1], label=joined[-1].label + mark.label)
+        named = next((place for place in range(len(joined) - 1, -1, -1) if joined[place].label), None)
+        if named is not None and is_addition(mark.label):
+            joined[named] = replace(joined[named], label=joined[named].label + mark.label)
             begins_s = mark.at_s
             continue
         joined.append(replace(mark, at_s=begins_s) if begins_s is not None and is_vowel(mark.label) else mark)
