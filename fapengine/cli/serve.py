@@ -242,16 +242,11 @@ async def _run(config: "ServeConfig", profile: "Profile", head: "FaceMesh | None
 
 
 async def _run_workers(config: "ServeConfig") -> None:
-    import asyncio
-    import signal
-
     from fapengine.server.cluster.workers import Workers
     from fapengine.server.server import serve as serve_until_stopped
 
     workers = Workers(config)
-    loop = asyncio.get_running_loop()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        loop.add_signal_handler(number, workers.stop)
+    _stop_on_signals(workers.stop)
     await serve_until_stopped(workers, lambda: _announce(workers))
 
 

@@ -34,7 +34,7 @@ from fapengine.engine.command_table import Command
 from fapengine.engine.commands import Append, Begin, Cancel, End, Pause, Resume
 from fapengine.engine.engine import Engine
 from fapengine.engine.gesture_methods import GestureMethods
-from fapengine.engine.session import Counters, Limits
+from fapengine.engine.session import Limits
 from fapengine.errors import ResourceError, UsageError
 from fapengine.host.host import Host
 from fapengine.host.words import TimedWord, WordQueue
@@ -86,18 +86,6 @@ class StreamFrame:
     sounds: tuple[Sound, ...]
     """Audio to be played from now on: none while nothing is said, one piece of a frame's length, less at the end of an
     utterance; two if the rate changes."""
-
-
-@dataclass(slots=True)
-class StreamCounts:
-    """Counts of problems. Stateful."""
-
-    stalls: int = 0
-    """Number of times that audio had begun and was held back again."""
-    deaf: int = 0
-    """Utterances that continued without their recognizer."""
-    late_words: int = 0
-    """Words that came after their time."""
 
 
 @dataclass(slots=True, eq=False)
@@ -168,7 +156,6 @@ class StreamHost(Host, GestureMethods):
         super().__init__(Engine(profile, rng=rng, limits=replace(LIMITS, sessions=1), style=style), _FACE)
         self.engine.open(_FACE, 0.0)
         self._now_s = 0.0
-        self.counts = StreamCounts()
         self._recognizer, self._pronounce = recognizer, pronounce
         self._newest = 0
         self._queue: list[_Utterance] = []
@@ -204,7 +191,7 @@ class StreamHost(Host, GestureMethods):
         """Add words to the current utterance, in order, with their times from its first sample on."""
         if self._pronounce is not None and words:
             utterance = self._open() if not self._queue else self._queue[-1]
-            self.counts.late_words += utterance.words.add(words, self._pronounce, utterance.told_s)
+            utterance.words.add(words, self._pronounce, utterance.told_s)
 
     def cue(self, command: Command, at_s: float = 0.0) -> None:
         """Apply a command at a time in the current utterance, such as an expression at a word."""
@@ -268,10 +255,6 @@ class StreamHost(Host, GestureMethods):
         events, self._events = self._events, []
         return events
 
-    def counters(self) -> Counters:
-        """Return the engine's counts: phones that were late, dropped or unknown."""
-        return self.engine.counters(self.session)
-
     @property
     def newest(self) -> int:
         """Number of the newest utterance; 0 before the first."""
@@ -323,7 +306,6 @@ class StreamHost(Host, GestureMethods):
         is_deaf = is_there and self._known_s(utterance) < min(sound.due_s + dt_s + MIN_LEAD_S, sound.end_s)
         utterance.waited_s = utterance.waited_s + dt_s if is_deaf else 0.0
         if utterance.waited_s > PATIENCE_S:
-            self.counts.deaf += 1
             self._deafen(utterance)
 
     def _is_ready(self, utterance: _Utterance, dt_s: float) -> bool:
@@ -342,7 +324,6 @@ class StreamHost(Host, GestureMethods):
 
     def _hold(self, utterance: _Utterance) -> None:
         if utterance.has_begun and not utterance.is_held:
-            self.counts.stalls += 1
             self.apply(Pause(fade_s=_FADE_S), self._now_s)
         utterance.is_held = True
 

@@ -70,8 +70,8 @@ class WordQueue:
         words: Sequence[TimedWord],
         pronounce: Callable[[Sequence[tuple[str, float, float]]], Sequence[Phone]],
         told_s: float,
-    ) -> int:
-        """Add words that follow; return the number of words that came too late, before ``told_s``."""
+    ) -> None:
+        """Add words that follow; those that come too late, before ``told_s``, are not shown."""
         now_s = max(self.end_s, told_s)
         timed: list[tuple[str, float, float]] = []
         for word, following in zip(words, [*words[1:], None], strict=True):
@@ -91,7 +91,6 @@ class WordQueue:
                 else:
                     self._words.append([phone])
         self.end_s = now_s if timed else self.end_s
-        return len(words) - len(timed)
 
     def phones(self, heard: Sequence[Phone], from_s: float, until_s: float) -> list[Phone]:
         """Return the phones to be shown next.
