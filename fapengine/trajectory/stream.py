@@ -10,8 +10,9 @@ from: a face that returns to neutral quickly does not overshoot when it speaks a
 (:mod:`.hermite`): phones that come :data:`AHEAD_PHONES` phones early change nothing at the edge, and the stream then
 equals the offline plan.
 
-A bilabial that comes too late still closes the lips, as soon as they can. When phones stop coming, the face returns to
-neutral after the last one; when speech is cancelled, it is neutral after the fade, from any position.
+A bilabial that comes too late still closes the lips, as soon as they can. Phones that come again change nothing, before
+their time, in it or after it. When phones stop coming, the face returns to neutral after the last one; when speech is
+cancelled, it is neutral after the fade, from any position.
 """
 
 from bisect import bisect_left, bisect_right
@@ -55,7 +56,7 @@ PLANNED_LETTERS = 256
 """Most characters of the labels of phones that are planned after the edge; later phones are dropped."""
 BEHIND_PHONES = REACH + KEYS_BEHIND
 """Number of past phones that a new plan depends on."""
-_END = attrgetter("end_s")
+_START, _END = attrgetter("start_s"), attrgetter("end_s")
 KEPT_S = 2.0
 """Length of the past that is kept."""
 LATEST_CLOSURE_S = 0.15
@@ -121,6 +122,8 @@ class StreamingPlanner:
     _phones: list[Phone] = field(default_factory=list)
     _holds: dict[_Timed, Hold] = field(default_factory=dict)
     _kept_holds: list[Hold] = field(default_factory=list)
+    _known: list[Phone] = field(default_factory=list)
+    """Dropped and cancelled phones that ended within :data:`LATEST_CLOSURE_S` before the edge."""
     _plans: list[StreamPlan] = field(default_factory=list)
     _shown_s: float = -np.inf
     _cancelled_s: float = -np.inf
@@ -158,8 +161,11 @@ class StreamingPlanner:
             Number of those that are late or dropped.
         """
         edge, before = self.edge_s, self.counts.late + self.counts.dropped
+        self._known = [phone for phone in self._known if phone.end_s > edge - LATEST_CLOSURE_S]
         for phone in phones:
             is_mine = is_counted and not phone.is_silence
+            if self._has(phone, edge):
+                continue
             if phone.end_s <= edge:
                 self.counts.dropped += is_mine
                 self._close_late(phone, edge)
@@ -167,32 +173,52 @@ class StreamingPlanner:
                 self.counts.late += phone.start_s < edge and is_mine
                 self.counts.unknown += not phone.is_silence and not ipa.letters(phone.label)
                 self._place(phone)
-        self._due = edge, FADE_S
+                self._due = edge, FADE_S
         return self.counts.late + self.counts.dropped - before
+
+    def _has(self, phone: Phone, edge: float) -> bool:
+        """Whether a phone changes nothing: it is planned already, or one of its label was said in its time."""
+        if phone.end_s > edge:
+            if phone.is_silence:
+                return not self._overlapped(phone)
+            first = bisect_left(self._phones, phone.start_s, key=_START)
+            return self._phones[first : first + 1] == [phone]
+        first = bisect_right(self._phones, phone.start_s, key=_END)
+        behind = bisect_left(self._phones, phone.end_s, key=_START)
+        return any(
+            known.label == phone.label and known.start_s < phone.end_s and known.end_s > phone.start_s
+            for known in (*self._phones[first:behind], *self._known)
+        )
 
     def _place(self, phone: Phone) -> None:
         if not phone.is_silence and (not self._phones or phone.start_s >= self._phones[-1].end_s):
             self._phones.append(phone)
             return
-        same_s = min(SAME_S, phone.duration_s / 2)
-        first = bisect_right(self._phones, phone.start_s + same_s, key=lambda placed: placed.end_s)
-        behind = max(bisect_left(self._phones, phone.end_s - same_s, key=lambda placed: placed.start_s), first)
-        overlapped = self._phones[first:behind]
+        place = self._overlapped(phone)
+        overlapped = self._phones[place.start : place.stop]
         self.counts.revised += sum(old != phone for old in overlapped)
         placed = [] if phone.is_silence else [phone]
-        if overlapped and overlapped[0].start_s < phone.start_s - same_s:
+        if overlapped and overlapped[0].start_s < phone.start_s - min(SAME_S, phone.duration_s / 2):
             cut = overlapped[0]
             placed.insert(0, replace(cut, end_s=phone.start_s))
-        self._phones[first:behind] = placed
+        self._phones[place.start : place.stop] = placed
+
+    def _overlapped(self, phone: Phone) -> range:
+        """Places of the planned phones that a phone overlaps; empty, but in its place, if there are none."""
+        same_s = min(SAME_S, phone.duration_s / 2)
+        first = bisect_right(self._phones, phone.start_s + same_s, key=_END)
+        return range(first, max(bisect_left(self._phones, phone.end_s - same_s, key=_START), first))
 
     def _close_late(self, phone: Phone, edge: float) -> None:
         """Close the lips for a bilabial that has just ended."""
+        self._known.append(phone)
         if (
             phone.end_s > edge - LATEST_CLOSURE_S
             and not phone.is_silence
             and spelled_of(phone.label, self.profile).contact == "lips"
         ):
             self._kept_holds.append(Hold(edge + RAMP_S, edge + RAMP_S + MIN_HOLD_S))
+            self._due = edge, FADE_S
 
     def cancel(self, at_s: float, *, fade_s: float = 0.2) -> None:
         """End speech: phones at or after ``at_s`` are not said, and the face is neutral ``fade_s`` later.
@@ -206,6 +232,7 @@ class StreamingPlanner:
         self.counts.cancelled += sum(phone.end_s > edge for phone in self._phones)
         if self._due and self._phones:
             plan_together([self])
+        self._known += [phone for phone in self._phones if phone.end_s <= edge]
         self._phones = []
         self._due = edge, fade_s
         self._kept_holds = [hold_until(hold, edge) for hold in self.holds if hold.start_s - RAMP_S < edge]
@@ -219,7 +246,7 @@ class StreamingPlanner:
         fit = over + sum(1 for so_far in letters if so_far <= PLANNED_LETTERS)
         self.counts.dropped += len(phones) - fit
         del phones[fit:]
-        first = max(over - BEHIND_PHONES, 0)
+        first = min(max(over - BEHIND_PHONES, 0), bisect_right(phones, edge - LATEST_CLOSURE_S, key=_END))
         while first < over and phones[first].end_s <= edge - KEPT_S:
             first += 1
         del phones[:first]
@@ -293,14 +320,14 @@ def plan_together(planners: Sequence[StreamingPlanner]) -> None:
     Parameters
     ----------
     planners : sequence of StreamingPlanner
-        Of one profile and style; each is due.
+        Of one profile and style; those that took nothing new keep their path.
     """
+    planners = [planner for planner in planners if planner._due]
     if not planners:
         return
     one = planners[0]
     tracks = [planner._to_plan() for planner in planners]
-    due = [planner._due or (planner.edge_s, FADE_S) for planner in planners]
-    edges_s = [edge_s for edge_s, _ in due]
+    edges_s = [planner._due[0] if planner._due else planner.edge_s for planner in planners]
     keys = speech_keys(tracks, one.profile, context=one.style.context)
     paths = keys.paths()
     for planner, edge_s in zip(planners, edges_s, strict=True):

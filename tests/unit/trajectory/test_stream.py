@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fapengine.errors import UsageError
@@ -233,6 +233,60 @@ def test_of_phones_that_come_together_the_last_word_counts():
     for phone in told:
         apart.feed([phone])
     assert list(together.phones) == list(apart.phones) == [Phone("ɑ", 0.1, 0.23), told[2]]
+
+
+@settings(max_examples=20)
+@given(LABELS, LENGTHS, st.integers(0, 2**32 - 1))
+def test_phones_that_come_twice_change_no_frame(labels, each_s, seed):
+    """Some come early, some late, some after their end; each comes again, before, during and after its time."""
+    rng = np.random.default_rng(seed)
+    spoken = phones(labels, each_s)
+    spoken.append(Phone(SILENCE, spoken[-1].end_s, spoken[-1].end_s + 0.3))
+    times = np.arange(0.0, spoken[-1].end_s + 0.5, 0.04)
+    firsts_s = [phone.start_s + rng.uniform(-0.5, each_s + 0.1) for phone in spoken]
+    agains_s = [first_s + rng.uniform(0.0, 0.6, 3) for first_s in firsts_s]
+
+    def shown(*, twice: bool) -> np.ndarray:
+        planner, frames, before_s = SingleStream(english()), [], -np.inf
+        for time_s in times:
+            come = [phone for phone, first_s in zip(spoken, firsts_s, strict=True) if before_s < first_s <= time_s]
+            if come:
+                planner.feed(come)
+            again = [
+                phone
+                for phone, at_s in zip(spoken, agains_s, strict=True)
+                if twice and ((before_s < at_s) & (at_s <= time_s)).any()
+            ]
+            if again:
+                planner.feed(again)
+            frames.append(planner.frames([time_s])[0])
+            before_s = time_s
+        return np.array(frames)
+
+    np.testing.assert_array_equal(shown(twice=True), shown(twice=False))
+
+
+def test_a_bilabial_that_is_over_closes_no_vowel_when_its_phones_come_again():
+    once, again = SingleStream(english()), SingleStream(english())
+    said = phones(["b", "ɑ", "m", "ɑ"], 0.2)
+    for planner in (once, again):
+        planner.feed(said)
+    for time_s in times_until(1.3):
+        if round(time_s * RATE_HZ) % 5 == 0:
+            again.feed(said)
+        np.testing.assert_array_equal(again.frames([time_s]), once.frames([time_s]))
+
+
+def test_a_bilabial_that_was_cancelled_while_it_was_shut_is_not_shut_again():
+    once, again = SingleStream(english()), SingleStream(english())
+    said = phones(["ɑ", "b", "ɑ"], 0.1)
+    for planner in (once, again):
+        planner.feed(said)
+        planner.frames(times_until(0.64))
+        planner.cancel(0.64)
+    again.feed(said[:2])
+    times = np.arange(0.64, 1.2, 0.01)
+    np.testing.assert_array_equal(again.frames(times), once.frames(times))
 
 
 def test_phones_that_stop_coming_leave_a_mouth_at_rest():
