@@ -27,9 +27,8 @@ def batch(
     to: Annotated[
         str,
         typer.Option(
-            "--to",
             help="Output type: the ending of any file that `say` writes (fba, fap, mp4, csv, json, glb ...), or profile"
-            " (see `fit`).",
+            " (see `fit`)."
         ),
     ] = "fba",
     text: Annotated[
@@ -38,16 +37,13 @@ def batch(
     ] = None,
     workers: Annotated[
         int | None,
-        typer.Option(
-            "--workers", min=0, max=1024, help="Number of processes. Default: one per core. 0 uses this process only."
-        ),
+        typer.Option(min=0, max=1024, help="Number of processes. Default: one per core. 0 uses this process only."),
     ] = None,
     scheduler: Annotated[
-        str | None, typer.Option("--scheduler", metavar="tcp://HOST:PORT", help="Use the workers of a Dask scheduler.")
+        str | None, typer.Option(metavar="tcp://HOST:PORT", help="Use the workers of a Dask scheduler.")
     ] = None,
     shard: Annotated[
-        str | None,
-        typer.Option("--shard", metavar="K/N", help="Process every Nth row from the Kth on, for job arrays."),
+        str | None, typer.Option(metavar="K/N", help="Process every Nth row from the Kth on, for job arrays.")
     ] = None,
     retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Process failed rows again.")] = False,
     status: Annotated[bool, typer.Option("--status", help="Print the progress of a run and exit.")] = False,

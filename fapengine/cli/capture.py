@@ -28,22 +28,20 @@ def capture(
         ),
     ] = None,
     overlay: Annotated[
-        Path | None, typer.Option("--overlay", help="Video that shows the captured head next to the source (.mp4).")
+        Path | None, typer.Option(help="Video that shows the captured head next to the source (.mp4).")
     ] = None,
     size: Annotated[
-        str | None, typer.Option("--size", help="Landmarks: WIDTHxHEIGHT of the images. Live: of the window.")
+        str | None, typer.Option(help="Landmarks: WIDTHxHEIGHT of the images. Live: of the window.")
     ] = None,
     fps: Annotated[
-        float | None, typer.Option("--fps", min=0.1, max=1000.0, help="Landmarks: frame rate. Live: output frame rate.")
+        float | None, typer.Option(min=0.1, max=1000.0, help="Landmarks: frame rate. Live: output frame rate.")
     ] = None,
     seconds: Annotated[
         float | None,
-        typer.Option(
-            "--seconds", min=0.5, max=86_400.0, help="Camera: duration in seconds. Default: 10; live: until Ctrl-C."
-        ),
+        typer.Option(min=0.5, max=86_400.0, help="Camera: duration in seconds. Default: 10; live: until Ctrl-C."),
     ] = None,
     model: Annotated[
-        Path | None, typer.Option("--model", help="face_landmarker.task, for a mediapipe without a built-in model.")
+        Path | None, typer.Option(help="face_landmarker.task, for a mediapipe without a built-in model.")
     ] = None,
     window: Annotated[
         bool, typer.Option("--window", help="Show the result live in a window.", rich_help_panel=LIVE)
@@ -52,7 +50,6 @@ def capture(
     to: Annotated[
         str | None,
         typer.Option(
-            "--to",
             metavar="URL",
             help="Drive a session of `fapengine serve`: http://127.0.0.1:8110/?session=anna.",
             rich_help_panel=LIVE,

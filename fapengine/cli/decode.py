@@ -21,7 +21,7 @@ def decode(
         " copied from the other side.",
     ),
     fit: Path | None = typer.Option(
-        None, "--fit", help="FAP interpolation table (.fit) that computes FAPs that were not sent; implies --fill."
+        None, help="FAP interpolation table (.fit) that computes FAPs that were not sent; implies --fill."
     ),
     single_numbers: bool = typer.Option(
         False, "--greta", help="Write FAP 1 and 2 as one number each, as Greta reads them."

@@ -11,19 +11,16 @@ def encode(
     track: Path = typer.Argument(..., help="FAPs as text (.fap)."),
     output: Path = typer.Option(..., "--output", "-o", help="Output stream: .fba, or .mp4 with sound."),
     audio: Path | None = typer.Option(None, "--audio", "-a", help="With .mp4: the sound, from the first frame."),
-    epf: Path | None = typer.Option(None, "--epf", help="Encoder parameter file, with settings for each plane."),
+    epf: Path | None = typer.Option(None, help="Encoder parameter file, with settings for each plane."),
     quant: int | None = typer.Option(
         None, "--quant", "-q", min=0, max=31, help="Quantizer fap_quant, 0 (off) to 31. Default: 1."
     ),
     kbps: float | None = typer.Option(
-        None, "--kbps", min=0.001, max=1e6, help="Target bit rate in kbit/s; chooses the quantizer."
+        None, min=0.001, max=1e6, help="Target bit rate in kbit/s; chooses the quantizer."
     ),
-    intra_every: int | None = typer.Option(
-        None, "--intra-every", min=0, max=1_000_000, help="Frames between I planes. 0: only one."
-    ),
+    intra_every: int | None = typer.Option(None, min=0, max=1_000_000, help="Frames between I planes. 0: only one."),
     max_error_mm: float | None = typer.Option(
         None,
-        "--max-error-mm",
         min=0.001,
         max=100.0,
         help="Use the coarsest quantizer that keeps every feature point of an adult face within this error, in mm.",

@@ -17,20 +17,16 @@ def fit(
     session: Path = typer.Argument(..., help="Folder with recordings, their phone timings, and session.toml."),
     output: Path = typer.Option(..., "--output", "-o", help="Profile folder to write: profiles/NAME."),
     modes: int | None = typer.Option(
-        None, "--modes", min=1, max=1000, help="Components of the viseme space. Default: 99 % of the variance."
+        None, min=1, max=1000, help="Components of the viseme space. Default: 99 % of the variance."
     ),
     subset: int | None = typer.Option(
-        None, "--subset", min=1, max=10_000, help="Markers in the subset. Default: chosen by --tolerance."
+        None, min=1, max=10_000, help="Markers in the subset. Default: chosen by --tolerance."
     ),
-    tolerance: float = typer.Option(
-        0.35, "--tolerance", min=0.0, max=100.0, help="Largest mean error of the marker subset, in mm."
-    ),
-    held_out: float = typer.Option(
-        0.2, "--held-out", min=0.0, max=0.5, help="Fraction of the takes held out for testing."
-    ),
-    units: str | None = typer.Option(None, "--units", help="Units of recordings without units: mm, cm, m or inch."),
-    up: str | None = typer.Option(None, "--up", help="Up axis: +y, +z, ..."),
-    seed: int = typer.Option(1, "--seed", min=0, help="Random seed of the split into training and held-out takes."),
+    tolerance: float = typer.Option(0.35, min=0.0, max=100.0, help="Largest mean error of the marker subset, in mm."),
+    held_out: float = typer.Option(0.2, min=0.0, max=0.5, help="Fraction of the takes held out for testing."),
+    units: str | None = typer.Option(None, help="Units of recordings without units: mm, cm, m or inch."),
+    up: str | None = typer.Option(None, help="Up axis: +y, +z, ..."),
+    seed: int = typer.Option(1, min=0, help="Random seed of the split into training and held-out takes."),
     voice: WordsVoice = None,
     report: bool = typer.Option(True, "--report/--no-report", help="Write report.html into the profile folder."),
     faps: bool = typer.Option(False, "--faps", help="Also write every take as FAPs: takes/TAKE.fap."),

@@ -25,7 +25,6 @@ def import_head(
     ),
     points: Path | None = typer.Option(
         None,
-        "--points",
         help="Feature points: a table with columns point, vertex, or point, x, y, z; or an Xface or Visage .fdp file.",
     ),
     mapping: Path | None = typer.Option(
@@ -38,9 +37,7 @@ def import_head(
     ),
     output: Path = typer.Option(..., "--output", "-o", help="Head folder to write: heads/NAME."),
     licence: str | None = typer.Option(
-        None,
-        "--licence",
-        help="Licence of the mesh, stored with the head. Default: that of the profile, or 'not stated'.",
+        None, help="Licence of the mesh, stored with the head. Default: that of the profile, or 'not stated'."
     ),
     strict: Strict = False,
     as_json: AsJson = False,

@@ -21,14 +21,14 @@ def inspect(
         " session, face landmarks or an OpenFace table, an avatar, a scan, a profile or a head.",
     ),
     everything: bool = typer.Option(False, "--all", help="Show every row, not only the first ones."),
-    plot: Path | None = typer.Option(None, "--plot", help="Plot the content to an image (.png)."),
+    plot: Path | None = typer.Option(None, help="Plot the content to an image (.png)."),
     sliders: Path | None = typer.Option(
-        None, "--sliders", help="For a profile: write a web page with a slider for each component (.html)."
+        None, help="For a profile: write a web page with a slider for each component (.html)."
     ),
     weights: str | None = typer.Option(
-        None, "--weights", help="For a profile: weights of its components, in mm, from the page of --sliders."
+        None, help="For a profile: weights of its components, in mm, from the page of --sliders."
     ),
-    pose: Path | None = typer.Option(None, "--pose", help="Write the face of --weights as FAPs (.fap)."),
+    pose: Path | None = typer.Option(None, help="Write the face of --weights as FAPs (.fap)."),
     strict: shared.Strict = False,
     as_json: bool = typer.Option(False, "--json", help="Print the result as JSON."),
     timings: shared.TimingOptions = shared.TimingOptions(),

@@ -127,7 +127,6 @@ class DrawingOptions:
     antialias: Annotated[
         str,
         typer.Option(
-            "--antialias",
             help="Antialiasing: soft (post-process), fine (4x multisampling, about twice as slow) or none.",
             rich_help_panel=DRAWING,
         ),
@@ -136,7 +135,6 @@ class DrawingOptions:
     rest: Annotated[
         float,
         typer.Option(
-            "--rest",
             min=0.0,
             max=1.0,
             help="Strength of the expression of the face at rest; 0 draws the neutral face of the standard.",
@@ -212,18 +210,16 @@ class TimingOptions:
     """How phone timings are read."""
 
     format: Annotated[
-        str | None, typer.Option("--format", help="Format of the timings, if it cannot be detected: textgrid, htk, ...")
+        str | None, typer.Option(help="Format of the timings, if it cannot be detected: textgrid, htk, ...")
     ] = None
-    tier: Annotated[str | None, typer.Option("--tier", help="TextGrid: tier with the phones.")] = None
+    tier: Annotated[str | None, typer.Option(help="TextGrid: tier with the phones.")] = None
     alphabet: Annotated[
-        str | None,
-        typer.Option("--alphabet", help="Alphabet of the labels, if it cannot be detected: ipa, arpabet, pinyin, ..."),
+        str | None, typer.Option(help="Alphabet of the labels, if it cannot be detected: ipa, arpabet, pinyin, ...")
     ] = None
     columns: Annotated[
         str | None,
         typer.Option(
-            "--columns",
-            help="Columns of a CSV or JSON list: start=NAME,end=NAME,label=NAME,unit=ms; for frame numbers, fps=24.",
+            help="Columns of a CSV or JSON list: start=NAME,end=NAME,label=NAME,unit=ms; for frame numbers, fps=24."
         ),
     ] = None
 
@@ -240,7 +236,6 @@ class AvatarOptions:
     into: Annotated[
         Path | None,
         typer.Option(
-            "--into",
             metavar="AVATAR",
             help="Add the motion to this avatar as an animation and write the result to --output. A .glb, .vrm or .gltf"
             " file, or the name of a head (default, woman, heads/mine; also written as .usda, .usdc). Drives"

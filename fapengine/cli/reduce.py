@@ -14,10 +14,10 @@ def reduce(
     bound: str = typer.Option("0.5mm", "--max-error", help="Largest error of any marker in any frame, such as 0.5mm."),
     output: Path = typer.Option(..., "--output", "-o", help="Via points and the reduction curve (.npz)."),
     back: Path | None = typer.Option(
-        None, "--back", help="Write the curve through the via points as a recording (.trc, .c3d, .npz)."
+        None, help="Write the curve through the via points as a recording (.trc, .c3d, .npz)."
     ),
     fps: float | None = typer.Option(
-        None, "--fps", min=1.0, max=1000.0, help="Frame rate of --back. Default: that of the take."
+        None, min=1.0, max=1000.0, help="Frame rate of --back. Default: that of the take."
     ),
     as_json: AsJson = False,
     writing: WriteOptions = WriteOptions(),

@@ -41,7 +41,6 @@ def say(
     mic_device: Annotated[
         str | None,
         typer.Option(
-            "--mic-device",
             metavar="DEVICE",
             help="Microphone for --mic: its number, or part of its name. `fapengine doctor` lists devices.",
             rich_help_panel=shared.LIVE,
@@ -50,7 +49,6 @@ def say(
     recognizer: Annotated[
         Path | None,
         typer.Option(
-            "--recognizer",
             metavar="NAME",
             help="Speech recognizer for --mic: small, sphinx, both or MODEL.onnx. See `fapengine animate --help`.",
             rich_help_panel=shared.LIVE,

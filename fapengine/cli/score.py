@@ -31,7 +31,7 @@ def score(
     against: Annotated[
         Path | None, typer.Option("--reference", help="Reference: a captured recording of the same speech.")
     ] = None,
-    phones: Annotated[Path | None, typer.Option("--phones", help="Phone timings, in any format.")] = None,
+    phones: Annotated[Path | None, typer.Option(help="Phone timings, in any format.")] = None,
     plan: Annotated[
         bool, typer.Option("--plan", help="With --phones: use fapengine's own plan as the reference.")
     ] = False,
@@ -47,17 +47,12 @@ def score(
     recognizer: _hearing.RecognizerName = None,
     offset: Annotated[
         float,
-        typer.Option(
-            "--offset", min=-86_400.0, max=86_400.0, help="Start of the lip sync within the other files, in seconds."
-        ),
+        typer.Option(min=-86_400.0, max=86_400.0, help="Start of the lip sync within the other files, in seconds."),
     ] = 0.0,
     closed_mm: Annotated[
         float,
         typer.Option(
-            "--closed-mm",
-            min=0.001,
-            max=100.0,
-            help="Lip opening relative to neutral below which lips count as closed, in mm.",
+            min=0.001, max=100.0, help="Lip opening relative to neutral below which lips count as closed, in mm."
         ),
     ] = 1.0,
     voice: WordsVoice = None,
@@ -67,29 +62,22 @@ def score(
     fail_under: Annotated[
         str | None,
         typer.Option(
-            "--fail-under",
             metavar="NAME=VALUE,...",
             help=f"Check with these thresholds: closures=95,lag=80ms. Names, units, and thresholds by default:"
             f" {'; '.join(map(str, LIP_THRESHOLDS))}. For meshes: {', '.join(row.name for row in MESH_THRESHOLDS)}.",
             rich_help_panel=CHECKS,
         ),
     ] = None,
-    junit: Annotated[
-        Path | None, typer.Option("--junit", help="Write the checks as JUnit XML.", rich_help_panel=CHECKS)
-    ] = None,
+    junit: Annotated[Path | None, typer.Option(help="Write the checks as JUnit XML.", rich_help_panel=CHECKS)] = None,
     sarif: Annotated[
-        Path | None,
-        typer.Option("--sarif", help="Write the faults and their times as SARIF 2.1.0.", rich_help_panel=CHECKS),
+        Path | None, typer.Option(help="Write the faults and their times as SARIF 2.1.0.", rich_help_panel=CHECKS)
     ] = None,
     lips: Annotated[
-        Path | None,
-        typer.Option("--lips", help="Vertices of the lips: a list of indices (.txt, .npy).", rich_help_panel=MESHES),
+        Path | None, typer.Option(help="Vertices of the lips: a list of indices (.txt, .npy).", rich_help_panel=MESHES)
     ] = None,
-    upper: Annotated[
-        Path | None, typer.Option("--upper", help="Vertices of the upper face.", rich_help_panel=MESHES)
-    ] = None,
+    upper: Annotated[Path | None, typer.Option(help="Vertices of the upper face.", rich_help_panel=MESHES)] = None,
     neutral: Annotated[
-        Path | None, typer.Option("--neutral", help="The face at rest; --upper needs it.", rich_help_panel=MESHES)
+        Path | None, typer.Option(help="The face at rest; --upper needs it.", rich_help_panel=MESHES)
     ] = None,
     listen: Annotated[
         bool,
@@ -99,13 +87,10 @@ def score(
             rich_help_panel=PEOPLE,
         ),
     ] = False,
-    seed: Annotated[
-        int, typer.Option("--seed", min=0, help="Seed of the listening test's order.", rich_help_panel=PEOPLE)
-    ] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the listening test's order.", rich_help_panel=PEOPLE)] = 1,
     answers: Annotated[
         list[Path] | None,
         typer.Option(
-            "--answers",
             help="Analyse the answers of a listening test: its CSV files, or a folder of them. Repeatable.",
             rich_help_panel=PEOPLE,
         ),

@@ -26,7 +26,7 @@ def serve(
     host: Annotated[
         str | None,
         typer.Option(
-            "--host", help="Address to listen on. Use 0.0.0.0 for all interfaces, and set --token. [default: 127.0.0.1]"
+            help="Address to listen on. Use 0.0.0.0 for all interfaces, and set --token. [default: 127.0.0.1]"
         ),
     ] = None,
     port: Annotated[
@@ -58,7 +58,6 @@ def serve(
     play: Annotated[
         str | None,
         typer.Option(
-            "--play",
             metavar="SESSION",
             help="Play this session's voice on the server's audio output. The default session is 'face'.",
         ),
@@ -67,7 +66,6 @@ def serve(
     mic: Annotated[
         str | None,
         typer.Option(
-            "--mic",
             metavar="DEVICE",
             help="Drive the session 'face' from a microphone on the server: default, its number, or part of its name.",
         ),
@@ -75,7 +73,6 @@ def serve(
     recognizer: Annotated[
         str | None,
         typer.Option(
-            "--recognizer",
             metavar="NAME",
             help="Speech recognizer for incoming audio: small, sphinx, both or MODEL.onnx. See `fapengine animate"
             " --help`.",
@@ -90,13 +87,11 @@ def serve(
         ),
     ] = False,
     token: Annotated[
-        str | None,
-        typer.Option("--token", envvar="FAPENGINE_TOKEN", help="Secret that clients and browsers must present."),
+        str | None, typer.Option(envvar="FAPENGINE_TOKEN", help="Secret that clients and browsers must present.")
     ] = None,
     workers: Annotated[
         int | None,
         typer.Option(
-            "--workers",
             min=1,
             max=256,
             help="Number of worker processes, one per core. A dispatcher process assigns sessions to them. Linux only."
@@ -106,25 +101,19 @@ def serve(
     nats: Annotated[
         str | None,
         typer.Option(
-            "--nats",
-            metavar="nats://HOST:PORT",
-            help="Share sessions with every server that uses the same NATS server.",
+            metavar="nats://HOST:PORT", help="Share sessions with every server that uses the same NATS server."
         ),
     ] = None,
     metrics_port: Annotated[
         int | None,
-        typer.Option(
-            "--metrics-port", min=0, max=65535, help="Port for Prometheus metrics, at /metrics. 0 picks a free port."
-        ),
+        typer.Option(min=0, max=65535, help="Port for Prometheus metrics, at /metrics. 0 picks a free port."),
     ] = None,
     log: Annotated[
-        str | None, typer.Option("--log", help="Log format: text or json (one object per line). [default: text]")
+        str | None, typer.Option(help="Log format: text or json (one object per line). [default: text]")
     ] = None,
     verbose: Annotated[bool, typer.Option("--verbose", help="Log every utterance.")] = False,
     profile: speaking.ProfileName | None = None,
-    head: Annotated[
-        str | None, typer.Option("--head", help="Head shown on the web page. Same values as `say --head`.")
-    ] = None,
+    head: Annotated[str | None, typer.Option(help="Head shown on the web page. Same values as `say --head`.")] = None,
     fps: speaking.Fps | None = None,
     articulation: speaking.Articulation | None = None,
     jaw: speaking.Jaw | None = None,

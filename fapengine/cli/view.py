@@ -25,9 +25,9 @@ def view(
             " a port for OSC frames (osc://127.0.0.1:9100). Default: a local face that says --say."
         ),
     ] = None,
-    audio: Annotated[Path | None, typer.Option("--audio", help="Sound of the file. The face follows it.")] = None,
-    session: Annotated[str | None, typer.Option("--session", help="Session to show, of a server or a port.")] = None,
-    say: Annotated[list[str], typer.Option("--say", help="Text to say first. Repeatable.")] = [],  # noqa: B006
+    audio: Annotated[Path | None, typer.Option(help="Sound of the file. The face follows it.")] = None,
+    session: Annotated[str | None, typer.Option(help="Session to show, of a server or a port.")] = None,
+    say: Annotated[list[str], typer.Option(help="Text to say first. Repeatable.")] = [],  # noqa: B006
     voice: speaking.Voice = speaking.DEFAULT_VOICE,
     wpm: speaking.Rate = speaking.DEFAULT_RATE_WPM,
     ssml: speaking.Ssml = False,
