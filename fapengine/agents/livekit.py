@@ -33,16 +33,7 @@ from typing import Any
 
 from livekit import rtc
 from livekit.agents import voice
-from livekit.agents.voice.avatar import (
-    AudioReceiver,
-    AudioSegmentEnd,
-    AvatarOptions,
-    AvatarRunner,
-    DataStreamAudioReceiver,
-    QueueAudioOutput,
-    VideoGenerator,
-)
-from livekit.agents.voice.avatar import AvatarSession as _AvatarSession
+from livekit.agents.voice import avatar
 
 from fapengine.agents.face import AgentFace, AgentOptions
 from fapengine.render.drawing import EDGES
@@ -51,7 +42,7 @@ SAMPLE_RATE_HZ = 24_000
 _SENTENCE = re.compile(r"[.!?…]+[\"')\]]*\s+|\n+")
 
 
-class FaceGenerator(VideoGenerator):  # type: ignore[misc, unused-ignore]
+class FaceGenerator(avatar.VideoGenerator):  # type: ignore[misc, unused-ignore]
     """Turns the agent's audio into images; each image follows its audio.
 
     Parameters
@@ -66,9 +57,9 @@ class FaceGenerator(VideoGenerator):  # type: ignore[misc, unused-ignore]
         self._ends_s: deque[float] = deque()
         """Times at which the audio of finished utterances has been played."""
 
-    async def push_audio(self, frame: rtc.AudioFrame | AudioSegmentEnd) -> None:
+    async def push_audio(self, frame: rtc.AudioFrame | avatar.AudioSegmentEnd) -> None:
         """Add audio, or end an utterance."""
-        if isinstance(frame, AudioSegmentEnd):
+        if isinstance(frame, avatar.AudioSegmentEnd):
             self.face.end()
         else:
             self.face.sound(bytes(frame.data), frame.sample_rate, frame.num_channels)
@@ -78,7 +69,7 @@ class FaceGenerator(VideoGenerator):  # type: ignore[misc, unused-ignore]
         self.face.interrupt(time.monotonic())
         self._ends_s.clear()
 
-    async def __aiter__(self) -> AsyncIterator[rtc.VideoFrame | rtc.AudioFrame | AudioSegmentEnd]:
+    async def __aiter__(self) -> AsyncIterator[rtc.VideoFrame | rtc.AudioFrame | avatar.AudioSegmentEnd]:
         """Yield audio and images in real time, and the end of each utterance when it has been played."""
         await self.face.ready()
         while True:
@@ -95,10 +86,10 @@ class FaceGenerator(VideoGenerator):  # type: ignore[misc, unused-ignore]
             )  # fmt: skip
             while self._ends_s and self._ends_s[0] <= time.monotonic():
                 self._ends_s.popleft()
-                yield AudioSegmentEnd()
+                yield avatar.AudioSegmentEnd()
 
 
-class AvatarSession(_AvatarSession):  # type: ignore[misc, unused-ignore]
+class AvatarSession(avatar.AvatarSession):  # type: ignore[misc, unused-ignore]
     """A face in the agent's process; its audio and video are published by the agent's own participant.
 
     Parameters
@@ -112,7 +103,7 @@ class AvatarSession(_AvatarSession):  # type: ignore[misc, unused-ignore]
         self._room: rtc.Room | None = None
         self._options = AgentOptions(**options)
         self._face = AgentFace.open(self._options)
-        self._runner: AvatarRunner | None = None
+        self._runner: avatar.AvatarRunner | None = None
 
     @property
     def avatar_identity(self) -> str:
@@ -134,7 +125,7 @@ class AvatarSession(_AvatarSession):  # type: ignore[misc, unused-ignore]
         """
         await super().start(agent_session, room)
         await self._face.ready()
-        output = QueueAudioOutput(sample_rate=SAMPLE_RATE_HZ, wait_playback_start=True)
+        output = avatar.QueueAudioOutput(sample_rate=SAMPLE_RATE_HZ, wait_playback_start=True)
         self._runner = runner_of(room, output, self._face, self._options)
         await self._runner.start()
         agent_session.output.replace_audio_tail(output)
@@ -175,14 +166,16 @@ class AvatarSession(_AvatarSession):  # type: ignore[misc, unused-ignore]
             yield self._face.marks.expect(waiting)
 
 
-def runner_of(room: rtc.Room, sound: AudioReceiver, face: AgentFace, options: AgentOptions) -> AvatarRunner:
+def runner_of(
+    room: rtc.Room, sound: avatar.AudioReceiver, face: AgentFace, options: AgentOptions
+) -> avatar.AvatarRunner:
     """Make LiveKit's runner, which publishes both tracks in sync."""
     width, height = options.size
-    return AvatarRunner(
+    return avatar.AvatarRunner(
         room,
         audio_recv=sound,
         video_gen=FaceGenerator(face, options.size),
-        options=AvatarOptions(
+        options=avatar.AvatarOptions(
             video_width=width, video_height=height, video_fps=options.frame_rate_hz,
             audio_sample_rate=SAMPLE_RATE_HZ, audio_channels=1,
         ),
@@ -205,7 +198,7 @@ async def work(url: str, token: str, options: AgentOptions) -> None:
     try:
         await face.ready()
         await room.connect(url, token)
-        runner = runner_of(room, DataStreamAudioReceiver(room), face, options)
+        runner = runner_of(room, avatar.DataStreamAudioReceiver(room), face, options)
         await runner.start()
         await left.wait()
     finally:

@@ -22,20 +22,7 @@ from collections import deque
 from collections.abc import Sequence
 from typing import Any
 
-from pipecat.frames.frames import (
-    CancelFrame,
-    EndFrame,
-    Frame,
-    InterruptionFrame,
-    OutputImageRawFrame,
-    StartFrame,
-    StopFrame,
-    SystemFrame,
-    TTSAudioRawFrame,
-    TTSStartedFrame,
-    TTSStoppedFrame,
-    TTSTextFrame,
-)
+from pipecat.frames import frames
 from pipecat.processors.frame_processor import FrameDirection, FrameProcessor
 from pipecat.utils.text.base_text_filter import BaseTextFilter
 
@@ -52,14 +39,14 @@ The transport's period of 1/30 s delays images by 17 ms on average, a packet of 
 """
 
 
-def around_picture(sounds: Sequence[Sound]) -> tuple[list[TTSAudioRawFrame], list[TTSAudioRawFrame]]:
+def around_picture(sounds: Sequence[Sound]) -> tuple[list[frames.TTSAudioRawFrame], list[frames.TTSAudioRawFrame]]:
     """Split a frame's audio at the position of its image, :data:`PICTURE_AFTER_S` after its beginning."""
-    parts: tuple[list[TTSAudioRawFrame], list[TTSAudioRawFrame]] = ([], [])
+    parts: tuple[list[frames.TTSAudioRawFrame], list[frames.TTSAudioRawFrame]] = ([], [])
     for sound in sounds:
         cut = round(PICTURE_AFTER_S * sound.rate_hz)
         for part, samples in zip(parts, (sound.samples[:cut], sound.samples[cut:]), strict=True):
             if len(samples):
-                part.append(TTSAudioRawFrame(samples.astype("<i2").tobytes(), sound.rate_hz, 1))
+                part.append(frames.TTSAudioRawFrame(samples.astype("<i2").tobytes(), sound.rate_hz, 1))
     return parts
 
 
@@ -102,9 +89,9 @@ class FapengineVideoService(FrameProcessor):  # type: ignore[misc, unused-ignore
         """Number of interruptions."""
         self._is_silent = False
         """True from ``TTSStartedFrame`` to the first audio."""
-        self._early: list[TTSTextFrame] = []
+        self._early: list[frames.TTSTextFrame] = []
         """Words that came before the first audio of their utterance, when its time 0 is not known yet."""
-        self._behind: deque[tuple[int, Frame]] = deque()
+        self._behind: deque[tuple[int, frames.Frame]] = deque()
         """Frames that must follow audio, each with the number of its utterance."""
         self._over = 0
         """Number of the last finished utterance."""
@@ -112,40 +99,40 @@ class FapengineVideoService(FrameProcessor):  # type: ignore[misc, unused-ignore
         """Pipeline time of the first audio of each unfinished utterance, from which its words count."""
         self._delay_ns: dict[int, int] = {}
         """Delay of the audio of each utterance in this processor, once it is known."""
-        self._words: list[tuple[int, TTSTextFrame]] = []
+        self._words: list[tuple[int, frames.TTSTextFrame]] = []
         """Words for the transport, each with its utterance, until the delay is known."""
 
-    async def process_frame(self, frame: Frame, direction: FrameDirection) -> None:
+    async def process_frame(self, frame: frames.Frame, direction: FrameDirection) -> None:
         """Handle the frames of the TTS, and those that must follow them."""
         await super().process_frame(frame, direction)
         if direction is not FrameDirection.DOWNSTREAM:
             await self.push_frame(frame, direction)
-        elif isinstance(frame, StartFrame):
+        elif isinstance(frame, frames.StartFrame):
             await self.push_frame(frame, direction)
             self._loop = self.create_task(self._show())
-        elif isinstance(frame, TTSAudioRawFrame):
+        elif isinstance(frame, frames.TTSAudioRawFrame):
             self._hear(frame)
             early, self._early = self._early, []
             for word in early:
                 await self._read(word)
-        elif isinstance(frame, TTSTextFrame) and frame.pts and self._is_silent:
+        elif isinstance(frame, frames.TTSTextFrame) and frame.pts and self._is_silent:
             self._early.append(frame)
-        elif isinstance(frame, TTSTextFrame) and frame.pts:
+        elif isinstance(frame, frames.TTSTextFrame) and frame.pts:
             await self._read(frame)
-        elif isinstance(frame, InterruptionFrame):
+        elif isinstance(frame, frames.InterruptionFrame):
             await self._interrupt(frame)
-        elif isinstance(frame, SystemFrame):
-            if isinstance(frame, CancelFrame):
+        elif isinstance(frame, frames.SystemFrame):
+            if isinstance(frame, frames.CancelFrame):
                 await self._stop()
             await self.push_frame(frame, direction)
         else:
-            if isinstance(frame, TTSStoppedFrame | EndFrame | StopFrame):
+            if isinstance(frame, frames.TTSStoppedFrame | frames.EndFrame | frames.StopFrame):
                 self._face.end()
                 self._is_silent = False
                 early, self._early = self._early, []
                 for word in early:  # there was no audio
                     await self._follow(word)
-            elif isinstance(frame, TTSStartedFrame):
+            elif isinstance(frame, frames.TTSStartedFrame):
                 self._is_silent = True
             await self._follow(frame)
 
@@ -155,12 +142,12 @@ class FapengineVideoService(FrameProcessor):  # type: ignore[misc, unused-ignore
         await self._stop()
         self._face.close()
 
-    def _hear(self, frame: TTSAudioRawFrame) -> None:
+    def _hear(self, frame: frames.TTSAudioRawFrame) -> None:
         self._face.sound(frame.audio, frame.sample_rate, frame.num_channels)
         self._is_silent = False
         self._first_ns.setdefault(self._face.host.newest, self.get_clock().get_time())
 
-    async def _read(self, frame: TTSTextFrame) -> None:
+    async def _read(self, frame: frames.TTSTextFrame) -> None:
         number = self._face.host.newest
         first_ns = self._first_ns.get(number, frame.pts)
         self._face.word(frame.text, max(frame.pts - first_ns, 0) / 1e9)
@@ -177,7 +164,7 @@ class FapengineVideoService(FrameProcessor):  # type: ignore[misc, unused-ignore
             elif number > self._over:
                 self._words.append((number, word))
 
-    async def _interrupt(self, frame: InterruptionFrame) -> None:
+    async def _interrupt(self, frame: frames.InterruptionFrame) -> None:
         self._cuts += 1
         self._face.interrupt(time.monotonic())
         self._words.clear()
@@ -189,7 +176,7 @@ class FapengineVideoService(FrameProcessor):  # type: ignore[misc, unused-ignore
         for waiting in kept:
             await self.push_frame(waiting)
 
-    async def _follow(self, frame: Frame) -> None:
+    async def _follow(self, frame: frames.Frame) -> None:
         """Push a frame after the audio that came before it."""
         if self._face.host.is_speaking or self._behind:
             self._behind.append((self._face.host.newest, frame))
@@ -206,7 +193,7 @@ class FapengineVideoService(FrameProcessor):  # type: ignore[misc, unused-ignore
                 cuts = self._cuts
                 frame, events = face.frame(time.monotonic())
                 await self._tell(events)
-                picture = OutputImageRawFrame(await face.picture(frame.faps), self._options.size, "RGB")
+                picture = frames.OutputImageRawFrame(await face.picture(frame.faps), self._options.size, "RGB")
                 if cuts != self._cuts:
                     continue  # interrupted while it was rendered
                 picture.sync_with_audio = bool(frame.sounds)

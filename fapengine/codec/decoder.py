@@ -24,19 +24,10 @@ from numpy.typing import NDArray
 
 from fapengine._strict_toml import checked
 from fapengine.codec import bits
+from fapengine.codec import header as headers
 from fapengine.codec import kernels as k
 from fapengine.codec.bits import BitReader, Bits, place, unpack
 from fapengine.codec.fields import FIELD_COUNT, Ints, track_of
-from fapengine.codec.header import (
-    BODY,
-    FACE,
-    FrameRate,
-    IntraHeader,
-    PlaneStart,
-    read_face_header,
-    read_plane_start,
-    read_skip,
-)  # fmt: skip
 from fapengine.codec.planes import BodyState, FieldState, Frame, Loss, Planes, PlaneState
 from fapengine.codec.resync import find_intact_intra
 from fapengine.errors import ConformanceError, DataError, TruncatedError, UsageError
@@ -46,7 +37,7 @@ Errors = Literal["strict", "resync"]
 Floats = NDArray[np.float64]
 HELD = 4
 """Frames held back with ``errors="resync"``: four wrong planes in a row decode with a probability of 8**-4."""
-DEFAULT_RATE = FrameRate(30)
+DEFAULT_RATE = headers.FrameRate(30)
 """Frame rate until one is sent (FBA section 10)."""
 AT_ONCE = 256
 """Greatest number of planes that one call of the fast loop decodes."""
@@ -88,7 +79,7 @@ class Decoder:
         self.losses: list[Loss] = []
         self.ended = False
         """The end code was read; bytes after it are ignored."""
-        self.rate: FrameRate | None = None
+        self.rate: headers.FrameRate | None = None
         """First frame rate that was sent."""
         self.costs = np.zeros(FIELD_COUNT if with_costs else 0)
         """(73,) float64, bits: information of all symbols of each field."""
@@ -102,7 +93,7 @@ class Decoder:
         self._origin = 0
         """Bits of the stream before ``_bits``."""
         self._begun = False
-        self._header: IntraHeader | None = None
+        self._header: headers.IntraHeader | None = None
         self._fresh = False
         """A start code was just read."""
         self._searching_from: int | None = None
@@ -298,14 +289,14 @@ class Decoder:
     def _intra(self) -> None:
         """Decode an I plane."""
         reader = BitReader(self._bits, self._at + 1, self._origin)
-        start = read_plane_start(reader)
-        header = read_face_header(reader, start) if start.objects & FACE else None
+        start = headers.read_plane_start(reader)
+        header = headers.read_face_header(reader, start) if start.objects & headers.FACE else None
         before, costs = self._state.ranges, np.zeros_like(self.costs)
         try:
             if header is not None:
                 self._state.begin_intra(header)
                 reader.position = self._decode(self._state, True, reader.position, costs)
-            if start.objects & BODY:
+            if start.objects & headers.BODY:
                 self._body.begin_intra(reader)
                 reader.position = self._decode(self._body, True, reader.position)
         except TruncatedError:
@@ -322,9 +313,9 @@ class Decoder:
     def _with_body(self) -> None:
         """Decode a P plane with BAPs."""
         reader = BitReader(self._bits, self._at + 1, self._origin)
-        objects, skip = reader.read(2, "fba_object_mask"), read_skip(reader)
-        header = self._header if objects & FACE else None
-        if not self._body.begun or (objects & FACE and header is None):
+        objects, skip = reader.read(2, "fba_object_mask"), headers.read_skip(reader)
+        header = self._header if objects & headers.FACE else None
+        if not self._body.begun or (objects & headers.FACE and header is None):
             raise ConformanceError(
                 f"P plane: got fba_object_mask {objects}, of which no I plane was sent", where=self._where(),
                 clause="FBA section 2",
@@ -344,9 +335,11 @@ class Decoder:
             raise self._error(status, state, end)
         return end
 
-    def _keep(self, intra: bool, objects: int, header: IntraHeader | None, end: int, skip: int, costs: Floats) -> None:
+    def _keep(
+        self, intra: bool, objects: int, header: headers.IntraHeader | None, end: int, skip: int, costs: Floats
+    ) -> None:
         """Keep a plane that is settled; without a ``header`` it has a body only."""
-        if objects & BODY:
+        if objects & headers.BODY:
             self._body.keep(intra)
             self.body_planes += 1
         extent = np.array([[self._origin + self._at, self._origin + end, skip]], np.int64)
@@ -361,7 +354,7 @@ class Decoder:
         self._header = header
         self._emit(state.found[:1].copy(), state.flags[None].copy(), extent, intra=intra)
 
-    def _take_times(self, start: PlaneStart) -> None:
+    def _take_times(self, start: headers.PlaneStart) -> None:
         """Set the clock and the frame rate from an I plane."""
         # Deviation: a time code sets the clock at its plane and time goes on from there; a decoder of the reference
         # family gives all later planes the same time. 1000/1001 is applied exactly, where that decoder gets rate 0.
