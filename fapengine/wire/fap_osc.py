@@ -85,9 +85,11 @@ class FapFrame:
 
 def encode_frame(frame: FapFrame) -> bytes:
     """Encode one frame as a ``/fap/1/frame`` message."""
-    row = _row(frame.values, frame.visemes, frame.expressions)
-    data = _encode(frame.session, frame.number, frame.time_us, frame.mask, row, has_epoch=frame.epoch > 0)
-    return data + _EPOCH.pack(frame.epoch) if frame.epoch else data
+    row = np.concatenate([frame.visemes, frame.expressions, frame.values[fap.column(3) :]])
+    sent = row[np.repeat(frame.mask, _WIDTHS)]
+    head = _head(frame.session, len(sent), has_epoch=frame.epoch > 0)
+    fixed = _FIXED.pack(frame.number, frame.time_us, MASK_BYTES, np.packbits(frame.mask).tobytes())
+    return head + fixed + sent.astype(">i4").tobytes() + (_EPOCH.pack(frame.epoch) if frame.epoch else b"")
 
 
 def encode_track(track: FapTrack, *, session: str, start_us: int = 0, first_number: int = 0) -> list[bytes]:
@@ -110,13 +112,14 @@ def encode_track(track: FapTrack, *, session: str, start_us: int = 0, first_numb
         If session, number or time cannot be sent.
     """
     times_us = np.rint(track.times_s * 1e6).astype(np.int64) + start_us
-    if len(track) and not (0 <= first_number <= 2**31 - len(track) and times_us[0] >= 0):
-        raise UsageError(f"frame: got number {first_number} at {times_us[0]} us, expected both from 0 on")
-    rows = _row(track.values, track.visemes, track.expressions)
-    return [
-        _encode(session, first_number + step, int(times_us[step]), track.mask[step], rows[step])
+    frames = (
+        FapFrame(
+            session=session, number=first_number + step, time_us=int(times_us[step]), values=track.values[step],
+            mask=track.mask[step], visemes=track.visemes[step], expressions=track.expressions[step],
+        )
         for step in range(len(track))
-    ]
+    )  # fmt: skip
+    return [encode_frame(frame) for frame in frames]
 
 
 class SessionFrames:
@@ -263,20 +266,6 @@ def encode_named(frame: FapFrame, *, limit: int = MAX_DATAGRAM) -> list[bytes]:
         else:
             messages.append(osc.head(f"/fap/{number}", "i") + struct.pack(">i", frame.values[fap.column(number)]))
     return osc.bundles(messages, limit=limit)
-
-
-def _row(values: NDArray[np.int32], visemes: NDArray[np.int32], expressions: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Join visemes, expressions and FAP 3 to 68: (..., 76)."""
-    row: NDArray[np.int32] = np.concatenate([visemes, expressions, values[..., fap.column(3) :]], axis=-1)
-    return row
-
-
-def _encode(
-    session: str, number: int, time_us: int, mask: NDArray[np.bool_], row: NDArray[np.int32], *, has_epoch: bool = False
-) -> bytes:
-    sent = row[np.repeat(mask, _WIDTHS)]
-    fixed = _FIXED.pack(number, time_us, MASK_BYTES, np.packbits(mask).tobytes())
-    return _head(session, len(sent), has_epoch=has_epoch) + fixed + sent.astype(">i4").tobytes()
 
 
 @lru_cache(maxsize=4096)
