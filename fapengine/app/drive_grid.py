@@ -9,16 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine._strict_toml import checked
+from fapengine.app.dotted import MAX_WEIGHTS, MOVED_BONES, dotted_mesh, fitting
+from fapengine.app.drawing import crowd_size, open_crowd
 from fapengine.capture.marker_track import MarkerTrack
 from fapengine.errors import DataError, UsageError
 from fapengine.files.heads.built import load_built
 from fapengine.files.moving import check_moving, is_moving, write_moving
 from fapengine.files.paths import locating, write_bytes
 from fapengine.files.pictures import straight
+from fapengine.files.profiles import load_profile
 from fapengine.files.recordings import load_markers, load_surface, mesh_files
 from fapengine.files.sessions import LoadedSession, read
 from fapengine.geometry.rigid import RigidMotion
-from fapengine.geometry.surface import vertex_normals
 from fapengine.laboratory.few_markers import (
     Choice,
     FaceGrid,
@@ -29,31 +31,21 @@ from fapengine.laboratory.few_markers import (
     make_grid,
 )
 from fapengine.laboratory.marker_driver import HeadReference
+from fapengine.laboratory.space import MIN_KNOWN, recorded_faps
 from fapengine.mesh.default_head.style import HeadStyle
-from fapengine.mesh.deform import BONE_COUNT, Pose
-from fapengine.mesh.face_mesh import Channel, DeformationBasis, FaceMesh, Material
+from fapengine.mesh.deform import Pose
+from fapengine.mesh.face_mesh import FaceMesh
+from fapengine.profiles import Profile
 from fapengine.render.drawing import Drawing
-from fapengine.render.renderer import CrowdRenderer
+from fapengine.speaking import DEFAULT_PROFILE
+from fapengine.trajectory.closures import close_lips
 
 Array = NDArray[np.float64]
 
 HELD_OUT = 0.25
 """Fraction held out to be driven and scored if no other take is given: the last takes, or the end of a single one."""
-DRIVING, DRIVEN, SKIN = (0.75, 0.06, 0.04), (0.9, 0.9, 0.9), (0.50, 0.30, 0.22)
-"""Linear RGB of driving and driven markers, and of the surface."""
-DOT_MM = {True: 2.6, False: 1.2}
-"""Radius of a driving and of a driven marker's dot."""
 MAX_DOTS = 400
 """Number of markers above which driven ones have no dot."""
-OCTAHEDRON = np.concatenate([np.eye(3), -np.eye(3)])
-FACETS = np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]])
-MAX_WEIGHTS = 128
-"""Weights that a renderer takes."""
-WIDEST_MM = 170.0
-"""Width of a face that fills the image."""
-PLACE_MM = np.array([0.0, 20.0, 60.0])
-"""Position of the middle of the face in the video, head space."""
-MOVED_BONES = np.tile(np.eye(4), (BONE_COUNT, 1, 1))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -109,6 +101,8 @@ class DriveReport:
     """Marker with the largest mean error."""
     still_mm: float | None = None
     """Mean distance for a still face."""
+    has_face: bool = False
+    """Whether the film shows a head that the driven markers move, beside the surface."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -234,9 +228,10 @@ def run_drive(job: DriveJob, drawing: Drawing) -> DriveReport:
         raise UsageError(f"markers: must have at most {MAX_WEIGHTS // 3} for a film, got {len(driven.driving)}")
     grid = _surface(job, driven.choice, driven.rest_mm)
     _write(job.output, driven, grid)
+    has_face = False
     if job.film is not None:
-        _film(job.film, grid, driven, drawing)
-    return _report(driven, len(grid.rest_mm))
+        has_face = _film(job.film, grid, driven, session.setup.points, drawing)
+    return replace(_report(driven, len(grid.rest_mm)), has_face=has_face)
 
 
 def _reference(tracks: list[MarkerTrack], skull: tuple[str, ...]) -> HeadReference:
@@ -292,67 +287,54 @@ def _surface(job: DriveJob, choice: Choice, rest_mm: Array) -> FaceGrid:
     return make_grid(choice.subset, rest_mm, job.columns)
 
 
-def _film(path: Path, grid: FaceGrid, driven: Driven, drawing: Drawing) -> None:
-    """Draw the surface with a dot on each marker, the driving ones large."""
-    check_moving(path, rate_hz=driven.rate_hz, size=drawing.size, alpha=drawing.components == 4)
-    mesh = dotted_mesh(grid, driven.rest_mm, driven.choice)
-    flat = driven.driving_mm.reshape(len(driven.driving_mm), -1)
-    with CrowdRenderer([mesh], drawing) as crowd:
-        frames = crowd.frames([Pose(row, MOVED_BONES)] for row in flat)
-        write_moving(path, map(straight, frames), rate_hz=driven.rate_hz)
+def _film(path: Path, grid: FaceGrid, driven: Driven, points: Mapping[str, str], drawing: Drawing) -> bool:
+    """Draw the surface with a dot on each marker, the driving ones large, and beside it a face, if one can be moved."""
+    profile, head = load_profile(DEFAULT_PROFILE), load_built(HeadStyle())
+    faps = face_faps(driven, points, profile, head)
+    meshes = [_dotted(grid, driven)] if faps is None else [head, _dotted(grid, driven)]
+    check_moving(path, rate_hz=driven.rate_hz, size=crowd_size(drawing, len(meshes)), alpha=drawing.components == 4)
+    poses = [Pose(row, MOVED_BONES) for row in driven.driving_mm.reshape(len(driven.driving_mm), -1)]
+    rows = [[pose] for pose in poses] if faps is None else zip(faps, poses, strict=True)
+    with open_crowd(meshes, drawing) as crowd:
+        write_moving(path, map(straight, crowd.frames(rows)), rate_hz=driven.rate_hz)
+    return faps is not None
 
 
-def dotted_mesh(grid: FaceGrid, rest_mm: Array, choice: Choice) -> FaceMesh:
-    """Make what is drawn: its weights are the coordinates of the driving markers' displacements, mm.
+def face_faps(driven: Driven, points: Mapping[str, str], standard: Profile, head: FaceMesh) -> Array | None:
+    """FAPs, (T, 68) FAPU, by which a standard face shows what was driven; None with too few points of lips and jaw.
 
     Parameters
     ----------
-    grid : FaceGrid
-        +z points out of the face.
-    rest_mm : (M, 3) mm
-        Markers, in the same space.
+    points : mapping of str to str
+        Feature points of markers that have other names.
+    standard : Profile
+        Its points move where the recording has none; ``head`` has its size.
     """
-    count, k = len(rest_mm), len(choice.subset.primary)
-    is_driving = np.isin(np.arange(count), choice.subset.primary)
-    sizes = np.where(is_driving, DOT_MM[True], DOT_MM[False])
-    if count > MAX_DOTS:
-        sizes, shown = sizes[is_driving], np.flatnonzero(is_driving)
-    else:
-        shown = np.arange(count)
-    dots = (rest_mm[shown, None] + sizes[:, None, None] * OCTAHEDRON).reshape(-1, 3)
-    vertices = np.concatenate([grid.rest_mm, dots])
-    triangles = np.concatenate(
-        [grid.triangles, (len(grid.rest_mm) + 6 * np.arange(len(shown))[:, None, None] + FACETS).reshape(-1, 3)]
-    )
-    weights = np.concatenate([grid.weights, np.repeat(choice.subset.weights[:, shown], 6, axis=1)], axis=1)
-    colours = np.repeat(np.where(is_driving[shown, None], DRIVING, DRIVEN), 6, axis=0)
-    total = len(vertices)
-    steps = weights.T[:, :, None, None] * np.eye(3)  # (N, k, axis of the marker, axis of the point)
-    scale = min(1.0, WIDEST_MM / max(float(np.ptp(grid.rest_mm[:, 0])), 1e-9))
-    return FaceMesh(
-        vertices_mm=(scale * (vertices - grid.rest_mm.mean(axis=0)) + PLACE_MM).astype(np.float32),
-        normals=vertex_normals(vertices, triangles).astype(np.float32),
-        uv=np.zeros((total, 2), np.float32),
-        albedo=np.concatenate([np.tile(SKIN, (len(grid.rest_mm), 1)), colours]).astype(np.float32),
-        material=np.full(total, Material.SKIN, np.uint8),
-        occlusion=np.ones(total, np.float32),
-        bone=np.zeros(total, np.uint8),
-        bone_weight=np.zeros(total, np.float32),
-        head_weight=np.zeros(total, np.float32),
-        triangles=triangles.astype(np.int32),
-        feature_points={},
-        jaw_pivot_mm=np.zeros(3),
-        head_pivot_mm=np.zeros(3),
-        eye_pivots_mm=np.zeros((2, 3)),
-        fapu=load_built(HeadStyle()).fapu,
-        basis=DeformationBasis(
-            channels=(Channel(3, -np.inf, np.inf),),
-            offsets=(3 * k * np.arange(total + 1)).astype(np.int32),
-            entry_channels=np.tile(np.arange(3 * k), total).astype(np.int32),
-            entry_mm=(scale * steps).reshape(-1, 3).astype(np.float32),
-            mix=np.zeros((3 * k, 1), np.float32),
-        ),
-    )
+    named = {points.get(label, label): index for index, label in enumerate(driven.labels)}
+    named = {point: index for point, index in named.items() if point in head.feature_points}
+    if sum(point in named for point in standard.space.markers) < MIN_KNOWN:
+        return None
+    ours, theirs = driven.rest_mm[[*named.values()]], np.stack([head.point_mm(point) for point in named])
+    size = float(np.linalg.norm(theirs - theirs.mean(axis=0)) / np.linalg.norm(ours - ours.mean(axis=0)))
+    faps = recorded_faps({point: size * driven.driven_mm[:, index] for point, index in named.items()}, standard)
+    return close_lips(faps, np.arange(len(faps)) / driven.rate_hz, [])
+
+
+def _dotted(grid: FaceGrid, driven: Driven) -> FaceMesh:
+    """Make what is drawn: its weights are the coordinates of the driving markers' displacements, mm."""
+    count, weights = len(driven.rest_mm), driven.choice.subset.weights
+    is_driving = np.isin(np.arange(count), driven.choice.subset.primary)
+    shown = np.flatnonzero(is_driving | (count <= MAX_DOTS))
+    scale, shift = fitting(grid.rest_mm)
+
+    def moves(weights: Array) -> Array:
+        """(3k, N, 3): of each marker and axis."""
+        return np.asarray(scale * np.einsum("kn,ab->kanb", weights, np.eye(3)).reshape(-1, weights.shape[1], 3))
+
+    return dotted_mesh(
+        (scale * grid.rest_mm + shift, moves(grid.weights)), grid.triangles,
+        (scale * driven.rest_mm[shown] + shift, moves(weights[:, shown])), is_driving[shown],
+    )  # fmt: skip
 
 
 def _write(path: Path, driven: Driven, grid: FaceGrid) -> None:

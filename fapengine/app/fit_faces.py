@@ -5,19 +5,17 @@ from pathlib import Path
 
 import numpy as np
 
-from fapengine.app.drive_grid import MOVED_BONES, dotted_mesh
+from fapengine.app.dotted import MOVED_BONES, dotted_mesh, fitting
 from fapengine.app.inspection.faces import PICTURE_PX, draw_mouths, faps_of_weights
 from fapengine.files.heads.built import load_built
 from fapengine.files.pictures import Picture, contact_sheet
 from fapengine.laboratory.dense_face import DenseFace, make_dense_head, mode_names, moved_by_modes
 from fapengine.laboratory.densify import DenseStudy
-from fapengine.laboratory.few_markers import Choice, FaceGrid
 from fapengine.laboratory.fit import Fitted
 from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.deform import Pose
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mesh.rig.blendshape_basis import ROW_FAPU
-from fapengine.models.subset import MarkerSubset
 from fapengine.render.drawing import Drawing
 from fapengine.render.renderer import CrowdRenderer, FaceRenderer
 
@@ -79,10 +77,11 @@ def _dense(face: DenseFace) -> tuple[FaceMesh, Picture]:
 def _registration(study: DenseStudy) -> Picture:
     pictures: list[Picture] = []
     for _, surface, markers_mm in study.registration:
-        grid = FaceGrid(surface.vertices_mm, surface.triangles, np.zeros((1, len(surface.vertices_mm))))
-        nothing = MarkerSubset(np.zeros(1, np.intp), np.zeros((1, len(markers_mm))), 0.0)
-        with CrowdRenderer([dotted_mesh(grid, markers_mm, Choice(nothing, ""))], FACE) as crowd:
-            pictures += crowd.frames([[Pose(np.zeros(3), MOVED_BONES)]])
+        scale, shift = fitting(surface.vertices_mm)
+        still = [(scale * places + shift, np.zeros((1, *places.shape))) for places in (surface.vertices_mm, markers_mm)]
+        mesh = dotted_mesh(still[0], surface.triangles, still[1], np.zeros(len(markers_mm), bool))
+        with CrowdRenderer([mesh], FACE) as crowd:
+            pictures += crowd.frames([[Pose(np.zeros(1), MOVED_BONES)]])
     return contact_sheet(pictures, [(Path(name).stem, name.partition(", ")[2]) for name, _, _ in study.registration])
 
 

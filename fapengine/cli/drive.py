@@ -28,7 +28,10 @@ def drive(
     ),
     output: Path = typer.Option(..., "--output", "-o", help="Motion of all markers, weights and surface (.npz)."),
     film: Path | None = typer.Option(
-        None, "--film", help="Video of the surface with the markers as dots (.mp4, .gif ...)."
+        None,
+        "--film",
+        help="Video of the surface with the markers as dots (.mp4, .gif ...), beside a head that moves likewise if"
+        " 10 of the 14 points of lips, chin and cheeks are recorded.",
     ),
     skull: str | None = typer.Option(
         None,
@@ -88,7 +91,8 @@ def drive(
             f"driven markers: mean {report.mean_mm:.3f} mm, 95 % within {report.p95_mm:.2f}, largest"
             f" {report.largest_mm:.2f}, worst {report.worst}; a still face {report.still_mm:.3f}"
         )
-    print_result(asdict(report), *lines, f"{output}" + (f", {film}" if film else ""), as_json=as_json)
+    shown = "a head, and the surface with its markers" if report.has_face else "the surface with its markers"
+    print_result(asdict(report), *lines, f"{output}" + (f", {film} ({shown})" if film else ""), as_json=as_json)
 
 
 def _values(option: str, texts: list[str], unit: str = "") -> dict[str, float]:

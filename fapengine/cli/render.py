@@ -61,6 +61,9 @@ def render(
     still_head: Annotated[
         bool, typer.Option("--no-head-motion", help="For marker recordings: leave out the head motion.")
     ] = False,
+    with_markers: Annotated[
+        bool, typer.Option("--with-markers", help="For marker recordings: show the markers beside each face.")
+    ] = False,
     strict: shared.Strict = False,
     as_json: shared.AsJson = False,
     writing: shared.WriteOptions = shared.WriteOptions(),
@@ -71,7 +74,7 @@ def render(
     fapengine render talk.fap --turntable 4 --wireframe -o out/turn.webp
     fapengine render talk.fap --contact-sheet 12 -o out/sheet.png
     fapengine render ours.fap theirs.fap -o out/both.mp4
-    fapengine render take.c3d --head profiles/s03 -o out/dense.mp4
+    fapengine render take.c3d --head profiles/s03 --with-markers -o out/dense.mp4
     """
     import numpy as np
 
@@ -105,7 +108,9 @@ def render(
     rows: NDArray[np.int32] | list[list[Pose]]
     done: tuple[dict[str, float], str]
     if any(is_take(path) for path in track):
-        rate_hz, meshes, rows, notes = takes_on_heads(track, head, way=way, still_head=still_head)
+        rate_hz, meshes, rows, notes = takes_on_heads(
+            track, head, way=way, still_head=still_head, with_markers=with_markers
+        )
         remarks = list(notes)
     else:
         moving = {path: load_motion(path, strict=strict) for path in track}
@@ -120,7 +125,7 @@ def render(
         chosen = shown_at(np.arange(count) / fps, len(rows), rate_hz)
         rate_hz, rows = fps, [rows[index] for index in chosen] if isinstance(rows, list) else rows[chosen]
     if not is_one:
-        check_moving(output, rate_hz=rate_hz, size=crowd_size(how, faces), alpha=how.components == 4)
+        check_moving(output, rate_hz=rate_hz, size=crowd_size(how, len(meshes)), alpha=how.components == 4)
     sound = load_sound(audio, spoken_s=len(rows) / rate_hz) if audio else None
     last_s = (len(rows) - 1) / rate_hz
     with open_crowd(meshes, how) as crowd:

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import RBFInterpolator
 from scipy.spatial import cKDTree
 
 from fapengine._arrays import Array, Indices, Mask
@@ -19,7 +18,7 @@ from fapengine.geometry.rigid import fit_rigid
 from fapengine.laboratory.marker_driver import HeadReference
 from fapengine.models.missing import fit_gaps
 from fapengine.models.subset import MarkerSubset, factorise_gram, fit_weights, gram, search_swaps, select
-from fapengine.models.subset_study import error_curve, interpolate_regions
+from fapengine.models.subset_study import error_curve, interpolate_flat, interpolate_regions
 
 MAX_K = 15
 PIECES, FOLDS = 12, 6
@@ -204,9 +203,7 @@ def make_grid(subset: MarkerSubset, rest_mm: Array, columns: int) -> FaceGrid:
     rows = max(2, round(columns * (high[1] - low[1]) / max(high[0] - low[0], 1e-9)))
     across, along = np.meshgrid(np.linspace(low[0], high[0], columns), np.linspace(low[1], high[1], rows))
     flat = np.stack([across.ravel(), along.ravel()], axis=1)
-    _, one = np.unique(np.round(rest_mm[:, :2], 3), axis=0, return_index=True)  # two markers may have one position
-    height = RBFInterpolator(rest_mm[one, :2], rest_mm[one, 2], kernel="cubic", degree=1)(flat)
-    places = np.column_stack([flat, height])
+    places = np.column_stack([flat, interpolate_flat(rest_mm[:, :2], rest_mm[:, 2:], flat)])
     regions = interpolate_regions(subset, rest_mm, places)
     at = np.arange(len(places)).reshape(rows, columns)
     quads = np.stack([at[:-1, :-1], at[:-1, 1:], at[1:, 1:], at[1:, :-1]], axis=-1).reshape(-1, 4)

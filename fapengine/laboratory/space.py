@@ -150,10 +150,25 @@ def _inner_lips(space: VisemeSpace, standard: VisemeSpace) -> dict[str, Array]:
     missing = [point for point in INNER_LIPS if point not in space.points]
     if len(known) < MIN_KNOWN:
         return {}
-    ours, theirs = (each.modes_mm[:, [each.points.index(point) for point in known]] for each in (space, standard))
-    weights = np.linalg.lstsq(theirs.reshape(standard.mode_count, -1).T, ours.reshape(space.mode_count, -1).T)[0].T
-    moved = standard.to_points_mm(weights)
-    return {point: moved[:, standard.points.index(point)] for point in missing}
+    moved = _followed({point: space.modes_mm[:, space.points.index(point)] for point in known}, standard)
+    return {point: moved[point] for point in missing}
+
+
+def _followed(known: Mapping[str, Array], standard: VisemeSpace) -> dict[str, Array]:
+    """How all points of a space move, (N, 3) mm, when some do: by the nearest of its faces."""
+    theirs = standard.modes_mm[:, [standard.points.index(point) for point in known]].reshape(standard.mode_count, -1)
+    ours = np.stack([*known.values()], axis=1).reshape(-1, theirs.shape[1])
+    moved = standard.to_points_mm(np.linalg.lstsq(theirs.T, ours.T)[0].T)
+    return dict(zip(standard.points, np.moveaxis(moved, 1, 0), strict=True))
+
+
+def recorded_faps(moved_mm: Mapping[str, Array], standard: Profile) -> Array:
+    """FAPs, (T, 68) FAPU, of feature points that moved by (T, 3) mm, on a face of the size of a profile's.
+
+    Points of the mouth and cheeks that are not among them move as the profile's do with the others.
+    """
+    known = {point: moved for point, moved in moved_mm.items() if point in standard.space.points}
+    return faps_of_displacements(_followed(known, standard.space) | {**moved_mm}, standard.fapu)
 
 
 def _complete(space: VisemeSpace, inferred: Mapping[str, Array], where: str) -> tuple[VisemeSpace, dict[str, str]]:

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.cluster.hierarchy import fclusterdata
 from scipy.interpolate import RBFInterpolator
 from scipy.spatial import Delaunay
 
@@ -23,8 +24,9 @@ from fapengine._arrays import Array, Mask, freeze, frozen
 from fapengine.errors import UsageError
 from fapengine.models.subset import MarkerSubset, checked_basis, factorise_gram, gram, select
 
-SAME_PLACE_DIGITS = 3
-"""Digits of a millimetre to which markers at one place agree, such as those of lips that are shut."""
+SAME_PLACE_MM = 1.0
+"""Distance in the frontal plane within which markers count by their means: those of lips that are shut are at one place
+and move against each other, and no smooth function goes through both."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,15 +61,19 @@ def interpolate_regions(subset: MarkerSubset, markers_mm: ArrayLike, points_mm: 
     count = subset.weights.shape[1]
     markers = frozen(markers_mm, "markers_mm", (count, 3), np.float64)
     points = frozen(points_mm, "points_mm", ("N", 3), np.float64)
-    _, first, at = np.unique(markers[:, :2].round(SAME_PLACE_DIGITS), axis=0, return_index=True, return_inverse=True)
-    flat = markers[first, :2]
-    if len(flat) < 4:
-        raise UsageError(f"markers_mm: needs at least 4 markers, got {count} at {len(flat)} places")
-    own = np.zeros((len(flat), len(subset.weights)))
-    np.add.at(own, at, subset.weights.T)
-    own /= np.bincount(at)[:, None]
-    weights = RBFInterpolator(flat, own, kernel="cubic", degree=1)(points[:, :2])
-    return KinematicRegions(weights.T, Delaunay(flat).find_simplex(points[:, :2]) >= 0)
+    weights = interpolate_flat(markers[:, :2], subset.weights.T, points[:, :2])
+    return KinematicRegions(weights.T, Delaunay(markers[:, :2]).find_simplex(points[:, :2]) >= 0)
+
+
+def interpolate_flat(markers_mm: Array, values: Array, points_mm: Array) -> Array:
+    """Interpolate values of markers, (M, C) at (M, 2) mm, by cubic radial functions: (N, 2) mm -> (N, C)."""
+    place = fclusterdata(markers_mm, SAME_PLACE_MM, criterion="distance", method="complete") - 1
+    means = np.zeros((place.max() + 1, 2 + values.shape[1]))
+    np.add.at(means, place, np.hstack([markers_mm, values]))
+    means /= np.bincount(place)[:, None]
+    if len(means) < 4:
+        raise UsageError(f"markers_mm: needs at least 4 markers, got {len(markers_mm)} at {len(means)} places")
+    return np.asarray(RBFInterpolator(means[:, :2], means[:, 2:], kernel="cubic", degree=1)(points_mm))
 
 
 RIDGE = 1e-6

@@ -256,7 +256,7 @@ class CrowdRenderer(Renderer):
 
         Parameters
         ----------
-        faps : (faces, 68) array_like, FAPU, or one Pose per face
+        faps : (faces, 68) array_like, FAPU, or for each face a Pose or its (68,) FAPU
 
         Returns
         -------
@@ -270,11 +270,11 @@ class CrowdRenderer(Renderer):
         """
         return next(self.frames([faps]))
 
-    def frames(self, faps: Iterable[ArrayLike | Sequence[Pose]]) -> Iterator[Picture]:
+    def frames(self, faps: Iterable[ArrayLike | Sequence[Pose | Array]]) -> Iterator[Picture]:
         """Draw frames one after the other; see :meth:`draw`. Each image is read while the next is drawn."""
         return self._canvas.frames(partial(self._draw, frame) for frame in faps)
 
-    def _draw(self, faps: ArrayLike | Sequence[Pose]) -> None:
+    def _draw(self, faps: ArrayLike | Sequence[Pose | Array]) -> None:
         self._canvas.begin()
         tiles = zip(self.meshes, self.cameras, self._uniforms(faps), strict=True)
         for number, (mesh, camera, uniforms) in enumerate(tiles):
@@ -282,13 +282,17 @@ class CrowdRenderer(Renderer):
             self._context.viewport = (*self.corner(number), *tile.size)
             self._models[id(mesh)].draw(uniforms, tile, draw_behind=self._backdrop.draw)
 
-    def _uniforms(self, faps: ArrayLike | Sequence[Pose]) -> list[FrameUniforms]:
+    def _uniforms(self, faps: ArrayLike | Sequence[Pose | Array]) -> list[FrameUniforms]:
         """Return the uniforms of each face; those of all faces of one mesh are computed at once."""
-        poses = [pose for pose in faps if isinstance(pose, Pose)] if isinstance(faps, Sequence) else []
-        if poses:
-            if len(poses) != len(self.meshes):
-                raise UsageError(f"poses: got {len(poses)}, expected {len(self.meshes)}, one per face")
-            return [pose_uniforms(mesh, pose) for mesh, pose in zip(self.meshes, poses, strict=True)]
+        if isinstance(faps, Sequence) and any(isinstance(each, Pose) for each in faps):
+            if len(faps) != len(self.meshes):
+                raise UsageError(f"poses: got {len(faps)}, expected {len(self.meshes)}, one per face")
+            return [
+                pose_uniforms(mesh, each)
+                if isinstance(each, Pose)
+                else frame_uniforms(mesh, with_rest(each, self.drawing.rest))
+                for mesh, each in zip(self.meshes, faps, strict=True)
+            ]
         values = np.asarray(faps, dtype=np.float64)
         if values.shape[:1] != (len(self.meshes),):
             raise UsageError(f"faps: got shape {values.shape}, expected ({len(self.meshes)}, 68)")

@@ -56,7 +56,7 @@ def draw_feature_points(head: FaceMesh) -> Picture:
     for pose, view in zip(poses, VIEWS, strict=True):
         for number, value in view.faps:
             pose[fap.column(number)] = value
-    with CrowdRenderer([head] * len(VIEWS), Drawing(size=(SIDE, SIDE)), columns=2) as crowd:
+    with CrowdRenderer([head] * len(VIEWS), Drawing(size=(SIDE, SIDE), rest=0.0), columns=2) as crowd:
         crowd.cameras = [view.camera for view in VIEWS]
         sheet = Image.new("RGB", (2 * SIDE, 2 * SIDE + TITLE_PX), PAPER)
         sheet.paste(Image.fromarray(np.ascontiguousarray(crowd.draw(poses)[..., :3])), (0, TITLE_PX))
@@ -82,7 +82,7 @@ def _name_points(
     matrix = view.camera.clip_from_world(1.0)
     clip = np.stack([*places.values()]) @ matrix[:, :3].T + matrix[:, 3]
     dots = (clip[:, :2] / clip[:, 3:] * 0.5 + 0.5) * SIDE
-    shown = ((dots > 0) & (dots < SIDE)).all(axis=1)
+    shown = np.all((dots > 0) & (dots < SIDE), axis=1)
     names, dots = [name for name, is_shown in zip(places, shown, strict=True) if is_shown], corner + dots[shown]
     taken = [_box(x, y, DOT_PX, DOT_PX) for x, y in dots]
     moved = {row.point for row in fap.FAPS}
@@ -113,7 +113,7 @@ def _box(x: float, y: float, wide: float, high: float) -> tuple[float, float, fl
 
 
 def _is_in(box: tuple[float, ...], corner: np.ndarray) -> bool:
-    return corner[0] <= box[0] and corner[1] <= box[1] and box[2] <= corner[0] + SIDE and box[3] <= corner[1] + SIDE
+    return bool((box[:2] >= corner).all() and (box[2:] <= corner + SIDE).all())
 
 
 def _overlap(one: tuple[float, ...], other: tuple[float, ...]) -> bool:

@@ -9,10 +9,14 @@ import trimesh
 from typer.testing import CliRunner
 
 from fapengine import lab
+from fapengine.app.drive_grid import face_faps
 from fapengine.capture.marker_track import MarkerTrack
 from fapengine.cli.main import app
 from fapengine.errors import DataError, UsageError
+from fapengine.files.heads.load import load_head
+from fapengine.files.profiles import load_profile
 from fapengine.files.recordings import load_markers, save_markers
+from fapengine.mpeg4 import fap
 from tests.videos import load_video
 
 RATE_HZ = 50.0
@@ -136,6 +140,31 @@ def test_a_session_drives_and_its_markers_are_edited(talk, tmp_path):
     ):  # fmt: skip
         with pytest.raises(UsageError, match=message):
             run(*words, option, text)
+
+
+def test_a_head_shows_what_was_driven(tmp_path):
+    """Feature points move a head beside the surface; the marker of the jaw opens its mouth by as much."""
+    head, folder = load_head("default"), tmp_path / "S"
+    folder.mkdir()
+    points = load_profile("grid_s1_en").space.markers
+    rest = 0.9 * np.array([head.point_mm(point) for point in points])
+    lower = np.isin(points, ("2.1", "2.10", "8.2", "8.7", "8.8"))
+    open_mm = 12 * np.sin(np.arange(40) / 10) ** 2
+    moved = rest - 0.9 * (open_mm[:, None] * lower)[..., None] * np.array([0.0, 1.0, 0.0])
+    labels = tuple(f"m{index}" for index in range(len(points)))
+    save_markers(folder / "t.npz", MarkerTrack(positions_mm=moved, labels=labels, rate_hz=RATE_HZ))
+    named = "\n".join(f'{label} = "{point}"' for label, point in zip(labels, points, strict=True))
+    (folder / "session.toml").write_text(f"[points]\n{named}\n")
+    jaw = labels[points.index("2.1")]
+    words = ("drive", folder, "--markers", jaw, "-o", tmp_path / "out.npz", "--film", tmp_path / "film.mp4")
+    assert "(a head, and the surface with its markers)" in run(*words, "--size", "64x64")
+    assert load_video(tmp_path / "film.mp4").frames.shape == (10, 64, 128, 3)
+    session = lab.read(folder)
+    driven = lab.drive(session, options=lab.DriveOptions(markers=(jaw,)))
+    faps = face_faps(driven, session.setup.points, load_profile("grid_s1_en"), head)
+    opened = faps[:, fap.column(3)] * load_profile("grid_s1_en").fapu.mns0_mm / 1024
+    np.testing.assert_allclose(opened, open_mm[30:], atol=0.1)
+    assert face_faps(driven, {}, load_profile("grid_s1_en"), head) is None
 
 
 def test_what_cannot_drive_is_told(talk, tmp_path):

@@ -10,6 +10,7 @@ import pytest
 import trimesh
 from typer.testing import CliRunner
 
+from fapengine.app.dense_film import drive, sparse_mesh
 from fapengine.cli.main import app
 from fapengine.errors import DataError, ProfileError, UsageError
 from fapengine.files.gltf.document import JSON_CHUNK, parse_gltf, split_glb
@@ -137,6 +138,28 @@ def test_a_take_becomes_a_film(made, head, take, tmp_path):
     assert np.abs(by_modes - turned).mean() < 0.2  # two ways to one face
     assert np.abs(before - still)[60:85, 30:65].mean() > 0.3  # so has the mouth
     run("render", take, take, "--head", head, "--contact-sheet", "2", "-o", tmp_path / "sheet.png", *SMALL)
+
+
+def test_the_markers_are_shown_beside_the_face(head, take, tmp_path):
+    words = ("render", take, "--head", head, "-o", tmp_path / "one.png", "--at", "0.28", "--no-head-motion", *SMALL)
+    run(*words)
+    alone = load_picture(tmp_path / "one.png")
+    run(*words, "--with-markers")
+    both = load_picture(tmp_path / "one.png")
+    assert both.shape == (96, 192, 3)
+    np.testing.assert_array_equal(both[:, 96:], alone)
+    rig = load_head_of_modes(str(head))[1]
+    driven = drive(take, rig)
+    mesh, weights = sparse_mesh(rig, driven)
+    places = rig.scale * driven.markers_mm @ rig.axes.T + rig.origin_mm
+    for frame, row in enumerate(weights):
+        shown = mesh.vertices_mm + mesh.basis.displacement(row)
+        np.testing.assert_allclose(shown[: places.shape[1]], places[frame], atol=1e-3)
+    assert {"8.1", "8.2"} <= set(rig.driver.labels)
+    rims = [rig.driver.labels.index(point) for point in ("8.1", "8.2")]
+    facets = mesh.triangles[(mesh.triangles < places.shape[1]).all(axis=1)]
+    assert len(facets) > 20
+    assert not np.isin(facets, rims[0])[np.isin(facets, rims[1]).any(axis=1)].any()  # none bridges the mouth
 
 
 def test_a_take_goes_into_gltf_as_weights_of_the_modes(made, head, take, tmp_path):

@@ -36,6 +36,17 @@ def test_markers_at_one_place_count_by_their_mean():
     np.testing.assert_allclose(regions.weights, expected, atol=1e-9)
 
 
+def test_lips_that_are_shut_leave_no_spikes():
+    """Two rims nearly at one place that move against each other: a function through both leaves all bounds."""
+    markers = np.vstack([GRID, GRID[10] + [0.0, 0.05, 0.0], GRID[10] - [0.0, 0.05, 0.0]])
+    weights = np.column_stack([subset().weights, [1.0, 0.0], [-1.0, 0.0]])
+    points = np.stack(
+        [*map(np.ravel, np.meshgrid(np.linspace(-50, 50, 40), np.linspace(-60, 60, 40))), np.zeros(1600)], 1
+    )
+    found = interpolate_regions(MarkerSubset(np.array([10, 40]), weights, 0.0), markers, points).weights
+    assert np.abs(found).max() < 1.5 * np.abs(weights).max()
+
+
 def test_negative_regions_and_the_hull():
     points = np.array([GRID[10] + [3, 3, 20], [45.0, 55, 0], [-45, 55, 0], [200, 0, 0]])
     regions = interpolate_regions(subset(), GRID, points)
