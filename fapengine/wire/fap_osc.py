@@ -46,6 +46,9 @@ _HEAD_TAGS = "sihb"
 _NUMBERS = 2**31 - 1
 """Largest frame number, after which they wrap around: 414 days at 60 Hz."""
 _WIDTHS = np.array([VISEME_WIDTH, EXPRESSION_WIDTH] + [1] * (fap.FAP_COUNT - 2))
+_LOW_LEVEL = fap.FAP_COUNT - fap.column(3)
+"""Number of low-level FAPs."""
+_LOW_LEVEL_MASK = np.packbits(np.arange(fap.FAP_COUNT) >= fap.column(3)).tobytes()
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -123,7 +126,7 @@ def encode_track(track: FapTrack, *, session: str, start_us: int = 0, first_numb
 
 
 class SessionFrames:
-    """Encoder of ``/fap/1/frame`` messages for many sessions at once, numbered from 0 in every session.
+    """Encoder of ``/fap/1/frame`` messages with all low-level FAPs of many sessions, numbered from 0 in every session.
 
     Stateful.
 
@@ -131,26 +134,11 @@ class SessionFrames:
 
     Parameters
     ----------
-    numbers : sequence of int
-        Low-level FAPs to send, 3..68; all by default.
     epochs : mapping of str to int, optional
         Epochs of the sessions; may change. By default none is sent.
-
-    Raises
-    ------
-    UsageError
-        If a number is not in 3..68.
     """
 
-    def __init__(
-        self, numbers: Sequence[int] = tuple(range(3, fap.FAP_COUNT + 1)), epochs: Mapping[str, int] | None = None
-    ) -> None:
-        if not numbers or not all(3 <= number <= fap.FAP_COUNT for number in numbers):
-            raise UsageError(f"numbers: got {list(numbers)!r:.60}, expected FAPs of 3 to {fap.FAP_COUNT}")
-        mask = np.zeros(fap.FAP_COUNT, np.bool_)
-        mask[[fap.column(number) for number in numbers]] = True
-        self._columns = np.flatnonzero(mask)
-        self._mask = np.packbits(mask).tobytes()
+    def __init__(self, epochs: Mapping[str, int] | None = None) -> None:
         self._epochs = epochs
         self._sessions: tuple[str, ...] = ()
         self._heads: list[bytes] = []
@@ -183,8 +171,8 @@ class SessionFrames:
             self._heads = [self._head_of(session) for session in sessions]
             self._next = [numbers.get(session, 0) for session in sessions]
             self._sessions = sessions
-        width, values = 4 * len(self._columns), faps[:, self._columns].astype(">i4").tobytes()
-        mask, pack = self._mask, _FIXED.pack
+        width, values = 4 * _LOW_LEVEL, faps[:, -_LOW_LEVEL:].astype(">i4").tobytes()
+        mask, pack = _LOW_LEVEL_MASK, _FIXED.pack
         views = [
             head + pack(number & _NUMBERS, time_us, MASK_BYTES, mask) + values[row * width : (row + 1) * width]
             for row, (head, number) in enumerate(zip(self._heads, self._next, strict=True))
@@ -196,7 +184,7 @@ class SessionFrames:
         return views
 
     def _head_of(self, session: str) -> bytes:
-        return _head(session, len(self._columns), has_epoch=self._epochs is not None)
+        return _head(session, _LOW_LEVEL, has_epoch=self._epochs is not None)
 
 
 def decode_frame(data: bytes) -> FapFrame:
