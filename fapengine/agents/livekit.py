@@ -81,9 +81,7 @@ class FaceGenerator(avatar.VideoGenerator):  # type: ignore[misc, unused-ignore]
                 yield rtc.AudioFrame(data, sound.rate_hz, 1, len(sound.samples))
             picture = await self.face.picture(frame.faps)
             yield rtc.VideoFrame(*self._size, rtc.VideoBufferType.RGB24, picture)
-            self._ends_s.extend(
-                now_s + self.face.unplayed_s(now_s) for event in events if event.kind == "finished"
-            )  # fmt: skip
+            self._ends_s.extend(now_s + self.face.unplayed_s(now_s) for event in events if event.kind == "finished")
             while self._ends_s and self._ends_s[0] <= time.monotonic():
                 self._ends_s.popleft()
                 yield avatar.AudioSegmentEnd()

@@ -175,9 +175,7 @@ def check_output(path: Path, options: SaveOptions, *, rate_hz: float) -> OutputK
         if sets := " or ".join(f"shapes={name}" for name in kind.shapes if name):
             raise UsageError(f"shapes: got {options.shapes or 'none'} for {path.name}, expected {sets}")
         endings = ", ".join(row.ending for row in OUTPUT_KINDS if options.shapes in row.shapes)
-        raise UsageError(
-            f"path: got {path}, expected a name that ends with {endings} for shapes={options.shapes}"
-        )  # fmt: skip
+        raise UsageError(f"path: got {path}, expected a name that ends with {endings} for shapes={options.shapes}")
     if options.into is None:
         if kind.takes_avatar:
             raise UsageError(f"into: missing; {path} needs an avatar (into=AVATAR.glb)")

@@ -42,9 +42,7 @@ def outputs_of(
     return moving_files(path) if kind.is_image else [path], companions
 
 
-def _companions(
-    path: Path, kind: OutputKind, *, sound: bool, inputs: Collection[Path], recording: bool
-) -> list[Path]:  # fmt: skip
+def _companions(path: Path, kind: OutputKind, *, sound: bool, inputs: Collection[Path], recording: bool) -> list[Path]:
     """List the files beside an output; a recording of the user is not written over, nor copied for mouth shapes."""
     if is_standard(path):
         return []

@@ -186,9 +186,7 @@ def _complete_voice(incomplete: str) -> list[tuple[str, str]]:
 
 def _option(field: "Field[Any]") -> inspect.Parameter:
     default = field.default if field.default_factory is MISSING else field.default_factory()
-    return inspect.Parameter(
-        field.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=field.type
-    )  # fmt: skip
+    return inspect.Parameter(field.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=field.type)
 
 
 def flags_of(context: typer.Context) -> dict[str, str]:

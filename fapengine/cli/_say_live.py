@@ -48,9 +48,7 @@ def listen_now(
     )
 
 
-def _screen(
-    phones: PhoneTrack | None, manner: Manner, *, head: str, drawing: Drawing, window: bool | None
-) -> Screen:  # fmt: skip
+def _screen(phones: PhoneTrack | None, manner: Manner, *, head: str, drawing: Drawing, window: bool | None) -> Screen:
     if has_display() if window is None else window:
         try:
             return WindowScreen(head, drawing=drawing, rate_hz=manner.rate_hz)

@@ -211,9 +211,7 @@ class Client(Connection, GestureMethods):
                 self._sender.append(utterance, spoken)
             return utterance
 
-    def _pronounced(
-        self, words: list[tuple[str, float, float]], voice: "str | VoiceChoice | Voice"
-    ) -> list[Phone]:  # fmt: skip
+    def _pronounced(self, words: list[tuple[str, float, float]], voice: "str | VoiceChoice | Voice") -> list[Phone]:
         from fapengine.voices.choice import VoiceChoice, loaded
         from fapengine.voices.pronounce import Pronouncer
 

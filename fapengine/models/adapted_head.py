@@ -120,9 +120,8 @@ def adapt_head(
         points: Array, triangles: Indices, head: HeadParts, feature_points: dict[str, int]
     ) -> tuple[Array, HeadParts]:
         names = [
-            name for name in feature_points
-            if name in points_mm and name.startswith(GROUPS) and name not in BESIDE_SKIN
-        ]  # fmt: skip
+            name for name in feature_points if name in points_mm and name.startswith(GROUPS) and name not in BESIDE_SKIN
+        ]
         goals = {name: np.asarray(points_mm[name], np.float64) for name in names}
         fit = _Fit(scan, points, triangles, head, feature_points, names)
         moved = fit.laid(goals)

@@ -367,11 +367,9 @@ def timed_marks(marked: MarkedText, words: Sequence[tuple[str, float, float]], e
     lasting = [at_s for at_s, act in timed if isinstance(act, Feel) and not act.is_brief]
     until = dict(pairwise([*lasting, max(end_s, last_s)]))
     return [
-        TimedMark(
-            at_s, act, until.get(at_s, at_s) if isinstance(act, Feel) and not act.is_brief else at_s + BRIEF_S
-        )
+        TimedMark(at_s, act, until.get(at_s, at_s) if isinstance(act, Feel) and not act.is_brief else at_s + BRIEF_S)
         for at_s, act in timed
-    ]  # fmt: skip
+    ]
 
 
 def with_loudness(phones: Sequence[Phone], marks: Iterable[TimedMark]) -> tuple[Phone, ...]:

@@ -61,9 +61,7 @@ class Style:
             if not 0 <= getattr(self, name) <= MAX_GAIN:
                 raise UsageError(f"{name}: must be 0 to {MAX_GAIN:g}, got {getattr(self, name)}")
         if not LOUDNESS_DB[0] <= self.loudness_db <= LOUDNESS_DB[1]:
-            raise UsageError(
-                f"loudness_db: must be {LOUDNESS_DB[0]:g} to {LOUDNESS_DB[1]:g}, got {self.loudness_db}"
-            )  # fmt: skip
+            raise UsageError(f"loudness_db: must be {LOUDNESS_DB[0]:g} to {LOUDNESS_DB[1]:g}, got {self.loudness_db}")
         parse_method(self.method)
 
     @classmethod

@@ -36,9 +36,7 @@ def _is_stream(source: Source) -> bool:
 
 def _stream(source: Source) -> Report:
     """Describe a stream; damage is reported, not an error."""
-    facts = describe_stream(
-        load_fba(source.path, errors="resync", with_costs=True), len(read_stream(source.path))
-    )  # fmt: skip
+    facts = describe_stream(load_fba(source.path, errors="resync", with_costs=True), len(read_stream(source.path)))
     planes: Sequence[dict[str, Any]] = facts["planes"]
     costs: dict[int, float] = facts["fap_bits"]
     level, longest = facts["level"], max(plane["bits"] for plane in planes)
@@ -150,9 +148,7 @@ def _motion(source: Source, what: str) -> Report:
         *_high_level_lines(facts),
         Table(rows=lines, shown=FAPS_SHOWN, more="  ... and {} more (--all)"),
     ]
-    return Report(
-        facts=facts, text=text, plot=lambda: _opening(track, facts["seconds"]), warnings=facts["remarks"]
-    )  # fmt: skip
+    return Report(facts=facts, text=text, plot=lambda: _opening(track, facts["seconds"]), warnings=facts["remarks"])
 
 
 def describe_track(track: FapTrack) -> dict[str, Any]:

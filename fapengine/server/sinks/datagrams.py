@@ -82,9 +82,7 @@ class DatagramSink:
     With ``waits_for`` it sends nothing before that session's first frame.
     """
 
-    def __init__(
-        self, hub: Hub, address: SinkAddress, encoder: FrameEncoder, *, waits_for: str | None = None
-    ) -> None:  # fmt: skip
+    def __init__(self, hub: Hub, address: SinkAddress, encoder: FrameEncoder, *, waits_for: str | None = None) -> None:
         self.address, self.counts = address, SinkCounts()
         self._encoder = encoder
         self._post = Post(address.host, address.port)

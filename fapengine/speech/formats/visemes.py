@@ -52,9 +52,7 @@ class TimedViseme(NamedTuple):
     end_s: float
 
 
-def visemes_of_phones(
-    track: PhoneTrack, shapes: str, *, duration_s: float | None = None
-) -> list[TimedViseme]:  # fmt: skip
+def visemes_of_phones(track: PhoneTrack, shapes: str, *, duration_s: float | None = None) -> list[TimedViseme]:
     """List the visemes that show phones, from 0 to the end without a gap; neighbours differ.
 
     Parameters
