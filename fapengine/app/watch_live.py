@@ -160,9 +160,8 @@ class Eyes:
                 self.counts.late += self._newest is not None
                 self._newest = self._clock(), picture
                 self._lock.notify_all()
-                self._lock.wait_for(
-                    lambda: self.counts.pictures > 0 or self._is_over or self._left
-                )  # the detector starts within a second
+                # the detector starts within a second
+                self._lock.wait_for(lambda: self.counts.pictures > 0 or self._is_over or self._left)
 
     def _look(self) -> None:
         with self._open_detector() as detector:

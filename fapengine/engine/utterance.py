@@ -248,9 +248,8 @@ class Utterance:
         if not order or known[-1] - known[first] == len(known) - 1 - first:
             return None
         between = bisect_right(range(first, len(known)), known[first] - first, key=lambda place: known[place] - place)
-        place = bisect_left(
-            order, known[first + between]
-        )  # beside it there may be others than phones, after a revision
+        # beside it there may be others than phones, after a revision
+        place = bisect_left(order, known[first + between])
         before, after = order[place - 1], order[place]
         return self.phones[before], self.phones[after], range(before + 1, after)
 

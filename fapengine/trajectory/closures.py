@@ -175,9 +175,8 @@ def settle(faps: Array, held: Array) -> Array:
         lower = lower + teeth * (short - beyond)
         opening = -(upper + lower)
         parting = soft_positive(opening, SOFTNESS_FAPU)
-        near = (
-            NEAR_SHARE * free * (1.0 - smoothstep(parting / (scale * NEAR_FAPU)))
-        )  # as far as nothing holds them open
+        # as far as nothing holds them open
+        near = NEAR_SHARE * free * (1.0 - smoothstep(parting / (scale * NEAR_FAPU)))
         change = opening - (1.0 - lips) * ((1.0 - near) * parting)
         share = LOWER_SHARE * (1.0 - teeth)
         upper, lower = upper + (1.0 - share) * change, lower + share * change

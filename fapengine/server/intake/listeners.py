@@ -129,9 +129,8 @@ class Stream(Guarded, asyncio.Protocol):
             self._ingress.counts.streams_refused += 1
             cast("asyncio.Transport", transport).abort()
             return
-        cast("asyncio.Transport", transport).set_write_buffer_limits(
-            2 * UNREAD_BYTES
-        )  # never reached: replies that are unread are dropped
+        # never reached: replies that are unread are dropped
+        cast("asyncio.Transport", transport).set_write_buffer_limits(2 * UNREAD_BYTES)
         self._streams.add(self)
         self._ingress.counts.streams += 1
         self.expect(FIRST_S)

@@ -99,9 +99,8 @@ class _Handlers:
             raise web.HTTPBadRequest(text=f"pages: got one more than {MAX_PAGES}")
         socket = web.WebSocketResponse(heartbeat=HEARTBEAT_S, max_msg_size=4 * MAX_MESSAGE, compress=False)
         if not socket.can_prepare(request).ok:
-            raise web.HTTPUpgradeRequired(
-                text="This address serves WebSocket."
-            )  # the page asks this way why it was refused
+            # the page asks this way why it was refused
+            raise web.HTTPUpgradeRequired(text="This address serves WebSocket.")
         await socket.prepare(request)
         try:  # only now, so that a request that failed earlier leaves no open view
             view = open_session_view(self.hub, session, self.views, server_plays_audio=session == self.heard_here)
