@@ -230,7 +230,7 @@ class StreamingPlanner:
             raise UsageError(f"fade_s: must be a positive time, got {fade_s}")
         edge = self._cancelled_s = max(at_s, self.edge_s)
         self.counts.cancelled += sum(phone.end_s > edge for phone in self._phones)
-        if self._due and self._phones:
+        if self._due:
             plan_together([self])
         self._known += [phone for phone in self._phones if phone.end_s <= edge]
         self._phones = []
