@@ -1,6 +1,7 @@
 """Options that several commands share: single ones as types, groups as dataclasses."""
 
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,8 +17,11 @@ if TYPE_CHECKING:
     from fapengine.app.scene_files import Into
     from fapengine.render.drawing import Drawing
 
-DRAWING, LIVE, AVATAR = "Rendering", "Live output", "Avatar output"
-"""Titles of groups of options; that of the speaking options is :data:`fapengine.cli._command.MANNER`."""
+LIVE = "Live output"
+"""Title of a group of options; that of the speaking options is :data:`fapengine.cli._command.MANNER`."""
+_drawing = partial(typer.Option, rich_help_panel="Rendering")
+_live = partial(typer.Option, rich_help_panel=LIVE)
+_avatar = partial(typer.Option, rich_help_panel="Avatar output")
 SINKS = ", ".join(kind.spelled for kind in SINK_KINDS)
 DATAGRAM_SINKS = ", ".join(kind.spelled for kind in SINK_KINDS if kind.medium == "datagrams")
 """Sinks that work without a server."""
@@ -35,23 +39,21 @@ Output = Annotated[
 ]
 HeadName = Annotated[
     str,
-    typer.Option(
+    _drawing(
         "--head",
         help="Head to render: default, woman, man, child, older, random:7, woman:hair_colour=red,age=0.8, or a folder"
         " written by `fapengine head import`.",
-        rich_help_panel=DRAWING,
     ),
 ]
 CameraName = Annotated[
     str,
-    typer.Option(
+    _drawing(
         "--camera",
         help="Camera: front, close, three-quarter, three-quarter-right, profile, profile-right, mouth, eyes, low, high,"
         " or YAW,PITCH in degrees.",
-        rich_help_panel=DRAWING,
     ),
 ]
-Size = Annotated[str, typer.Option("--size", help="Image size in pixels, WIDTHxHEIGHT.", rich_help_panel=DRAWING)]
+Size = Annotated[str, _drawing("--size", help="Image size in pixels, WIDTHxHEIGHT.")]
 Shapes = Annotated[
     str | None,
     typer.Option(
@@ -72,10 +74,7 @@ WordsVoice = Annotated[
     ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
-Device = Annotated[
-    str | None,
-    typer.Option("--audio-device", help="Audio output device: its number, or part of its name.", rich_help_panel=LIVE),
-]
+Device = Annotated[str | None, _live("--audio-device", help="Audio output device: its number, or part of its name.")]
 
 
 def _list_voices(wanted: bool) -> None:
@@ -100,10 +99,9 @@ def _complete_datagram_sink(incomplete: str) -> list[tuple[str, str]]:
 
 Sinks = Annotated[
     list[str],
-    typer.Option(
+    _live(
         "--sink",
         help=f"Also send live frames to this URL: {DATAGRAM_SINKS}. Repeatable.",
-        rich_help_panel=LIVE,
         autocompletion=_complete_datagram_sink,
     ),
 ]
@@ -116,29 +114,23 @@ class DrawingOptions:
     camera: CameraName = "front"
     background: Annotated[
         str,
-        typer.Option(
+        _drawing(
             "--background",
             "-b",
             help="Background: studio, a colour (#f0e8d8), an image file, or none for transparency (.webm,"
             " .mov, .webp, .png).",
-            rich_help_panel=DRAWING,
         ),
     ] = "studio"
     antialias: Annotated[
-        str,
-        typer.Option(
-            help="Antialiasing: soft (post-process), fine (4x multisampling, about twice as slow) or none.",
-            rich_help_panel=DRAWING,
-        ),
+        str, _drawing(help="Antialiasing: soft (post-process), fine (4x multisampling, about twice as slow) or none.")
     ] = "soft"
     size: Size = "512x512"
     rest: Annotated[
         float,
-        typer.Option(
+        _drawing(
             min=0.0,
             max=1.0,
             help="Strength of the expression of the face at rest; 0 draws the neutral face of the standard.",
-            rich_help_panel=DRAWING,
         ),
     ] = 1.0
 
@@ -235,29 +227,22 @@ class AvatarOptions:
 
     into: Annotated[
         Path | None,
-        typer.Option(
+        _avatar(
             metavar="AVATAR",
             help="Add the motion to this avatar as an animation and write the result to --output. A .glb, .vrm or .gltf"
             " file, or the name of a head (default, woman, heads/mine; also written as .usda, .usdc). Drives"
             " blendshapes with ARKit, Oculus or VRM names, head and eyes; leaves everything else unchanged.",
-            rich_help_panel=AVATAR,
         ),
     ] = None
     keys: Annotated[
         str,
-        typer.Option(
-            "--interpolation",
-            help="Keyframes: linear (one per frame) or cubic (fewer, within 0.01 of each weight).",
-            rich_help_panel=AVATAR,
+        _avatar(
+            "--interpolation", help="Keyframes: linear (one per frame) or cubic (fewer, within 0.01 of each weight)."
         ),
     ] = "linear"
     mapping: Annotated[
         Path | None,
-        typer.Option(
-            "--shape-map",
-            help="TOML file that maps the avatar's own blendshape names, as for `head import`.",
-            rich_help_panel=AVATAR,
-        ),
+        _avatar("--shape-map", help="TOML file that maps the avatar's own blendshape names, as for `head import`."),
     ] = None
 
     def value(self) -> "Into | None":
@@ -300,10 +285,7 @@ class LiveOptions:
     """Where live sound and frames go."""
 
     device: Device = None
-    silent: Annotated[
-        bool,
-        typer.Option("--silent", help="Do not play sound. The face follows the system clock.", rich_help_panel=LIVE),
-    ] = False
+    silent: Annotated[bool, _live("--silent", help="Do not play sound. The face follows the system clock.")] = False
     sink: Sinks = field(default_factory=list)
 
     def value(self) -> "LiveOutput":

@@ -1,5 +1,6 @@
 """``fapengine score``: score a lip sync, check it, compare systems, and ask people."""
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,8 +13,9 @@ from fapengine.scoring.thresholds import LIP_THRESHOLDS, MESH_THRESHOLDS, parse_
 if TYPE_CHECKING:
     from fapengine.app.score import Scored, ScoreJob
 
-CHECKS, MESHES, PEOPLE = "Checks, for continuous integration", "Meshes", "Listening tests"
-"""Titles of groups of options."""
+_check = partial(typer.Option, rich_help_panel="Checks, for continuous integration")
+_mesh = partial(typer.Option, rich_help_panel="Meshes")
+_people = partial(typer.Option, rich_help_panel="Listening tests")
 
 
 def score(
@@ -56,44 +58,31 @@ def score(
         ),
     ] = 1.0,
     voice: WordsVoice = None,
-    check: Annotated[
-        bool, typer.Option("--check", help="Exit with code 1 if the verdict is 'fails'.", rich_help_panel=CHECKS)
-    ] = False,
+    check: Annotated[bool, _check("--check", help="Exit with code 1 if the verdict is 'fails'.")] = False,
     fail_under: Annotated[
         str | None,
-        typer.Option(
+        _check(
             metavar="NAME=VALUE,...",
             help=f"Check with these thresholds: closures=95,lag=80ms. Names, units, and thresholds by default:"
             f" {'; '.join(map(str, LIP_THRESHOLDS))}. For meshes: {', '.join(row.name for row in MESH_THRESHOLDS)}.",
-            rich_help_panel=CHECKS,
         ),
     ] = None,
-    junit: Annotated[Path | None, typer.Option(help="Write the checks as JUnit XML.", rich_help_panel=CHECKS)] = None,
-    sarif: Annotated[
-        Path | None, typer.Option(help="Write the faults and their times as SARIF 2.1.0.", rich_help_panel=CHECKS)
-    ] = None,
-    lips: Annotated[
-        Path | None, typer.Option(help="Vertices of the lips: a list of indices (.txt, .npy).", rich_help_panel=MESHES)
-    ] = None,
-    upper: Annotated[Path | None, typer.Option(help="Vertices of the upper face.", rich_help_panel=MESHES)] = None,
-    neutral: Annotated[
-        Path | None, typer.Option(help="The face at rest; --upper needs it.", rich_help_panel=MESHES)
-    ] = None,
+    junit: Annotated[Path | None, _check(help="Write the checks as JUnit XML.")] = None,
+    sarif: Annotated[Path | None, _check(help="Write the faults and their times as SARIF 2.1.0.")] = None,
+    lips: Annotated[Path | None, _mesh(help="Vertices of the lips: a list of indices (.txt, .npy).")] = None,
+    upper: Annotated[Path | None, _mesh(help="Vertices of the upper face.")] = None,
+    neutral: Annotated[Path | None, _mesh(help="The face at rest; --upper needs it.")] = None,
     listen: Annotated[
         bool,
-        typer.Option(
+        _people(
             "--listen",
             help="Write a listening test of two folders of films, or of motion with --audio, into the folder --output.",
-            rich_help_panel=PEOPLE,
         ),
     ] = False,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the listening test's order.", rich_help_panel=PEOPLE)] = 1,
+    seed: Annotated[int, _people(min=0, help="Seed of the listening test's order.")] = 1,
     answers: Annotated[
         list[Path] | None,
-        typer.Option(
-            help="Analyse the answers of a listening test: its CSV files, or a folder of them. Repeatable.",
-            rich_help_panel=PEOPLE,
-        ),
+        _people(help="Analyse the answers of a listening test: its CSV files, or a folder of them. Repeatable."),
     ] = None,
     output: Annotated[
         Path | None,
