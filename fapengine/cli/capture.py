@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from fapengine.cli.options import LIVE, AsJson, HeadName, Sinks, WriteOptions
+from fapengine.cli.options import AsJson, HeadName, Sinks, WriteOptions, live
 
 WINDOW = "512x512"
 
@@ -43,17 +43,11 @@ def capture(
     model: Annotated[
         Path | None, typer.Option(help="face_landmarker.task, for a mediapipe without a built-in model.")
     ] = None,
-    window: Annotated[
-        bool, typer.Option("--window", help="Show the result live in a window.", rich_help_panel=LIVE)
-    ] = False,
+    window: Annotated[bool, live("--window", help="Show the result live in a window.")] = False,
     sink: Sinks = [],  # noqa: B006
     to: Annotated[
         str | None,
-        typer.Option(
-            metavar="URL",
-            help="Drive a session of `fapengine serve`: http://127.0.0.1:8110/?session=anna.",
-            rich_help_panel=LIVE,
-        ),
+        live(metavar="URL", help="Drive a session of `fapengine serve`: http://127.0.0.1:8110/?session=anna."),
     ] = None,
     head: HeadName = "default",
     as_json: AsJson = False,

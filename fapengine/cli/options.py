@@ -17,10 +17,8 @@ if TYPE_CHECKING:
     from fapengine.app.scene_files import Into
     from fapengine.render.drawing import Drawing
 
-LIVE = "Live output"
-"""Title of a group of options; that of the speaking options is :data:`fapengine.cli._command.MANNER`."""
 _drawing = partial(typer.Option, rich_help_panel="Rendering")
-_live = partial(typer.Option, rich_help_panel=LIVE)
+live = partial(typer.Option, rich_help_panel="Live output")
 _avatar = partial(typer.Option, rich_help_panel="Avatar output")
 SINKS = ", ".join(kind.spelled for kind in SINK_KINDS)
 DATAGRAM_SINKS = ", ".join(kind.spelled for kind in SINK_KINDS if kind.medium == "datagrams")
@@ -74,7 +72,7 @@ WordsVoice = Annotated[
     ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
-Device = Annotated[str | None, _live("--audio-device", help="Audio output device: its number, or part of its name.")]
+Device = Annotated[str | None, live("--audio-device", help="Audio output device: its number, or part of its name.")]
 
 
 def _list_voices(wanted: bool) -> None:
@@ -99,7 +97,7 @@ def _complete_datagram_sink(incomplete: str) -> list[tuple[str, str]]:
 
 Sinks = Annotated[
     list[str],
-    _live(
+    live(
         "--sink",
         help=f"Also send live frames to this URL: {DATAGRAM_SINKS}. Repeatable.",
         autocompletion=_complete_datagram_sink,
@@ -285,7 +283,7 @@ class LiveOptions:
     """Where live sound and frames go."""
 
     device: Device = None
-    silent: Annotated[bool, _live("--silent", help="Do not play sound. The face follows the system clock.")] = False
+    silent: Annotated[bool, live("--silent", help="Do not play sound. The face follows the system clock.")] = False
     sink: Sinks = field(default_factory=list)
 
     def value(self) -> "LiveOutput":

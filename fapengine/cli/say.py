@@ -25,42 +25,32 @@ def say(
     as_json: shared.AsJson = False,
     writing: shared.WriteOptions = shared.WriteOptions(),
     live: Annotated[
-        bool,
-        typer.Option(
-            "--live", help="Play now, in a window or in the terminal. Writes no file.", rich_help_panel=shared.LIVE
-        ),
+        bool, shared.live("--live", help="Play now, in a window or in the terminal. Writes no file.")
     ] = False,
     mic: Annotated[
         bool,
-        typer.Option(
+        shared.live(
             "--mic",
             help="Drive the face from the microphone, with about 0.5 s of latency. Requires --live and no TEXT.",
-            rich_help_panel=shared.LIVE,
         ),
     ] = False,
     mic_device: Annotated[
         str | None,
-        typer.Option(
+        shared.live(
             metavar="DEVICE",
             help="Microphone for --mic: its number, or part of its name. `fapengine doctor` lists devices.",
-            rich_help_panel=shared.LIVE,
         ),
     ] = None,
     recognizer: Annotated[
         Path | None,
-        typer.Option(
+        shared.live(
             metavar="NAME",
             help="Speech recognizer for --mic: small, sphinx, both or MODEL.onnx. See `fapengine animate --help`.",
-            rich_help_panel=shared.LIVE,
         ),
     ] = None,
     window: Annotated[
         bool | None,
-        typer.Option(
-            "--window/--no-window",
-            help="Show --live in a window. Default: on if there is a display.",
-            rich_help_panel=shared.LIVE,
-        ),
+        shared.live("--window/--no-window", help="Show --live in a window. Default: on if there is a display."),
     ] = None,
 ) -> None:
     """Turn a sentence into a talking face. Writes a video, its FAPs, the sound and a contact sheet.
