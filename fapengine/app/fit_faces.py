@@ -5,10 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
+from fapengine._arrays import Array
 from fapengine.app.dotted import MOVED_BONES, dotted_mesh, fitting
 from fapengine.app.inspection.faces import PICTURE_PX, draw_mouths, faps_of_weights
 from fapengine.files.heads.built import load_built
 from fapengine.files.pictures import Picture, contact_sheet
+from fapengine.geometry.surface import Surface
 from fapengine.laboratory.dense_face import DenseFace, make_dense_head, mode_names, moved_by_modes
 from fapengine.laboratory.densify import DenseStudy
 from fapengine.laboratory.fit import Fitted
@@ -20,6 +22,8 @@ from fapengine.render.drawing import Drawing
 from fapengine.render.renderer import CrowdRenderer, FaceRenderer
 
 FACE = Drawing(size=(PICTURE_PX, PICTURE_PX), rest=0.0)
+SCANS = 8
+"""Scans drawn at most: as many as in figure 2 of paper 004."""
 SHOWN, FAR = 8, 3.0
 """Components drawn at most, and their distance from the mean, in standard deviations."""
 
@@ -36,8 +40,9 @@ def draw_faces(fitted: Fitted, adapted: FaceMesh | None = None) -> Mapping[str, 
     if fitted.dense is not None:
         head, dense = _dense(fitted.dense.face)
         pictures["The mean of all scans, and 3 standard deviations of each dense mode to either side."] = dense
-        caption = "Registration: the reference with its fitted markers, a scan, and that scan with the same vertices."
-        pictures[caption] = _registration(fitted.dense)
+        before, after = _registration(fitted.dense)
+        pictures["Scans with the markers' model fitted to them, the reference first."] = before
+        pictures["The same scans registered: all have the reference's vertices."] = after
         if adapted is not None:
             faces = [_still(mesh) for mesh in (load_built(HeadStyle()), adapted, head)]
             labels = [("built-in head", ""), ("adapted", ""), ("dense face", "")]
@@ -74,15 +79,20 @@ def _dense(face: DenseFace) -> tuple[FaceMesh, Picture]:
     return imported.mesh, contact_sheet(pictures, [("mean", ""), *_labels(mode_names(count)[:shown], [""] * shown)])
 
 
-def _registration(study: DenseStudy) -> Picture:
-    pictures: list[Picture] = []
-    for _, surface, markers_mm in study.registration:
-        scale, shift = fitting(surface.vertices_mm)
-        still = [(scale * places + shift, np.zeros((1, *places.shape))) for places in (surface.vertices_mm, markers_mm)]
-        mesh = dotted_mesh(still[0], surface.triangles, still[1], np.zeros(len(markers_mm), bool))
-        with CrowdRenderer([mesh], FACE) as crowd:
-            pictures += crowd.frames([[Pose(np.zeros(1), MOVED_BONES)]])
-    return contact_sheet(pictures, [(Path(name).stem, name.partition(", ")[2]) for name, _, _ in study.registration])
+def _registration(study: DenseStudy) -> list[Picture]:
+    """Draw scans with their fitted markers, before and after registration; of many those evenly spread."""
+    count = len(study.registration)
+    shown = [study.registration[index] for index in np.linspace(0, count - 1, min(count, SCANS)).astype(int)]
+    labels = [(Path(name).stem, "") for name, *_ in shown]
+    return [contact_sheet([_dotted(each[way], each[3]) for each in shown], labels) for way in (1, 2)]
+
+
+def _dotted(surface: Surface, markers_mm: Array) -> Picture:
+    scale, shift = fitting(surface.vertices_mm)
+    still = [(scale * places + shift, np.zeros((1, *places.shape))) for places in (surface.vertices_mm, markers_mm)]
+    mesh = dotted_mesh(still[0], surface.triangles, still[1], np.zeros(len(markers_mm), bool))
+    with CrowdRenderer([mesh], FACE) as crowd:
+        return crowd.draw([Pose(np.zeros(1), MOVED_BONES)])
 
 
 def _still(mesh: FaceMesh) -> Picture:

@@ -22,6 +22,7 @@ from fapengine.app.score import score
 from fapengine.capture.marker_track import Interval, MarkerTrack, Session, Take
 from fapengine.files.profiles import save_profile
 from fapengine.files.sessions import LoadedSession, read
+from fapengine.geometry.triangulation import triangulate
 from fapengine.laboratory.fit import FitOptions, Fitted
 from fapengine.laboratory.setup import Moment, Setup
 from fapengine.laboratory.tables import Table, tables_of, weights_of_takes
@@ -55,6 +56,7 @@ __all__ = [
     "save_profile",
     "score",
     "tables_of",
+    "triangulate",
     "vertex_errors",
     "weights_of_takes",
 ]

@@ -29,9 +29,9 @@ class DenseStudy:
     face: DenseFace
     fits: tuple[tuple[str, ScanFit, float], ...]
     """Name of the scan, its fit, and the fraction of the vertices that are on it."""
-    registration: tuple[tuple[str, Surface, Array], ...]
-    """Name, surface and fitted markers, (M, 3) mm: of the reference, of the scan that differs most from it, and of that
-    scan with the reference's vertices."""
+    registration: tuple[tuple[str, Surface, Surface, Array], ...]
+    """Of each scan in head axes, the reference first: name, surface as scanned, surface with the reference's vertices,
+    and fitted markers, (M, 3) mm."""
 
     @property
     def warnings(self) -> list[str]:
@@ -85,11 +85,10 @@ def densify(prepared: Prepared, setup: Setup, *, modes: int) -> DenseStudy:
         left_out_mm=_left_out(dense, scores, marks, noise_mm), scan_weights=scores,
         take_weights={take.name: sparse.scores(prepared.neutral_mm + take.moved_mm) for take in prepared.takes},
     )  # fmt: skip
-    far = int(np.linalg.norm(marks - marks[0], axis=-1).mean(axis=1).argmax())
-    registration = (
-        (scans[0].name, fitted[0], points[0]), (scans[far].name, fitted[far], points[far]),
-        (f"{scans[far].name}, registered", Surface(faces[far], fitted[0].triangles), points[far]),
-    )  # fmt: skip
+    registration = tuple(
+        (scan.name, surface, Surface(vertices, fitted[0].triangles), position)
+        for scan, surface, vertices, position in zip(scans, fitted, faces, points, strict=True)
+    )
     names = (scan.name for scan in scans)
     return DenseStudy(face=face, fits=tuple(zip(names, fits, met, strict=True)), registration=registration)
 
