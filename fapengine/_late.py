@@ -22,7 +22,7 @@ EXTRAS = {
     "pyvirtualcam": '"fapengine[camera]"',
     "aiortc": '"fapengine[webrtc]"',
     "nats-py": '"fapengine[nats]"',
-    "espeak-ng": '"fapengine[voice]"',
+    **dict.fromkeys(("espeak-ng", "num2words"), '"fapengine[voice]"'),
     "PocketSphinx": '"fapengine[recognizer]"',
     "onnxruntime": '"fapengine[recognizer-onnx]"',
     "distributed": '"fapengine[batch]"',

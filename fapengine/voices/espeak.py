@@ -25,13 +25,22 @@ from fapengine.speaking import DEFAULT_RATE_WPM, DEFAULT_VOICE, RATES_WPM
 from fapengine.speech.marks import read_marks
 from fapengine.speech.phone_track import PhoneTrack
 from fapengine.speech.text.normal_form import SpeakableText, speakable
-from fapengine.speech.text.scripts import is_spelled, reads, scripts_in, unread_remarks
+from fapengine.speech.text.scripts import (
+    bare,
+    is_spelled,
+    may_be_spelled,
+    reads,
+    scripts_in,
+    spelled_remarks,
+    unread_remarks,
+)
 from fapengine.speech.text.ssml import check_ssml, find_tag
 from fapengine.speech.text.words import Stretch, attribute, without_tags, words_of
 from fapengine.voices.catalogue import Catalogue, VoiceEntry
 from fapengine.voices.espeak_labels import NAME_BYTES, in_context, language_after, read_label
 from fapengine.voices.protocol import Speech
 from fapengine.voices.sounding import Mark, SoundLevel, sounding
+from fapengine.voices.spoken_form import spoken_form
 
 # Numbers of speak_lib.h.
 _SYNCHRONOUS, _PHONEME_EVENTS, _IPA_NAMES, _DO_NOT_EXIT = 2, 0x1, 0x2, 0x8000
@@ -184,12 +193,15 @@ class EspeakVoice:
         if self.ssml:
             check_ssml(formed.text)
         words = without_tags(formed.text) if self.ssml else formed.text
-        events, samples, rate_hz = self._synthesise(formed.text)
-        phones = _phones(with_whole_words(events, words), formed.text, samples, rate_hz, self.entry.code)
+        code = self.entry.code
+        said = spoken_form(formed.text, code)
+        events, samples, rate_hz = self._synthesise(said.text)
+        events = _at_places_of(said, events)
+        phones = _phones(with_whole_words(events, words), formed.text, samples, rate_hz, code)
         if all(phone.is_silence for phone in phones.phones):
             why = f"voice {self.name!r} finds nothing in it"
             raise NothingToSpeakError(f"text: {_shortened(text)} contains nothing to speak ({why})")
-        speech = Speech(samples=samples, sample_rate_hz=rate_hz, phones=phones, remarks=self._remarks(formed, words))
+        speech = Speech(samples=samples, sample_rate_hz=rate_hz, phones=phones, remarks=self._remarks(formed, said))
         return speech.marked(marked)
 
     def transcribe(self, text: str) -> str:
@@ -205,26 +217,29 @@ class EspeakVoice:
                 clauses.append(library.espeak_TextToPhonemes(ctypes.byref(rest), _CHARS_UTF8, _IPA_NAMES) or b"")
         return " ".join(clause.decode().strip() for clause in clauses).strip()
 
-    def _remarks(self, formed: SpeakableText, words: str) -> tuple[str, ...]:
+    def _remarks(self, formed: SpeakableText, said: SpeakableText) -> tuple[str, ...]:
+        """Remarks on a text in normal form, and on what was said in its place."""
         remarks = []
-        if not self.ssml and (tag := find_tag(words)):
+        if not self.ssml and (tag := find_tag(formed.text)):
             remarks.append(f"text: {tag} looks like SSML and was spoken as it stands; ssml=True obeys it")
         if formed.replaced:
             remarks.append(f"text: got bytes that are no UTF-8 ({formed.replaced}); they were not spoken")
         code = self.entry.code
-        places = () if words.isascii() and reads(code, "Latin") else words_of(words)
-        foreign: dict[str, list[int]] = {}
-        for place in places:
+        words = without_tags(said.text) if self.ssml else said.text
+        unread, spelled = [], []
+        for place in words_of(words):
             word = words[place.start : place.stop]
+            start = formed.starts[said.starts[place.start]]
             if not all(reads(code, script) for script in scripts_in(word)):
-                foreign.setdefault(word, []).append(formed.starts[place.start])
-        unread = [
-            (word, start)
-            for word, starts in foreign.items()
-            if is_spelled(word, self.transcribe(word))
-            for start in starts
-        ]
-        return (*remarks, *unread_remarks(unread, code))
+                unread.append((word, start))
+            elif may_be_spelled(word) and bare(self.transcribe(word)) == bare(self.transcribe(" ".join(word))):
+                spelled.append((word, start))
+        known = {word: is_spelled(word, self.transcribe(word)) for word in dict(unread)}
+        return (
+            *remarks,
+            *unread_remarks([each for each in unread if known[each[0]]], code),
+            *spelled_remarks(spelled),
+        )
 
     def _synthesise(self, text: str) -> tuple[list[Event], NDArray[np.int16], int]:
         events: list[Event] = []
@@ -289,6 +304,15 @@ def _marks(events: Sequence[Event], text: str, rate_hz: int, code: str) -> list[
         elif kind == _EVENT_PHONEME and (label := read_label(name, language)) is not None:
             marks.append(Mark(sample / rate_hz, *label, word))
     return marks
+
+
+def _at_places_of(said: SpeakableText, events: Sequence[Event]) -> list[Event]:
+    """Move events from places in what was said to those in the text."""
+    places = [*said.starts, *said.stops[-1:], 0][: len(said.starts) + 1]  # also that of the end
+    return [
+        (sample, kind, places[min(max(place, 1), len(places)) - 1] + 1, length, name)
+        for sample, kind, place, length, name in events
+    ]
 
 
 def with_whole_words(events: Sequence[Event], text: str) -> list[Event]:

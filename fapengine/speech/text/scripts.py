@@ -1,7 +1,7 @@
 """Scripts that the voices of espeak-ng read; in others they spell the letters or are silent."""
 
 import unicodedata
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import cache
 
 _VOICES = {
@@ -68,6 +68,36 @@ def is_spelled(word: str, transcription: str) -> bool:
     handed_over = transcription.startswith("(") and all(reads(begin, script) for script in scripts_in(word))
     letters = sum(script_of(char) is not None for char in word)
     return not handed_over or (letters > 1 and rest.strip().count(" ") + 1 >= letters)
+
+
+_VOWELS = frozenset("aeiouyæøœəıаеёиоуыэюяєіїўαεηιουω")
+
+
+def may_be_spelled(word: str) -> bool:
+    """Return whether a word of letters has no vowel, and is not an acronym in capitals.
+
+    Examples
+    --------
+    >>> [may_be_spelled(word) for word in ("km", "Hptm", "TV", "by", "krk", "мм", "p.m.")]
+    [True, True, False, False, True, True, False]
+    """
+    letters = unicodedata.normalize("NFD", word.lower())
+    alphabetic = all(script_of(char) in ("Latin", "Cyrillic", "Greek") for char in word)
+    return len(word) > 1 and alphabetic and not word.isupper() and not _VOWELS.intersection(letters)
+
+
+def bare(transcription: str) -> str:
+    """Leave out spaces, stress and length of a transcription in IPA."""
+    return "".join(char for char in transcription if char not in " ˈˌː")
+
+
+def spelled_remarks(found: Sequence[tuple[str, int]]) -> tuple[str, ...]:
+    """Describe, in one sentence, the words whose letters a voice named; each with its place in the text, from 0."""
+    if not found:
+        return ()
+    named = ", ".join(f"{word!r} (letter {place + 1})" for word, place in found[:3])
+    more = f" and {len(found) - 3} more" if len(found) > 3 else ""
+    return (f"text: {named}{more} spoken letter by letter; write out what is meant",)
 
 
 def unread_remarks(found: Iterable[tuple[str, int]], code: str) -> tuple[str, ...]:

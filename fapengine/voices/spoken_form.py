@@ -1,0 +1,256 @@
+"""What a voice of espeak-ng is given to speak: amounts, units, ordinals, years and abbreviations as words.
+
+Theory of operation
+-------------------
+A language's table (``spoken/CODE.toml``) is read when a text of that language first has a digit or a sign in it. Its
+entries find stretches of the text; the first that finds a stretch has it. Each is replaced by words, and every
+character of the words has the place of what it stands for. So captions, marks and times of words have the caller's
+text: ``$3.50`` is one word with the phones of "three dollars fifty". Where several words of the text are replaced at
+once (``3,50 €``), they share the spoken ones in order.
+
+A table has ``[words]`` (abbreviations), ``[units]`` and ``[currencies]`` beside a number, each with one form, two
+(one, other) or three (one, few, many: Russian), ``[fractions]``, and ``[[rules]]``: a regular expression and what is
+said, in which ``{1}`` is its first group and ``{0}`` its group ``n`` in words. Its group ``x`` is replaced, or all.
+
+Tags of SSML stay, and what stands in ``say-as``, ``sub`` and ``phoneme``.
+"""
+
+import re
+import tomllib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from itertools import chain
+from typing import Any
+
+from fapengine._late import needed
+from fapengine.speech.text.normal_form import SpeakableText
+
+LANGUAGES = ("ar", "bn", "cmn", "de", "en", "es", "fr", "hi", "id", "ja", "pt", "ru", "sw")
+"""Languages with a table."""
+_OCCASION = re.compile(r"\d|\b\w{1,4}\.|[^\W\d_]\.\s*\w|[^\w\s.,;:!?'’\"<>/=-]|\bng['’]|\b[дг]-")
+"""What a text contains that has an entry of a table: a digit, a sign, a point after four letters or within."""
+_NUMBER = r"(?P<n>\d+(?:[.,\u00a0\u202f ]\d{3})*(?:[.,]\d+)?)"
+_GAP = r"[ \u00a0\u202f]?"
+_KEPT = re.compile(r"<(say-as|sub|phoneme)\b[^<>]*[^/<>]>.*?</\1\s*>|<[^<>]*>|\[\[.*?\]\]", re.DOTALL)
+_CENTS = re.compile(r"(.*)[.,](\d\d)")
+
+Edit = tuple[int, int, str]
+"""Start and stop of a stretch of the text, and what is spoken in its place."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Rule:
+    """A pattern, and the edits of each of its matches."""
+
+    pattern: re.Pattern[str]
+    edits: Callable[[re.Match[str]], list[Edit]]
+
+
+def spoken_form(text: str, code: str) -> SpeakableText:
+    """Put into words what a voice would spell.
+
+    Parameters
+    ----------
+    text : str
+        In normal form, plain or SSML.
+    code : str
+        Language code of the voice.
+
+    Examples
+    --------
+    >>> spoken = spoken_form("Dr. Lee paid $3.50.", "en-us")
+    >>> spoken.text
+    'Doctor Lee paid 3 dollars 50.'
+    >>> spoken.original(spoken.text.index("dollars"), spoken.text.index("50"))
+    (13, 18)
+    """
+    language = code.partition("-")[0]
+    edits: list[Edit] = []
+    if language in LANGUAGES and _OCCASION.search(text):
+        kept = [match.span() for match in _KEPT.finditer(text)]
+        taken = bytearray(len(text))
+        for start, stop in kept:
+            taken[start:stop] = b"\1" * (stop - start)
+        for rule in _rules(language):
+            for match in rule.pattern.finditer(text):
+                found = [part for edit in rule.edits(match) for part in _shared_out(text, *edit)]
+                if not any(any(taken[start:stop]) for start, stop, _ in found):
+                    edits += found
+                    for start, stop, _ in found:
+                        taken[start:stop] = b"\1" * (stop - start)
+    return edited(text, sorted(edits))
+
+
+def _shared_out(text: str, start: int, stop: int, said: str) -> list[Edit]:
+    """Share what is said among the words that it stands for, in order.
+
+    Examples
+    --------
+    >>> _shared_out("3,50 €", 0, 6, "3 Euro 50")
+    [(0, 4, '3 Euro'), (5, 6, '50')]
+    """
+    words, spoken = list(re.finditer(r"\S+", text[start:stop])), said.split()
+    if len(words) < 2 or len(spoken) < len(words):
+        return [(start, stop, said)]
+    ends = [round((index + 1) * len(spoken) / len(words)) for index in range(len(words))]
+    return [
+        (start + word.start(), start + word.end(), " ".join(spoken[first:last]))
+        for word, first, last in zip(words, [0, *ends], ends, strict=False)
+    ]
+
+
+def edited(text: str, edits: list[Edit]) -> SpeakableText:
+    """Replace stretches of a text, in order and without overlap; each character keeps its place in the original."""
+    pieces, starts, stops = [], [], []
+    done = 0
+    for start, stop, words in [*edits, (len(text), len(text), "")]:
+        pieces += [text[done:start], words]
+        starts += [*range(done, start), *[start] * len(words)]
+        stops += [*range(done + 1, start + 1), *[stop] * len(words)]
+        done = stop
+    return SpeakableText("".join(pieces), tuple(starts), tuple(stops))
+
+
+@cache
+def _rules(language: str) -> tuple[_Rule, ...]:
+    table = tomllib.loads((files(__package__) / "spoken" / f"{language}.toml").read_text("utf-8"))
+    words, units = _words(table), _units(table, language)
+    last = (units, words) if table.get("spaced", True) else (words, units)  # 1人 has a word of its own
+    return tuple(chain(_prices(table, language), _fractions(table), _listed(table, language), *last))
+
+
+def _edges(table: dict[str, Any]) -> tuple[str, str]:
+    """Patterns of what stands before a number and after a word."""
+    return (r"(?<![\w.,/])", r"(?!\w)") if table.get("spaced", True) else (r"(?<![\d.,/])", "")
+
+
+def _any_of(keys: dict[str, str]) -> str:
+    return "|".join(re.escape(key) for key in sorted(keys, key=len, reverse=True))
+
+
+def _prices(table: dict[str, Any], language: str) -> Iterator[_Rule]:
+    currencies, spaced = table.get("currencies", {}), table.get("spaced", True)
+    if not currencies:
+        return
+    scale = f"(?P<scale>{table['scales']})" if "scales" in table else "(?P<scale>(?!))"
+    symbol, (edge, end) = f"(?P<symbol>{_any_of(currencies)})", _edges(table)
+
+    def amount(number: str, symbol: str) -> str:
+        cents = _CENTS.fullmatch(number)
+        if cents and cents[1] in ("0", "٠") and "cents" in table:
+            return f"{int(cents[2])} {_form(table['cents'], str(int(cents[2])), language)}"
+        whole = cents[1] if cents else number
+        unit = _form(currencies[symbol], whole, language)
+        if cents and int(cents[2]):
+            return str(table["price"].format(whole=whole, unit=unit, cents=int(cents[2])))
+        return f"{whole} {unit}" if spaced else f"{whole}{unit}"
+
+    def before(match: re.Match[str]) -> list[Edit]:
+        if match["scale"]:
+            many = _form(currencies[match["symbol"]], "5", language)
+            return [(*match.span("symbol"), ""), (*match.span("scale"), f"{match['scale']} {many}")]
+        return [(*match.span(), amount(match["n"], match["symbol"]))]
+
+    def after(match: re.Match[str]) -> list[Edit]:
+        if match["scale"]:
+            return [(*match.span("symbol"), _form(currencies[match["symbol"]], "5", language))]
+        return [(*match.span(), amount(match["n"], match["symbol"]))]
+
+    yield _Rule(re.compile(rf"{edge}{symbol}{_GAP}{_NUMBER}(?: {scale})?{end}"), before)
+    yield _Rule(re.compile(rf"{edge}{_NUMBER}(?:{_GAP}{scale})?{_GAP}{symbol}{end}"), after)
+
+
+def _fractions(table: dict[str, Any]) -> Iterator[_Rule]:
+    if fractions := table.get("fractions", {}):
+        pattern = re.compile(rf"(?<![\d/.,])(?:{_any_of(fractions)})(?![\d/])")
+        yield _Rule(pattern, lambda match: [(*match.span(), fractions[match[0]])])
+
+
+def _units(table: dict[str, Any], language: str) -> Iterator[_Rule]:
+    units, spaced = table.get("units", {}), table.get("spaced", True)
+    if not units:
+        return
+
+    def edits(match: re.Match[str]) -> list[Edit]:
+        gap = " " if spaced and match.end("n") == match.start("x") else ""
+        return [(*match.span("x"), gap + _form(units[match["x"]], match["n"], language) + _full_stop(match))]
+
+    edge, end = _edges(table)
+    yield _Rule(re.compile(rf"{edge}{_NUMBER}{_GAP}(?P<x>{_any_of(units)}){end}"), edits)
+
+
+def _words(table: dict[str, Any]) -> Iterator[_Rule]:
+    words, (edge, end) = table.get("words", {}), _edges(table)
+    if words:
+        pattern = re.compile(f"{edge}(?:{_any_of(words)}){end}")
+        yield _Rule(pattern, lambda match: [(*match.span(), words[match[0]] + _full_stop(match))])
+
+
+def _full_stop(match: re.Match[str]) -> str:
+    """Stop of a text that ends with an abbreviation's."""
+    return "." if match[0].endswith(".") and not match.string[match.end() :].strip() else ""
+
+
+def _listed(table: dict[str, Any], language: str) -> Iterator[_Rule]:
+    for each in table.get("rules", ()):
+        pattern = re.compile(each["find"])
+        group = "x" if "x" in pattern.groupindex else 0
+
+        def edits(match: re.Match[str], each: dict[str, Any] = each, group: str | int = group) -> list[Edit]:
+            number = _FORMS[each["form"]](match["n"], language) if "form" in each else ""
+            return [(*match.span(group), each["say"].format(number, *match.groups()))]
+
+        yield _Rule(pattern, edits)
+
+
+def _form(forms: str, number: str, language: str) -> str:
+    """Form of a word after a number: the only one; one or other; one, few or many."""
+    one, *more = forms.split("|")
+    if not more:
+        return one
+    whole, _, part = (
+        number.replace("\u00a0", "").replace("\u202f", "").replace(" ", "").replace(",", ".").partition(".")
+    )
+    if len(more) == 1:
+        return one if (whole == "1" and not part) or (language in ("fr", "pt") and whole in ("0", "1")) else more[0]
+    if part and len(part) != 3:
+        return more[0]  # 2,5 километра
+    last_two = int((whole + part)[-2:])
+    if last_two % 10 == 1 and last_two != 11:
+        return one
+    return more[0] if 2 <= last_two % 10 <= 4 and not 12 <= last_two <= 14 else more[1]
+
+
+def _counted(number: str, language: str, kind: str) -> str:
+    """Number in words, by num2words (LGPL-2.1)."""
+    num2words = needed("num2words", "num2words", "voice")
+    return str(num2words.num2words(int(number), lang=language, to=kind))
+
+
+def _year(number: str, language: str) -> str:
+    return _counted(number, language, "year")
+
+
+def _decade(number: str, language: str) -> str:
+    words = _year(number, language)
+    return f"{words[:-1]}ies" if words.endswith("y") else f"{words}s"
+
+
+def _ordinal(number: str, language: str) -> str:
+    return _counted(number, language, "ordinal")
+
+
+def _feminine(number: str, language: str) -> str:
+    return re.sub(r"o\b", "a", _ordinal(number, language))
+
+
+def _roman(number: str, _: str) -> str:
+    values = [{"I": 1, "V": 5, "X": 10}[letter] for letter in number]
+    return str(sum(-value if value < max(values[index:]) else value for index, value in enumerate(values)))
+
+
+_FORMS: dict[str, Callable[[str, str], str]] = {
+    "year": _year, "decade": _decade, "ordinal": _ordinal, "feminine": _feminine, "roman": _roman,
+}  # fmt: skip

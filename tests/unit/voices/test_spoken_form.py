@@ -1,0 +1,114 @@
+"""Amounts, units, ordinals, years and abbreviations as words, in thirteen languages, and whose words they are."""
+
+import subprocess
+import sys
+import tomllib
+from importlib.resources import files
+
+import pytest
+
+from fapengine.speech.marks import words_of
+from fapengine.voices.espeak import EspeakVoice
+from fapengine.voices.spoken_form import LANGUAGES, _rules, spoken_form
+
+CASES = [
+    ("en-us", "Dr. Smith paid $3.50 for 21 oz. of soup on St. James St. at 4:30 p.m.",
+     "Doctor Smith paid 3 dollars 50 for 21 ounces of soup on Saint James Street at 4:30 p.m."),
+    ("en-us", "Chapter IV, fig. 2: 1/2 cup, 10°C, 5 km/h, 1990s, 50%.",
+     "Chapter 4, figure 2: one half cup, 10 degrees Celsius, 5 kilometres per hour, nineteen nineties, 50%."),
+    ("en-gb", "$3.5 million, $1, £0.99 in 1905, 5kg.",
+     "3.5 million dollars, 1 dollar, 99 cents in nineteen oh-five, 5 kilograms."),
+    ("en-us", "Mail 192.168.1.1 on 3/4/2026.", "Mail 192.168.1.1 on 3/4/2026."),
+    ("en-us", "It is 5 ft.", "It is 5 feet."),
+    ("de", "Dr. Müller wohnt ca. 3,5 km entfernt, z.B. in der Königstr. 12.",
+     "Doktor Müller wohnt zirka 3,5 Kilometer entfernt, zum Beispiel in der Königstraße 12."),
+    ("de", "Am 3. Oktober 1990 um 8:15 Uhr.", "Am dritten Oktober neunzehnhundertneunzig um 8 Uhr 15."),
+    ("de", "Der 3. Mai; 1990 Euro, 3,50 €. Er ist 3. Gut.", "Der dritte Mai; 1990 Euro, 3 Euro 50. Er ist 3. Gut."),
+    ("fr-fr", "M. Roy, le 2e, à 8h15, 3,50 €, 1/2.", "monsieur Roy, le deuxième, à 8 heures 15, 3 euros 50, un demi."),
+    ("es", "La 2.ª en el n.º 5, 3.er piso, 3,50 €.", "La segunda en el número 5, tercer piso, 3 euros con 50."),
+    ("pt-br", "Às 15h30 do dia 1º, R$ 5,50, 1 km.", "Às 15 horas e 30 do dia primeiro, 5 reais e 50, 1 quilômetro."),
+    ("ru", "В 1999 г. 25 %, т.е. 3 кг, 11 кг, 21 кг, 2,5 кг.",
+     "В 1999 году 25 процентов, то есть 3 килограмма, 11 килограммов, 21 килограмм, 2,5 килограмма."),
+    ("hi", "डॉ. शर्मा, ₹500, 1/2", "डॉक्टर शर्मा, 500 रुपये, आधा"),
+    ("bn", "ড. রহমান ৳৫০০ ৫ কিমি", "ডক্টর রহমান ৫০০ টাকা ৫ কিলোমিটার"),
+    ("ar", "5 كم", "5 كيلومتر"),
+    ("id", "Rp 5.000 di Jl. Sudirman", "5.000 rupiah di Jalan Sudirman"),
+    ("cmn", "2024年，25%，1/2，5km", "2 0 2 4 年，百分之25，2分之1，5公里"),
+    ("ja", "5月3日、午後3時半。1人", "5がつ みっか 、ごご 3じはん 。ひとり "),
+    ("sw", "ng'ombe", "ngombe"),
+    ("it", "3,50 €, 5 km", "3,50 €, 5 km"),  # has no table
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("code", "text", "expected"), CASES)
+def test_what_is_said(code: str, text: str, expected: str) -> None:
+    assert spoken_form(text, code).text == expected
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_every_table_can_be_read_and_replaces_its_own_entries(language: str) -> None:
+    table = tomllib.loads((files("fapengine.voices") / "spoken" / f"{language}.toml").read_text("utf-8"))
+    assert set(table) <= {"price", "scales", "cents", "spaced", "words", "units", "currencies", "fractions", "rules"}
+    assert _rules(language)
+    for key in table.get("words", {}):
+        assert key not in spoken_form(f"5: {key} ", language).text.split()
+    for key in table.get("units", {}):
+        assert spoken_form(f" 12 {key} ", language).text.split()[-1] != key
+    for key in table.get("currencies", {}):
+        assert key not in spoken_form(f" {key}5 ", language).text
+
+
+@pytest.mark.parametrize(("code", "text", "_"), CASES)
+def test_places_never_fall_and_cover_the_text(code: str, text: str, _: str) -> None:
+    said = spoken_form(text, code)
+    assert len(said.text) == len(said.starts) == len(said.stops)
+    assert list(said.starts) == sorted(said.starts)
+    assert list(said.stops) == sorted(said.stops)
+    assert all(0 <= start < stop <= len(text) for start, stop in zip(said.starts, said.stops, strict=True))
+
+
+def spoken(text: str, code: str = "en-us", *, ssml: bool = False) -> list[str]:
+    track = EspeakVoice(code, ssml=ssml).speak(text).phones
+    return list(dict.fromkeys(word for word, _, _ in words_of(track.phones)))  # a pause in a word is between two halves
+
+
+def test_words_are_those_of_the_text() -> None:
+    text = "Dr. Lee paid $3.5 million on James St. in the 1990s."
+    assert spoken(text) == ["Dr", "Lee", "paid", "$3.5", "million", "on", "James", "St", "in", "the", "1990s"]
+    assert spoken("Es kostet 3,50 € um 8:15 Uhr.", "de") == ["Es", "kostet", "3,50", "€", "um", "8:15", "Uhr"]
+    assert spoken("São R$ 5,50 hoje.", "pt-br") == ["São", "R$", "5,50", "hoje"]
+
+
+def test_marks_stand_where_they_stood() -> None:
+    speech = EspeakVoice("en-us").speak("It costs $3.50 [smile] for 5 km [nod] today.")
+    times = {word: start_s for word, start_s, _ in words_of(speech.phones.phones)}
+    assert [mark.at_s for mark in speech.marks] == [times["for"], times["today"]]
+
+
+def test_ssml_keeps_its_tags_and_what_they_say_themselves() -> None:
+    text = '<speak>Pay <emphasis level="5 km">$3.50</emphasis>, <say-as interpret-as="date">5 km</say-as>.</speak>'
+    assert spoken_form(text, "en-us").text == text.replace("$3.50", "3 dollars 50")
+    assert spoken(text, ssml=True)[:2] == ["Pay", "$3.50"]
+
+
+def test_words_that_are_spelled_are_remarked_on() -> None:
+    remarks = EspeakVoice("de").speak("Der Antrag bzgl. TV, 5 km.").remarks
+    assert remarks == ("text: 'bzgl' (letter 12) spoken letter by letter; write out what is meant",)
+    assert EspeakVoice("cs").speak("Strč prst skrz krk.").remarks == ()
+    assert EspeakVoice("ja").speak("2024年5月3日、午後3時半。").remarks == ()
+    assert "'漢字'" in EspeakVoice("ja").speak("2024年の 漢字").remarks[0]
+
+
+def test_tables_are_loaded_when_they_are_used() -> None:
+    program = (
+        "import sys; from fapengine.voices.espeak import EspeakVoice; EspeakVoice().speak({!r});"
+        "from fapengine.voices.spoken_form import _rules as of;"
+        "print(of.cache_info().currsize, 'num2words' in sys.modules)"
+    )
+    for text, expected in (
+        ("Hello there, it's a sentence.", "0 False"),
+        ("It is 5 km.", "1 False"),
+        ("In 1990.", "1 True"),
+    ):
+        done = subprocess.run([sys.executable, "-c", program.format(text)], capture_output=True, text=True, check=True)
+        assert done.stdout.strip() == expected
