@@ -17,7 +17,7 @@ from fapengine._late import require
 from fapengine.errors import UsageError
 from fapengine.files.paths import refuse_standard_output, replacing_folder
 from fapengine.files.pictures import Picture, save_png
-from fapengine.files.video import Packet, av, mux, writing
+from fapengine.files.video import av, mux, writing
 
 GIF_MAX_HZ = 50.0
 """GIF counts hundredths of a second, and viewers slow down frames shorter than two of them."""
@@ -219,12 +219,8 @@ def _write_video(
         timed = _timed(itertools.chain(start, frames), rate)
         if is_gif:
             timed = _in_palette(timed, _palette(start), rate)
-        mux(container, _encoded(stream, timed), kind.sound_codec, sound)
-
-
-def _encoded(stream: Any, frames: Iterable[av.VideoFrame]) -> Iterator[Packet]:
-    for frame in itertools.chain(frames, [None]):
-        yield from stream.encode(frame)
+        packets = (packet for frame in itertools.chain(timed, [None]) for packet in stream.encode(frame))
+        mux(container, packets, kind.sound_codec, sound)
 
 
 def _timed(pictures: Iterable[Picture], rate: Fraction) -> Iterator[av.VideoFrame]:

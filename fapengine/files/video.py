@@ -91,14 +91,10 @@ def mux(
 
     ``sound`` is (N,) mono samples and their rate, ``codec`` its encoder; without a codec there is no audio.
     """
-
-    def decoding_time(packet: Packet) -> Fraction:
-        return (packet.dts or 0) * packet.time_base
-
     streams = [packets]
     if sound and codec:
         streams.append(_encoded_audio(container.add_stream(codec, rate=SOUND_RATE_HZ, layout="mono"), *sound))
-    for packet in heapq.merge(*streams, key=decoding_time):
+    for packet in heapq.merge(*streams, key=lambda packet: (packet.dts or 0) * packet.time_base):
         container.mux(packet)
 
 

@@ -325,11 +325,9 @@ class Hub:
         self._tell_faults(now_s)
         self.engine.collect()
         sessions, faps = tuple(shown.sessions), shown.faps
-        overlaid = [host for host in self._hosts.values() if host.is_overlaid and host.session in sessions]
-        if overlaid:
-            faps = faps.copy()
-            for host in overlaid:
-                host.overlay(faps[sessions.index(host.session)], now_s)
+        for host in self._hosts.values():
+            if host.is_overlaid and host.session in sessions:
+                host.overlay(faps[sessions.index(host.session)], now_s)  # the engine has a copy of its own
         if number is None:
             number = self.counts.frames + self.counts.skipped
         frames = HubFrames(number, now_s, sessions, faps)
