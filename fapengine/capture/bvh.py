@@ -101,8 +101,9 @@ def _hierarchy(words: list[str]) -> tuple[list[_Joint], int]:
             at += 1
         else:
             raise ValueError(f"got {words[at]!r:.20}, expected a joint, OFFSET, CHANNELS or a brace")
-    if not joints or open_joints or any(joint.offset.shape != (3,) for joint in joints):
-        raise ValueError("no joint, an open brace, or an offset without three numbers")
+    offsets = [joint.offset for joint in joints]
+    if not joints or open_joints or any(each.shape != (3,) or not np.isfinite(each).all() for each in offsets):
+        raise ValueError("no joint, an open brace, or an offset without three finite numbers")
     width = sum(len(joint.channels) for joint in joints)
     if len(joints) > MAX_JOINTS_PER_CHANNEL * width:
         raise ValueError(f"{len(joints)} joints have {width} channels, expected one for every two joints or more")

@@ -2,13 +2,16 @@
 
     python -m tests.fuzz.verbs [--seconds 600] [--count 1000] [--seed 1] [--only encode]
 
-Each command is a child of a process that has everything imported, in a folder of its own with good and spoiled files of
-every kind. Arguments are mostly files of that folder, options those of the verb, values mostly what people write. The
-law: exit code 0 to 3, no traceback, no more than :data:`MOST_S` of processor and :data:`MOST_MB`, no input changed that
-was not named as the output, no hidden file left. What breaks it is printed as a command line.
+Commands run one after the other in a child of a process that has everything imported, in a folder with good and spoiled
+files of every kind. Arguments are mostly files of that folder, options those of the verb, values mostly what people
+write. The law: exit code 0 to 3, no traceback, a line of words where it is not 0, no more than :data:`MOST_S` of
+processor and :data:`MOST_MB`, no input changed that was not named as the output, no hidden file left, nothing written
+beside the folder that was not named, nothing left in the folder for temporary files. What breaks it is printed as a
+command line; a command that ends its process costs itself alone.
 """
 
 import argparse
+import json
 import math
 import os
 import random
@@ -20,10 +23,12 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
+from importlib import import_module
+from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import typer
 
@@ -68,18 +73,33 @@ FITS = {
     "encode": (".fap",),
     "decode": (".fba",),
     "convert": (".fap", ".fba", ".csv", ".osc"),
+    "capture": (".json", ".csv"),
+    "reduce": (".c3d", ".trc", ".csv", ".npz"),
+    "drive": (".c3d", ".trc", ".csv", ".npz"),
     "fit": (".toml",),
     "score": (".fap", ".csv"),
     "head import": (".glb", ".obj"),
 }
 """Endings that a verb's argument mostly has."""
+SAID = {
+    "say": ("Hello.", "Ja, gut!"),
+    "head check": ("default:level=coarse",),
+    "head export": ("default:level=coarse", "woman:level=coarse"),
+}
+"""Arguments that are no files."""
 OUTPUT_FITS = {
     "encode": ".fba", "decode": ".fap", "align": ".TextGrid", "score": ".html", "animate": ".fap", "say": ".fap",
-    "render": ".gif", "convert": ".csv", "batch": "",
+    "render": ".gif", "convert": ".csv", "batch": "", "capture": ".fap", "reduce": ".npz", "drive": ".npz",
 }  # fmt: skip
-ENDLESS = ("serve", "view")
-"""Verbs that wait for somebody; ``--live`` and ``--mic`` do, too."""
-MOST_S, MOST_MB = 60, 3000
+ENDLESS = {"serve": ("--config", "missing.toml"), "view": ("missing.fap",)}
+"""Verbs that wait for somebody, and what they always refuse."""
+WAITS = {"--live", "--mic", "--help", "--scheduler", "--window"}
+"""Options that wait for somebody, and ``--help``."""
+SELDOM = {"doctor": 0.1}
+"""Share of a verb that has little to be told and takes long."""
+MOST_S, MOST_MB = 60, 4000
+TOGETHER = 40
+"""Commands in one folder."""
 
 
 def fill(folder: Path, chance: random.Random) -> list[str]:
@@ -98,19 +118,25 @@ def fill(folder: Path, chance: random.Random) -> list[str]:
     return [*names, "folder", "missing.fap"]
 
 
-def command_line(chance: random.Random, names: Sequence[str], only: str) -> list[str]:
-    """Make up a command."""
+def verbs() -> dict[str, Any]:
+    """Every command by its name, those of ``head`` with both words."""
     group: Any = typer.main.get_command(app)
-    verbs = {name: group.get_command(None, name) for name in COMMANDS}
-    verbs = verbs | {f"head {name}": verb for name, verb in verbs["head"].commands.items()}
-    name = chance.choice([name for name in verbs if name not in (*ENDLESS, "head") and only in name])
+    known = {name: group.get_command(None, name) for name in COMMANDS}
+    known |= {f"head {name}": verb for name, verb in known.pop("head").commands.items()}
+    return known
+
+
+def command_line(chance: random.Random, known: dict[str, Any], names: Sequence[str]) -> list[str]:
+    """Make up a command."""
+    name = chance.choices([*known], [SELDOM.get(name, 1.0) for name in known])[0]
     words = name.split()
-    for parameter in verbs[name].params:
+    for parameter in known[name].params:
         if parameter.param_type_name == "argument":
-            fitting = [each for each in names if each.endswith(FITS.get(name, ("",)))]
-            words.append(chance.choice(fitting) if fitting and chance.random() < 0.85 else _value(chance, names))
+            fitting = SAID.get(name) or [each for each in names if each.endswith(FITS.get(name, ("",)))]
+            if name not in ENDLESS:
+                words.append(chance.choice(fitting) if fitting and chance.random() < 0.85 else _value(chance, names))
             continue
-        if {"--live", "--mic", "--help", "--scheduler"} & set(parameter.opts):
+        if WAITS & set(parameter.opts):
             continue
         if chance.random() < (0.9 if "--output" in parameter.opts else 0.4 if "--size" in parameter.opts else 0.015):
             words.append(chance.choice([*parameter.opts, *parameter.secondary_opts]))
@@ -122,85 +148,160 @@ def command_line(chance: random.Random, names: Sequence[str], only: str) -> list
                 words.append(chance.choice(("64", "32", "32x48", "64x32", _value(chance, names))))
             elif not parameter.is_flag:
                 words.append(_value(chance, names))
-    return words
+    return [*words, *ENDLESS.get(name, ())]
 
 
 def _value(chance: random.Random, names: Sequence[str]) -> str:
     return chance.choice(names) if chance.random() < 0.7 else chance.choice(WORDS)
 
 
-def run(words: Sequence[str], folder: Path) -> tuple[int, str]:
-    """Run a command in a child; its exit code (minus the signal that ended it), and all that it printed."""
-    with tempfile.TemporaryFile() as printed:
-        child = os.fork()
-        if not child:
-            code = 70
-            try:
-                os.chdir(folder)
-                for stream in (1, 2):
-                    os.dup2(printed.fileno(), stream)
-                os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
-                resource.setrlimit(resource.RLIMIT_CPU, (MOST_S, MOST_S + 5))
-                resource.setrlimit(resource.RLIMIT_AS, (MOST_MB << 20, MOST_MB << 20))
-                sys.argv = ["fapengine", *words]
-                main()
-                code = 0
-            except SystemExit as error:
-                code = error.code if isinstance(error.code, int) else 0 if error.code is None else 1
-            finally:
-                with suppress(Exception):
-                    sys.stdout.flush()
-                os._exit(code)
-        until_s = time.monotonic() + 4 * MOST_S
-        while True:
-            ended, status = os.waitpid(child, os.WNOHANG)
-            if ended:
-                break
-            if time.monotonic() > until_s:
-                os.kill(child, signal.SIGKILL)
-                until_s += MOST_S
-            time.sleep(0.005)
-        printed.seek(0)
-        return os.waitstatus_to_exitcode(status), printed.read().decode(errors="replace")
+def run(words: Sequence[str], folder: Path, printed: BinaryIO) -> tuple[int, str]:
+    """Run a command in this process, with a file as its output; its exit code, and all that it printed."""
+    printed.seek(0)
+    printed.truncate()
+    code = 70
+    try:
+        os.chdir(folder)
+        for stream in (1, 2):
+            os.dup2(printed.fileno(), stream)
+        signal.setitimer(signal.ITIMER_PROF, MOST_S)
+        sys.argv = ["fapengine", *words]
+        main()
+        code = 0
+    except SystemExit as error:
+        code = error.code if isinstance(error.code, int) else 0 if error.code is None else 1
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        for stream in (sys.stdout, sys.stderr):
+            with suppress(Exception):
+                stream.flush()
+    printed.seek(0)
+    return code, printed.read().decode(errors="replace")
 
 
-def broken(words: Sequence[str], folder: Path, names: Sequence[str]) -> tuple[int, str | None]:
+def broken(words: Sequence[str], folder: Path, names: Sequence[str], printed: BinaryIO) -> tuple[int, str | None]:
     """Run a command, and tell how it ended and what law it broke."""
     before = {name: (folder / name).read_bytes() for name in names if (folder / name).is_file()}
-    code, printed = run(words, folder)
-    if "Traceback" in printed or "this is a bug" in printed:
-        return code, printed[-300:]
+    code, told = run(words, folder, printed)
+    if "Traceback" in told or "this is a bug" in told:
+        return code, told[-300:]
     if code not in (0, 1, 2, 3):
-        return code, f"exit code {code}: {printed[-200:]}"
+        return code, f"exit code {code}: {told[-200:]}"
+    if code and not told.strip():
+        return code, f"exit code {code} without a word"
     for name, data in before.items():
         if name not in words[1:] or code:
             now = (folder / name).read_bytes() if (folder / name).exists() else None
             if now != data and f"-o {name}" not in " ".join(words) and f"--output {name}" not in " ".join(words):
                 return code, f"{name} was changed"
     hidden = [path.name for path in folder.rglob(".*")]
-    return code, f"left {hidden}" if hidden else None
+    if hidden:
+        return code, f"left {hidden}"
+    temporary = folder.parent / TEMPORARY
+    beside = [path for path in folder.parent.iterdir() if path not in (folder, temporary)]
+    names_left = [path.name for path in (*beside, *temporary.iterdir())]
+    if "../x" in words:  # it may be named as an output
+        names_left = [name for name in names_left if not name.startswith("x")]
+    names_left = [name for name in names_left if not name.startswith(FOREIGN)]
+    clear(beside)
+    clear(temporary.iterdir())
+    return code, f"wrote {names_left} beside its folder" if names_left else None
 
 
-def search(seconds: float, seed: int, only: str = "", most: int = 1 << 30) -> tuple[Counter[str], list[str]]:
-    """Try so long, or so many; count endings by verb and code, and list what broke the law."""
-    chance, endings, found = random.Random(seed), Counter[str](), []
+TEMPORARY = "temporary"
+FOREIGN = (".ses", "pulse-")
+"""Names that libraries of others leave in the folder for temporary files: onnxruntime, libpulse."""
+
+
+def clear(paths: Iterable[Path]) -> None:
+    """Remove files and folders."""
+    for path in paths:
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
+
+
+def run_all(
+    commands: Sequence[Sequence[str]], folder: Path, names: Sequence[str]
+) -> tuple[list[tuple[int, str | None]], list[str]]:
+    """Run commands in a child until one ends it: how they ended, what law they broke; and the modules they imported.
+
+    The last of fewer answers than commands is that of the one that ended the child.
+    """
+    reads, writes = os.pipe()
+    child = os.fork()
+    if not child:
+        try:
+            os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+            resource.setrlimit(resource.RLIMIT_AS, (MOST_MB << 20, MOST_MB << 20))
+            resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+            known = set(sys.modules)
+            with tempfile.TemporaryFile() as printed:
+                for words in commands:
+                    os.write(writes, json.dumps(broken(words, folder, names, printed)).encode() + b"\n")
+            os.write(writes, json.dumps([name for name in sys.modules if name not in known]).encode() + b"\n")
+        finally:
+            os._exit(0)
+    os.close(writes)
+    with os.fdopen(reads, "rb") as pipe:
+        answers = [json.loads(line) for line in pipe if line.endswith(b"\n")]
+    code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    if len(answers) > len(commands):
+        return [(code, wrong) for code, wrong in answers[:-1]], answers[-1]
+    clear((folder.parent / TEMPORARY).iterdir())
+    return [*((code, wrong) for code, wrong in answers), (code, f"the process ended with {code}")], []
+
+
+def search(
+    seconds: float, seed: int, only: str = "", most: int = 1 << 30
+) -> tuple[Counter[str], list[str], tuple[int, int]]:
+    """Try so long, or so many: endings by verb and code, what broke the law, and how many options of how many.
+
+    The same seed and number of a folder make the same files and commands.
+    """
+    endings, found, tried, imported = Counter[str](), list[str](), set[tuple[str, str]](), set[str]()
+    known = {name: verb for name, verb in verbs().items() if only in name}
+    every = {
+        (name, option)
+        for name, verb in known.items()
+        for parameter in verb.params
+        if parameter.param_type_name == "option" and not WAITS & set(parameter.opts)
+        for option in (*parameter.opts, *parameter.secondary_opts)
+    }
     until_s = math.inf
     with tempfile.TemporaryDirectory() as root:
-        while time.monotonic() < until_s and sum(endings.values()) < most:
-            folder = Path(root) / "here"
+        folder, temporary = Path(root) / "here", Path(root) / TEMPORARY
+        temporary.mkdir()
+        for number in count():
+            chance = random.Random(f"{seed} {number}")
             folder.mkdir()
             names = fill(folder, chance)
-            until_s = min(until_s, time.monotonic() + seconds)  # what is imported and built first is no part of it
-            for _ in range(20):
-                words = command_line(chance, names, only)
-                code, wrong = broken(words, folder, names)
-                endings[f"{words[0]} {code}"] += 1
-                if wrong:
-                    found.append(f"fapengine {shlex.join(words)}\n    {wrong}")
-                if time.monotonic() > until_s or sum(endings.values()) >= most:
-                    break
+            if not number:
+                os.environ["TMPDIR"] = tempfile.tempdir = str(temporary)
+                until_s = time.monotonic() + seconds  # what is imported and built first is no part of it
+            left = [command_line(chance, known, names) for _ in range(min(TOGETHER, most - sum(endings.values())))]
+            while left:
+                answers, modules = run_all(left, folder, names)
+                for words, (code, wrong) in zip(left, answers, strict=False):
+                    name = " ".join(words[: 1 + (words[0] == "head")])
+                    endings[f"{name} {code}"] += 1
+                    tried |= {(name, word) for word in words} & every
+                    if wrong:
+                        found.append(f"fapengine {shlex.join(words)}\n    {wrong}")
+                        print(f"folder {number}: {found[-1]}", file=sys.stderr, flush=True)
+                left = left[len(answers) :]
+                for module in set(modules) - imported - APART:
+                    imported.add(module)
+                    with suppress(Exception):
+                        import_module(module)
             shutil.rmtree(folder)
-    return endings, found
+            if number % 25 == 0:
+                print(f"{sum(endings.values())} commands, {len(found)} not as promised", file=sys.stderr, flush=True)
+            if time.monotonic() > until_s or sum(endings.values()) >= most:
+                return endings, found, (len(tried), len(every))
+    raise AssertionError("unreachable")
+
+
+APART = {"sounddevice", "_sounddevice"}
+"""Modules that open devices when they are imported."""
 
 
 def start() -> int:
@@ -211,8 +312,8 @@ def start() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--only", default="", help="verbs with this in their names")
     chosen = parser.parse_args()
-    endings, found = search(chosen.seconds, chosen.seed, chosen.only, chosen.count)
-    print(f"{sum(endings.values())} commands: {dict(sorted(endings.items()))}")
+    endings, found, (tried, every) = search(chosen.seconds, chosen.seed, chosen.only, chosen.count)
+    print(f"{sum(endings.values())} commands, {tried} of {every} options: {dict(sorted(endings.items()))}")
     print("\n".join(found) or "all as promised")
     return bool(found)
 

@@ -49,7 +49,13 @@ def test_what_a_search_has_found() -> None:
     known = {reader.name: reader for reader in readers()}
     far = NUMBER.sub(b"1e301", known["landmarks"].good[0], count=1)
     no_points = bytes.fromhex("445241434f020201000204010001020000000080")
+    cloud = known["Draco"].good[0][:7] + b"\0" + known["Draco"].good[0][8:]
+    with pytest.raises(DataError, match="got no mesh, expected triangles"):
+        known["Draco"].read(cloud)
+    endless = known["BVH"].good[0].replace(b"OFFSET 0 -10 0", b"OFFSET 0 -1e999 0")
+    assert endless != known["BVH"].good[0]
     for name, data in (
+        ("BVH", endless),
         ("timings, ctm", b"#"),
         ("timings, ctm", b"talk 1 0.0 0.1 \x0c"),
         ("landmarks", far),

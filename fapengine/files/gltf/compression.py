@@ -260,6 +260,8 @@ else:
 
 DRACO = "KHR_draco_mesh_compression"
 MAGIC = b"DRACO"
+KIND, MESH = 7, b"\1"
+"""Where a header says what it describes, and how it says a mesh."""
 
 
 def decode_draco(data: bytes, wanted: dict[str, int], where: str) -> tuple[dict[str, NDArray[Any]], NDArray[np.int64]]:
@@ -290,6 +292,8 @@ def decode_draco(data: bytes, wanted: dict[str, int], where: str) -> tuple[dict[
     """
     if data[: len(MAGIC)] != MAGIC:
         raise DataError("Draco: got data that do not begin with DRACO", where=where)
+    if data[KIND : KIND + 1] != MESH:  # a cloud of points takes memory for as many as its header names
+        raise DataError("Draco: got no mesh, expected triangles", where=where)
     decode = DracoPy.decode  # raises ResourceError if it is not installed
     try:
         mesh = decode(data)
