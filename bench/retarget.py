@@ -2,10 +2,12 @@
 
     python -m bench.retarget [--avatar avatar.glb] [--json]
 
-Six sentences of espeak-ng are planned with everything that lives and become ARKit's 52, Oculus' visemes and VRM's
-presets, which become FAPs again. Per phone, in the middle of its hold: how far the inner lips are open, and what came
-back of it, with the lower lip's height and the mouth's width; ARKit beside plain least squares on the same rows, which
-is what stood here before. ``--avatar`` also opens the mouth of an avatar with ARKit's shapes, by its own shapes alone.
+Six sentences of espeak-ng are planned with everything that lives and become ARKit's 52, Oculus' visemes, VRM's presets
+and MPEG-4's visemes, which become FAPs again. Per phone, in the middle of its hold: how far the inner lips are open,
+and what came back of it, with the lower lip's height and the mouth's width; ARKit beside plain least squares on the
+same rows, which is what stood here before. Of each set: closures that are kept, the largest step of a weight of the
+mouth between two frames, the correlation of the opening, and the time of one frame. ``--avatar`` also opens the mouth
+of an avatar with ARKit's shapes, by its own shapes alone.
 """
 
 import argparse
@@ -19,10 +21,13 @@ from numpy.typing import NDArray
 
 import fapengine
 from fapengine.files.heads.meshes import load_rig
+from fapengine.files.motion import as_visemes
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.rig.axes import JAW, LEFT, RIGHT
 from fapengine.mesh.rig.feature_points import locate
 from fapengine.mpeg4 import fap
+from fapengine.mpeg4.fap import FULL_WEIGHT
+from fapengine.mpeg4.track import FapTrack, to_codable
 from fapengine.retarget.arkit import approximate_arkit, arkit_map, arkit_to_faps
 from fapengine.retarget.blend import ARKIT_NAMES, weights_mm
 from fapengine.retarget.visemes import (
@@ -32,8 +37,10 @@ from fapengine.retarget.visemes import (
     presets_to_faps,
     visemes_to_faps,
 )
+from fapengine.scoring.mouth import closures_of_truth, mouth_of
 from fapengine.speech.phone_track import Phone
-from fapengine.wire.shapes import ArkitFollower
+from fapengine.trajectory.high_level import viseme_faces
+from fapengine.wire.shapes import ArkitFollower, PresetFollower, VisemeFollower
 
 Array = NDArray[np.float64]
 
@@ -52,12 +59,41 @@ CLASSES = {
     "s z": ("s", "z"), "t d n l": ("t", "d", "n", "l"), "θ ð": ("θ", "ð"), "i ɪ": ("iː", "i", "ɪ"), "ɛ eɪ": ("ɛ", "eɪ"),
     "æ ʌ": ("æ", "ʌ"), "ɑ aɪ aʊ": ("ɑː", "ɑ", "aɪ", "aʊ"), "ɔ oʊ": ("ɔː", "ɔ", "oʊ"),
 }  # fmt: skip
+
+
+def fractions_of(track: FapTrack) -> Array:
+    """(T, 15): fractions of MPEG-4's visemes in FAP 1."""
+    first, second, blend, _ = track.visemes.T
+    rows, share = np.eye(15), blend[:, None] / FULL_WEIGHT
+    mixed: Array = share * rows[first] + (1 - share) * rows[second]
+    return mixed
+
+
+def fractions_to_faps(fractions: Array) -> Array:
+    faces = viseme_faces(fapengine.load_profile("grid_s1_en"))
+    shown: Array = fractions @ faces
+    return shown
+
+
 SETS: dict[str, tuple[Callable[[Array], Array], Callable[[Array], Array]]] = {
     "arkit": (approximate_arkit, arkit_to_faps),
     "plain": (lambda faps: arkit_map().approximate_weights(faps), arkit_to_faps),
     "oculus": (approximate_visemes, visemes_to_faps),
     "vrm0": (approximate_presets, presets_to_faps),
+    "mpeg4": (lambda faps: fractions_of(as_visemes(FapTrack.of(to_codable(faps), rate_hz=RATE_HZ))), fractions_to_faps),
 }
+FOLLOWERS: dict[str, Callable[[], ArkitFollower | VisemeFollower | PresetFollower]] = {
+    "arkit": ArkitFollower, "oculus": VisemeFollower, "vrm0": PresetFollower,
+}  # fmt: skip
+MOUTHS = {
+    "arkit": [
+        number for number, name in enumerate(ARKIT_NAMES) if name.startswith(("jaw", "mouth", "cheek", "tongue"))
+    ],
+    "oculus": list(range(15)),
+    "vrm0": [VRM0_NAMES.index(vowel) for vowel in "AIUEO"],
+    "mpeg4": list(range(15)),
+}
+"""Columns of the mouth in each set."""
 NO_SPEECH = ("jawForward", "mouthFrownLeft", "cheekPuff", "noseSneerLeft", "mouthLeft", "jawLeft")
 
 
@@ -92,7 +128,8 @@ def main() -> None:
         if avatar is not None:
             table[title]["avatar_opening_mm"] = opening_mm(weights["arkit"][at] @ avatar).mean()
             table[title]["avatar_most_mm"] = opening_mm(weights["arkit"][at] @ avatar).max()
-    report = {"phones": table, "channels": channels(weights, faps), "follow_us": follow_us(faps)}
+    sets = {name: of_a_set(name, frames) for name in MOUTHS}
+    report = {"phones": table, "sets": sets, "channels": channels(weights, faps)}
     print(json.dumps(report, indent=2, default=float, ensure_ascii=False) if options.json else as_text(report))
 
 
@@ -133,12 +170,36 @@ def channels(weights: dict[str, Array], faps: Array) -> dict[str, float]:
     return {name: float(value) for name, value in found.items()}
 
 
-def follow_us(faps: Array) -> float:
-    """Microseconds of one frame of one live face."""
-    follower, begin = ArkitFollower(), time.perf_counter()
-    for row in faps[:300]:
-        follower.follow(row)
-    return (time.perf_counter() - begin) / 300 * 1e6
+def of_a_set(name: str, sentences: list[Array]) -> dict[str, float]:
+    """What a set keeps of closures and openings, how its weights jump, and microseconds of one frame."""
+    there, back = SETS[name]
+    count = sum(len(faps) for faps in sentences)
+    begin = time.process_time()
+    weights = [there(faps) for faps in sentences]
+    row = {"frame_us": (time.process_time() - begin) / count * 1e6, "largest_step": largest_step(name, weights)}
+    pairs = [
+        tuple(mouth_of(FapTrack.of(to_codable(values), rate_hz=RATE_HZ)) for values in (back(found), faps))
+        for found, faps in zip(weights, sentences, strict=True)
+    ]
+    closures = [closures_of_truth(shown, wanted) for shown, wanted in pairs]
+    row["closures"] = sum(each.met for each in closures)
+    row["closures_wanted"] = sum(each.wanted for each in closures)
+    row["opening_r"] = min(np.corrcoef(shown.opening_mm, wanted.opening_mm)[0, 1] for shown, wanted in pairs)
+    if name in FOLLOWERS:
+        begin = time.process_time()
+        followed = [live(name, faps) for faps in sentences]
+        row["live_frame_us"] = (time.process_time() - begin) / count * 1e6
+        row["live_largest_step"] = largest_step(name, followed)
+    return {key: float(value) for key, value in row.items()}
+
+
+def live(name: str, faps: Array) -> Array:
+    follower = FOLLOWERS[name]()
+    return np.array([follower.follow(values) for values in faps])
+
+
+def largest_step(name: str, weights: list[Array]) -> float:
+    return float(max(np.abs(np.diff(each[:, MOUTHS[name]], axis=0)).max() for each in weights))
 
 
 def avatar_rows(path: Path) -> Array:
@@ -161,10 +222,11 @@ def avatar_rows(path: Path) -> Array:
 
 
 def as_text(report: dict[str, object]) -> str:
-    phones, found = report["phones"], report["channels"]
+    phones, sets, found = report["phones"], report["sets"], report["channels"]
     assert isinstance(phones, dict)
+    assert isinstance(sets, dict)
     assert isinstance(found, dict)
-    names = [name for name in SETS if name != "plain"]
+    names = ["arkit", "oculus", "vrm0"]
     lines = [
         "| phones | opening mm | ARKit | plain least squares | Oculus | VRM | lower lip off | width off |",
         "|" + "---|" * 8,
@@ -186,7 +248,14 @@ def as_text(report: dict[str, object]) -> str:
             f"{title}: widest that comes back {row['arkit_most_mm']:.1f} mm (plain {row['plain_most_mm']:.1f})"
         )
     lines += [f"{name}: {value:.2f}" for name, value in found.items()]
-    return "\n".join([*lines, f"one frame of one live face: {report['follow_us']:.0f} us"])
+    lines += ["| set | closures | largest step, live | opening r | us a frame | us a frame, live |", "|" + "---|" * 6]
+    for name, row in sets.items():
+        steps, live = f"{row['largest_step']:.2f}", ""
+        if name in FOLLOWERS:
+            steps, live = f"{steps}, {row['live_largest_step']:.2f}", f"{row['live_frame_us']:.0f}"
+        kept = f"{row['closures']:.0f} of {row['closures_wanted']:.0f}"
+        lines.append(f"| {name} | {kept} | {steps} | {row['opening_r']:.4f} | {row['frame_us']:.0f} | {live} |")
+    return "\n".join(lines)
 
 
 if __name__ == "__main__":

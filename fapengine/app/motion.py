@@ -179,7 +179,8 @@ def weights(track: FapTrack, shapes: str = "arkit") -> Weights:
     shapes = OTHER_NAMES.get(shapes, shapes)
     chosen = shape_set(shapes)
     names = ARKIT_NAMES if shapes == "arkit" else chosen.names
-    return Weights(chosen.from_faps(shown(track).values.astype(np.float64)), names, track.times_s)
+    faps = shown(track).values.astype(np.float64)
+    return Weights(chosen.from_faps(faps, track.rate_hz), names, track.times_s)
 
 
 @checked

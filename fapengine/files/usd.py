@@ -79,7 +79,7 @@ def save_usd(
     moved = 0
     if faps is not None:
         names = list(dict.fromkeys(name for part in puppet.parts for name in part.shapes))
-        weights = rig_weights([names], faps, None, looks=False)[0]
+        weights = rig_weights([names], faps, None, looks=False, rate_hz=rate_hz)[0]
         moved = sum(bool(row.any()) for row in weights.values())
         _add_animation(stage, puppet, skeleton, names, weights, turns or {}, len(faps))
         stage.SetTimeCodesPerSecond(rate_hz)

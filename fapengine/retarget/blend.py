@@ -18,6 +18,17 @@ weight outside its bounds and every bound with a gradient of the wrong sign chan
 if that does not reduce their number, which terminates for any positive definite matrix. Speech changes few sides from
 frame to frame, so one to three systems are solved.
 
+Mouths of few shapes
+--------------------
+A dozen visemes, or five vowels, cannot show every mouth, and the best mix of each single frame jumps. So a map with
+:attr:`BlendMap.change_mm` has two more terms for each frame ``t``:
+
+    change^2 |weights_t - weights_(t-1)|^2 + meeting_t (opening(weights_t) - opening(faps_t))^2.
+
+The opening between the lips counts the more the less they are open, so lips that meet in the FAPs meet in the shapes.
+No weight changes by more than :data:`MAX_STEP` in 1/60 s. A live face solves each frame beside the previous one; a
+whole track is then solved again, backwards and forwards, each frame beside both its neighbours.
+
 Named shapes
 ------------
 ``arkit.npz`` (``design/fit_arkit.py``) was measured on ICT-FaceKit (MIT licence, University of Southern California,
@@ -53,6 +64,19 @@ BOUND_TOLERANCE = 1e-9
 """Distance outside of a bound that counts as on it; weights are scaled to the order of millimetres."""
 MAX_FAILED_PIVOTS = 3
 """Block pivots without progress before going one by one."""
+LIPS = [fap.column(4), fap.column(5)]
+"""Columns of the middle of the inner lips; minus their sum is the opening."""
+MEETING, SPEAKING = 200.0, 5.0
+"""How much the square of the opening counts where lips meet, and where they are open by :data:`PARTED_MM`."""
+PARTED_MM = 6.0
+BITTEN_MM, LIFTED_MM = 0.5, 0.3
+"""Least opening of lips whose upper one is lifted by so much: it is f or v, where the lower lip meets the teeth."""
+MAX_STEP = 0.27
+"""Greatest change of a weight in 1/60 s, in maps with ``change_mm``."""
+SWEEPS = 2
+"""How often all frames are solved again beside their neighbours."""
+FULL = 10_000.0
+"""How much the square of what fractions add up to beyond their bounds counts."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,11 +98,17 @@ class BlendMap:
     lengths_mm: Array | None = None
     """(68, L) mm per FAPU, optional: the quantities that count when solving for weights; by default :func:`weights_mm`.
     """
+    change_mm: float = 0.0
+    """A weight that changes by 1 in 1/60 s counts as this error; above 0, lips that meet count too."""
+    is_fractions: bool = False
+    """Whether weights are fractions: they add up to 1 at most, and the change of their sum counts too."""
     _goals: Array = field(init=False, repr=False)
     _gram: Array = field(init=False, repr=False)
     _lengths: Array = field(init=False, repr=False)
     _rate: float = field(init=False, repr=False)
     _reluctance: Array = field(init=False, repr=False)
+    _opening: Array = field(init=False, repr=False)
+    _change: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         shapes = frozen(self.faps, "faps", (len(self.names), fap.FAP_COUNT), np.float64)
@@ -102,20 +132,26 @@ class BlendMap:
         object.__setattr__(self, "_gram", square / lengths / lengths[:, None])
         object.__setattr__(self, "_lengths", lengths)
         object.__setattr__(self, "_rate", 1.0 / float(np.linalg.eigvalsh(self._gram)[-1]))
+        object.__setattr__(self, "_opening", opening_mm(shapes) / lengths)
+        apart = np.eye(len(shapes)) + (1.0 if self.is_fractions else 0.0)
+        object.__setattr__(self, "_change", self.change_mm**2 * apart / lengths / lengths[:, None])
 
     def to_faps(self, weights: ArrayLike) -> Array:
         """(..., B) weights -> (..., 68) FAPU."""
         checked = frozen(weights, "weights", ("...", len(self.names)), np.float64)
         return checked @ self.faps
 
-    def approximate_weights(self, faps: ArrayLike, *, cost: ArrayLike = 1.0) -> Array:
+    def approximate_weights(self, faps: ArrayLike, *, cost: ArrayLike = 1.0, rate_hz: float = 60.0) -> Array:
         """Find the weights that best reproduce a motion.
 
         Parameters
         ----------
         faps : (T, 68) FAPU
+            With ``change_mm``, of one face over time.
         cost : (T, B), optional
             Fraction of ``reluctance_mm`` of each blendshape in each frame.
+        rate_hz : float
+            Frame rate; only with ``change_mm``.
 
         Returns
         -------
@@ -124,27 +160,75 @@ class BlendMap:
         """
         wanted = frozen(faps, "faps", ("T", fap.FAP_COUNT), np.float64)
         goal = wanted @ self._goals - self._reluctance * np.asarray(cost)
+        if self.change_mm:
+            return self._over_time(wanted, goal, rate_hz)
         most = self.limit * self._lengths
-        weights_now = np.clip(goal * self._rate, 0.0, most)
-        ahead, momentum = weights_now, 1.0
+        here = ahead = np.clip(goal * self._rate, 0.0, most)
+        momentum = 1.0
         for _ in range(STEPS):
             after = np.clip(ahead - self._rate * (ahead @ self._gram - goal), 0.0, most)
             faster = (1 + np.sqrt(1 + 4 * momentum**2)) / 2
-            ahead = after + (momentum - 1) / faster * (after - weights_now)
-            weights_now, momentum = after, faster
-        weights: Array = weights_now / self._lengths
+            ahead = after + (momentum - 1) / faster * (after - here)
+            here, momentum = after, faster
+        weights: Array = here / self._lengths
         return weights
 
-    def solve_weights(self, faps: ArrayLike, near: ArrayLike | None = None, *, cost: ArrayLike = 1.0) -> Array:
+    def _over_time(self, faps: Array, goal: Array, rate_hz: float) -> Array:
+        """Weights of all frames, (T, B): each beside the one before, then again beside both neighbours."""
+        openings, meetings = _meeting(faps)
+        weights = np.zeros((len(faps), len(self.names)))
+        for row in range(len(faps)):
+            before = weights[max(row - 1, 0) : row]
+            weights[row] = self._beside(goal[row], openings[row], meetings[row], before, rate_hz)
+        for sweep in range(SWEEPS):
+            for row in range(len(faps)) if sweep % 2 else reversed(range(len(faps))):
+                near = np.concatenate([weights[max(row - 1, 0) : row], weights[row + 1 : row + 2]])
+                weights[row] = self._beside(goal[row], openings[row], meetings[row], near, rate_hz)
+        return weights
+
+    def _beside(
+        self,
+        goal: Array,
+        opening: float,
+        meeting: float,
+        near: Array,
+        rate_hz: float,
+    ) -> Array:
+        """Weights of one frame, (B,), beside those of its neighbours, (N, B) with N from 0 to 2."""
+        change, step = self._change * (rate_hz / 60.0) ** 2, MAX_STEP * 60.0 / rate_hz
+        gram = self._gram + meeting * self._opening[:, None] * self._opening + len(near) * change
+        goal = goal + meeting * opening * self._opening + change @ (near.sum(axis=0) * self._lengths)
+        totals, least, most = near.sum(axis=1), np.zeros(len(goal)), self.limit * self._lengths
+        fewest, fullest = max(totals, default=0.0) - step, min(1.0, min(totals, default=1.0) + step)
+        if len(near):
+            least = np.maximum(near.max(axis=0) - step, 0.0) * self._lengths
+            most = np.minimum(near.min(axis=0) + step, self.limit) * self._lengths
+            most = np.maximum(most, least)
+        begin = near.mean(axis=0) * self._lengths if len(near) else goal
+        side = np.where(begin <= least, BELOW, np.where(begin >= most, ABOVE, FREE)).astype(np.int8)
+        found = least + _pivot(gram, goal - gram @ least, most - least, side)
+        if self.is_fractions and not fewest <= (total := float((found / self._lengths).sum())) <= fullest:
+            goal = goal + FULL * min(max(total, fewest), fullest) / self._lengths
+            gram = gram + FULL / self._lengths[:, None] / self._lengths
+            found = least + _pivot(gram, goal - gram @ least, most - least, side)
+        weights: Array = found / self._lengths
+        return fractions(weights) if self.is_fractions else weights
+
+    def solve_weights(
+        self, faps: ArrayLike, near: ArrayLike | None = None, *, cost: ArrayLike = 1.0, rate_hz: float = 60.0
+    ) -> Array:
         """Find the weights of one frame, exactly.
 
         Parameters
         ----------
         faps : (68,) FAPU
         near : (B,), optional
-            Weights of a similar frame, such as the previous one. The result is the same without, only slower.
+            Weights of the previous frame. With ``change_mm`` the result stays near them, unless all FAPs are 0; else it
+            is the same without, only slower.
         cost : (B,), optional
             Fraction of ``reluctance_mm`` of each blendshape.
+        rate_hz : float
+            Frame rate; only with ``change_mm``.
 
         Returns
         -------
@@ -153,18 +237,41 @@ class BlendMap:
         """
         wanted = frozen(faps, "faps", (fap.FAP_COUNT,), np.float64)
         goal = wanted @ self._goals - self._reluctance * np.asarray(cost)
-        most = self.limit * self._lengths
-        side = np.zeros(len(goal), np.int8)
-        if near is not None:
-            checked = frozen(near, "near", (len(goal),), np.float64)
+        checked = None if near is None else frozen(near, "near", (len(goal),), np.float64)
+        if self.change_mm and not wanted.any():
+            return np.zeros(len(goal))  # a neutral face, perhaps one that was closed: nothing follows
+        if self.change_mm:
+            before = np.zeros((0, len(goal))) if checked is None else checked[None]
+            opening, meeting = map(float, _meeting(wanted))
+            return self._beside(goal, opening, meeting, before, rate_hz)
+        side = np.where(goal > 0, FREE, BELOW).astype(np.int8)
+        if checked is not None:
             side = np.where(checked <= 0, BELOW, np.where(checked >= self.limit, ABOVE, FREE)).astype(np.int8)
-        else:
-            side = np.where(goal > 0, FREE, BELOW).astype(np.int8)
-        return _pivot(self._gram, goal, most, side) / self._lengths
+        return _pivot(self._gram, goal, self.limit * self._lengths, side) / self._lengths
 
     def is_full(self, cost: Array) -> bool:
         """Whether a fraction of reluctance, (..., B), is 1 wherever there is any; then it changes nothing."""
         return not bool(((cost < 1.0) & (self._reluctance > 0.0)).any())
+
+
+def opening_mm(faps: Array) -> Array:
+    """(..., 68) FAPU -> (...) mm by which the inner lips of an adult's face are farther apart than at rest."""
+    opened: Array = -(faps[..., LIPS] * weights_mm()[LIPS]).sum(axis=-1)
+    return opened
+
+
+def fractions(weights: Array) -> Array:
+    """(..., B): weights that add up to 1 at most."""
+    scaled: Array = weights / np.maximum(weights.sum(axis=-1, keepdims=True), 1.0)
+    return scaled
+
+
+def _meeting(faps: Array) -> tuple[Array, Array]:
+    """(..., 68) FAPU -> opening that shapes should have, mm, and how much its square counts, (...) each."""
+    lifted_mm = -faps[..., LIPS[0]] * weights_mm()[LIPS[0]]
+    bitten_mm = BITTEN_MM * np.clip(lifted_mm / LIFTED_MM, 0.0, 1.0)
+    wanted = np.maximum(opening_mm(faps), bitten_mm)
+    return wanted, np.interp(wanted, (0.0, PARTED_MM), (MEETING, SPEAKING))
 
 
 def _pivot(gram: Array, goal: Array, most: Array, side: NDArray[np.int8]) -> Array:

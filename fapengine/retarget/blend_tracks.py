@@ -44,8 +44,8 @@ class ShapeSet:
     key: str
     names: tuple[str, ...]
     """(B,) names as they are usually written."""
-    from_faps: Callable[[Array], Array]
-    """(T, 68) FAPU -> (T, B)."""
+    from_faps: Callable[[Array, float], Array]
+    """(T, 68) FAPU of one face over time, and their rate, Hz -> (T, B)."""
     to_faps: Callable[[Array], Array]
     """(T, B) -> (T, 68) FAPU."""
     aliases: tuple[tuple[str, str], ...] = ()
@@ -56,7 +56,10 @@ _RPM_VOWELS = (("viseme_I", "ih"), ("viseme_O", "oh"), ("viseme_U", "ou"))
 SHAPE_SETS = {
     entry.key: entry
     for entry in (
-        ShapeSet("arkit", tuple(name[0].upper() + name[1:] for name in ARKIT_NAMES), approximate_arkit, arkit_to_faps),
+        ShapeSet(
+            "arkit", tuple(name[0].upper() + name[1:] for name in ARKIT_NAMES),
+            lambda faps, _rate_hz: approximate_arkit(faps), arkit_to_faps,
+        ),
         ShapeSet(
             "oculus", visemes.OCULUS_NAMES, visemes.approximate_visemes, visemes.visemes_to_faps,
             tuple((before + name, name) for before in ("viseme_", "vrc.v_") for name in visemes.OCULUS_NAMES)
@@ -381,7 +384,7 @@ def format_blend_csv(track: FapTrack, shapes: str = "arkit") -> bytes:
         If the set is unknown.
     """
     chosen = shape_set(shapes)
-    weights = chosen.from_faps(track.values.astype(np.float64))
+    weights = chosen.from_faps(track.values.astype(np.float64), track.rate_hz)
     turns = np.stack([track.values[:, fap.column(number)] * AU_RAD for number in HEAD.values()], axis=1)
     lines = [",".join(("Time", *chosen.names, "HeadYaw", "HeadPitch", "HeadRoll"))]
     for time, row in zip(track.times_s - track.times_s[0], np.column_stack([weights, turns]), strict=True):

@@ -30,7 +30,12 @@ MIN_OCULUS = 8
 
 
 def rig_weights(
-    meshes: Sequence[Iterable[str]], faps: ArrayLike, meanings: Meanings | None = None, *, looks: bool = True
+    meshes: Sequence[Iterable[str]],
+    faps: ArrayLike,
+    meanings: Meanings | None = None,
+    *,
+    looks: bool = True,
+    rate_hz: float = 60.0,
 ) -> list[Weights]:
     """Find the weights of a rig's shapes.
 
@@ -39,10 +44,13 @@ def rig_weights(
     meshes : sequence of names
         Names of the shapes of each mesh.
     faps : (T, 68) FAPU
+        Of one face over time.
     meanings : mapping, optional
         Meaning of shapes with names that are not in the tables.
     looks : bool
         Whether to move VRM's looks; not where eyes turn as bones.
+    rate_hz : float
+        Frame rate.
 
     Returns
     -------
@@ -54,7 +62,7 @@ def rig_weights(
     words = {name: word for name, word in (meanings or {}).items() if isinstance(word, str)}
     named = [[name for name in names if name not in own and words.get(name) != UNUSED] for names in meshes]
     roles = [by_role(names, words) for names in named]
-    by_target = _targets(values, roles, looks)
+    by_target = _targets(values, roles, looks, rate_hz)
     weights: list[Weights] = []
     for names, found, mesh in zip(named, roles, meshes, strict=True):
         chosen = {name: own_weight(values, own[name]) for name in mesh if name in own}
@@ -81,7 +89,7 @@ def own_weight(faps: Array, row: Mapping[int, float]) -> Array:
 Targets = dict[tuple[Role | None, str], Array]
 
 
-def _targets(faps: Array, roles: Sequence[Mapping[Role, Mapping[str, str]]], looks: bool) -> Targets:
+def _targets(faps: Array, roles: Sequence[Mapping[Role, Mapping[str, str]]], looks: bool, rate_hz: float) -> Targets:
     """Weights by role and meaning of names; None is the role of VRM's other presets, whose names are normalised."""
     present = {role: {target for found in roles for target in found[role]} for role in Role}
     arkit = dict(zip(ARKIT_NAMES, approximate_arkit(faps).T, strict=True))
@@ -98,15 +106,15 @@ def _targets(faps: Array, roles: Sequence[Mapping[Role, Mapping[str, str]]], loo
     targets = {key: weight for key, weight in targets.items() if speaks or key[1].startswith(UPPER_FACE)}
     if "eyeBlinkLeft" not in present[Role.ARKIT]:
         targets[Role.BLINK, "blink"] = (arkit["eyeBlinkLeft"] + arkit["eyeBlinkRight"]) / 2
-    return targets if speaks else targets | _mouth(faps, present, looks)
+    return targets if speaks else targets | _mouth(faps, present, looks, rate_hz)
 
 
-def _mouth(faps: Array, present: Mapping[Role, set[str]], looks: bool) -> Targets:
+def _mouth(faps: Array, present: Mapping[Role, set[str]], looks: bool, rate_hz: float) -> Targets:
     """Weights of visemes, or of VRM's presets if there are only vowels."""
     if len(present[Role.VISEME] & set(OCULUS)) >= MIN_OCULUS:
-        found = zip(visemes.OCULUS_NAMES, visemes.approximate_visemes(faps).T, strict=True)
+        found = zip(visemes.OCULUS_NAMES, visemes.approximate_visemes(faps, rate_hz).T, strict=True)
         return {(Role.VISEME, OCULUS_SPELLINGS[name.lower()]): weight for name, weight in found}
-    presets = dict(zip(visemes.VRM1_NAMES, visemes.approximate_presets(faps).T, strict=True))
+    presets = dict(zip(visemes.VRM1_NAMES, visemes.approximate_presets(faps, rate_hz).T, strict=True))
     targets: Targets = {(Role.VISEME, name): presets[name] for name in visemes.VRM1_NAMES[: visemes.SHOWN]}
     shown = (*MOODS, *LOOKS) if looks else MOODS
     for older, name in zip(visemes.VRM0_NAMES, visemes.VRM1_NAMES, strict=True):

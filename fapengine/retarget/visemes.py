@@ -8,7 +8,7 @@ others.
 Theory of operation: VRM, version 0 and 1
 -----------------------------------------
 An avatar has five vowels for the mouth, a few moods, and blinks. Moods come first (:mod:`.moods`); their effect on the
-mouth is removed, and the vowels are fitted to the remainder, no wider than it is open: a closed mouth shows no vowel.
+mouth is removed, and the vowels are fitted to the remainder.
 Both eyes closed together are ``blink``; ``blinkLeft`` and ``blinkRight`` show the difference. ``relaxed`` (``Fun``)
 corresponds to none of MPEG-4's expressions and stays 0, as does ``neutral``; fear and disgust are shown by the nearest
 moods. Looks are for avatars without eye bones; full weight is 30 degrees.
@@ -34,11 +34,13 @@ from fapengine.errors import UsageError
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fap import VISEMES
 from fapengine.mpeg4.fapu import AU_RAD
-from fapengine.retarget.blend import BlendMap, shape_rows, weights_mm
+from fapengine.retarget.blend import BlendMap, fractions, shape_rows, weights_mm
 from fapengine.retarget.moods import MOODS, find_moods, without_moods
 
 OCULUS_NAMES = tuple(viseme.label for viseme in VISEMES)
 """Names in the order of the API, 0..14."""
+CHANGE_MM = 8.0
+"""Error as which a weight counts that changes by 1 in 1/60 s: less, and weights jump; more, and vowels flatten."""
 PLAIN = ("PP", "FF", "aa", "E", "ih", "oh", "ou")
 """Visemes that can be recognized by sight; others are used where they gain more than :data:`RELUCTANCE_MM`."""
 DEPTH = (16, 17)
@@ -52,16 +54,18 @@ def oculus_map() -> BlendMap:
     """Return the map of the 14 visemes that move; ``sil`` is the neutral face."""
     names = OCULUS_NAMES[1:]
     cost = np.array([0.0 if name in PLAIN else RELUCTANCE_MM for name in names])
-    return BlendMap(names, shape_rows(names), reluctance_mm=cost, ignored=DEPTH)
+    return BlendMap(names, shape_rows(names), reluctance_mm=cost, ignored=DEPTH, change_mm=CHANGE_MM, is_fractions=True)
 
 
-def approximate_visemes(faps: ArrayLike) -> Array:
+def approximate_visemes(faps: ArrayLike, rate_hz: float = 60.0) -> Array:
     """Find the visemes that reproduce FAPs.
 
     Parameters
     ----------
     faps : (T, 68) FAPU
-        Jaw and lips count; the contribution of moods (:mod:`.moods`) is removed.
+        Of one face over time. Jaw and lips count; the contribution of moods (:mod:`.moods`) is removed.
+    rate_hz : float
+        Frame rate.
 
     Returns
     -------
@@ -77,14 +81,13 @@ def approximate_visemes(faps: ArrayLike) -> Array:
     """
     values = frozen(faps, "faps", ("T", fap.FAP_COUNT), np.float64)
     spoken = without_moods(values, find_moods(values)[0])
-    return shares(oculus_map().approximate_weights(spoken))
+    return shares(oculus_map().approximate_weights(spoken, rate_hz=rate_hz))
 
 
-def shares(weights: Array) -> Array:
-    """Convert weights of the 14, (..., 14), to fractions of the 15, (..., 15)."""
-    total = weights.sum(axis=-1, keepdims=True)
-    fitted = weights / np.maximum(total, 1.0)
-    return np.concatenate([np.maximum(1.0 - fitted.sum(axis=-1, keepdims=True), 0.0), fitted], axis=-1)
+def shares(parts: Array) -> Array:
+    """Add the remainder of the 14 fractions, (..., 14), in front, as ``sil``: (..., 15)."""
+    rest = np.maximum(1.0 - parts.sum(axis=-1, keepdims=True), 0.0)
+    return np.concatenate([rest, parts], axis=-1)
 
 
 def visemes_to_faps(weights: ArrayLike) -> Array:
@@ -98,7 +101,7 @@ def visemes_to_faps(weights: ArrayLike) -> Array:
     values = frozen(weights, "weights", ("...", len(OCULUS_NAMES)), np.float64)
     if (values < 0).any():
         raise UsageError(f"weights: got {values.min():g}, expected none below 0")
-    return oculus_map().to_faps(values[..., 1:] / np.maximum(values.sum(axis=-1, keepdims=True), 1.0))
+    return oculus_map().to_faps(fractions(values)[..., 1:])
 
 
 VRM1_NAMES = (
@@ -113,8 +116,6 @@ VRM0_NAMES = (
 SHOWN = VRM1_NAMES.index("lookUp")
 """Number of presets before the looks, for receivers that turn the eyes themselves."""
 VOWELS = {"aa": "aa", "ih": "ih", "ou": "ou", "ee": "E", "oh": "oh"}
-MIN_OPENING = 1.0
-"""Least opening between the lips that vowels are scaled to, MNS: 0.02 mm."""
 LOOK_RAD = np.deg2rad(30.0)
 LOOKS = {"lookLeft": ((23, 24), 1), "lookRight": ((23, 24), -1), "lookDown": ((25, 26), 1), "lookUp": ((25, 26), -1)}
 """FAPs of both eyes by look, and their sign."""
@@ -123,15 +124,18 @@ LOOKS = {"lookLeft": ((23, 24), 1), "lookRight": ((23, 24), -1), "lookDown": ((2
 @cache
 def vowel_map() -> BlendMap:
     """Return the map of the five vowels."""
-    return BlendMap(tuple(VOWELS), shape_rows([*VOWELS.values()]), ignored=DEPTH)
+    return BlendMap(tuple(VOWELS), shape_rows([*VOWELS.values()]), ignored=DEPTH, change_mm=CHANGE_MM)
 
 
-def approximate_presets(faps: ArrayLike) -> Array:
+def approximate_presets(faps: ArrayLike, rate_hz: float = 60.0) -> Array:
     """Find the presets that show FAPs.
 
     Parameters
     ----------
     faps : (T, 68) FAPU
+        Of one face over time.
+    rate_hz : float
+        Frame rate.
 
     Returns
     -------
@@ -141,17 +145,13 @@ def approximate_presets(faps: ArrayLike) -> Array:
     values = frozen(faps, "faps", ("T", fap.FAP_COUNT), np.float64)
     moods, lids = find_moods(values)
     spoken = without_moods(values, moods)
-    return join_presets(values, moods, lids, vowel_map().approximate_weights(spoken))
+    return join_presets(values, moods, lids, vowel_map().approximate_weights(spoken, rate_hz=rate_hz))
 
 
 def join_presets(faps: Array, moods: Array, lids: Array, vowels: Array) -> Array:
     """Combine moods (T, 4), lids (T, 2) and vowels (T, 5) of FAPs (T, 68) into presets (T, 18)."""
-    # Vowels are scaled down where they would open the lips wider than the FAPs do: closed lips stay closed.
-    shown, wanted = _opening(vowel_map().to_faps(vowels)), _opening(without_moods(faps, moods))
-    scale = np.clip(wanted / np.maximum(shown, MIN_OPENING), 0.0, 1.0)
-    scale = np.where(shown > MIN_OPENING, scale, 1.0)
     both = lids.min(axis=1)
-    named = dict(zip(MOODS, moods.T, strict=True)) | dict(zip(VOWELS, scale * vowels.T, strict=True))
+    named = dict(zip(MOODS, moods.T, strict=True)) | dict(zip(VOWELS, vowels.T, strict=True))
     named |= {"blink": both, "blinkLeft": lids[:, 0] - both, "blinkRight": lids[:, 1] - both}
     yaw, pitch = gaze_of(faps)
     for name, angle in {"lookLeft": yaw, "lookRight": -yaw, "lookDown": pitch, "lookUp": -pitch}.items():
@@ -165,13 +165,6 @@ def gaze_of(faps: Array) -> tuple[Array, Array]:
         faps[:, [fap.column(number) for number in numbers]].mean(axis=1) * AU_RAD for numbers in ((23, 24), (25, 26))
     )
     return yaw, pitch
-
-
-def _opening(faps: Array) -> Array:
-    """(T, 68) FAPU -> (T,) MNS: opening between the lips in the middle, mean of inner and outer edges."""
-    lips = [fap.column(number) for number in (4, 5, 51, 52)]
-    between: Array = -0.5 * faps[..., lips].sum(axis=-1)
-    return between
 
 
 def presets_to_faps(weights: ArrayLike) -> Array:

@@ -28,6 +28,7 @@ from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fap import FAP_2_EXPRESSIONS, FULL_WEIGHT, VISEMES
 from fapengine.mpeg4.track import FapTrack, to_codable
 from fapengine.profiles import Profile
+from fapengine.retarget.blend import PARTED_MM
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory.expression import expression_faps
 from fapengine.trajectory.planner import plan
@@ -41,6 +42,16 @@ HIGH_LEVEL = fap.column(3)
 """Number of columns before FAP 3: those of FAP 1 and 2."""
 MOUTH = [fap.column(number) for number in (*range(3, 19), *range(51, 61))]
 """Columns of the FAPs that a stream of visemes should follow: jaw, lips, chin."""
+INNER_LIPS = [MOUTH.index(fap.column(number)) for number in (4, 5)]
+BLENDS = 9
+"""Steps of a blend; 63 is a multiple of it."""
+MEETING, SPEAKING, CHANGE_MM = 200.0, 12.0, 5.5
+"""How much the square of the opening counts where lips meet and where they are parted, and the error as which a
+viseme's share counts that changes by 1 in 1/60 s: less than for weights of all visemes, as only two are shown."""
+MAX_STEP, FORBIDDEN = 0.3, 1e9
+"""Greatest change of a share in 1/60 s, and the cost of more, which only a leap of the mouth itself is worth."""
+KEPT = 128
+"""Pairs of a frame from which the next one may come: the cheapest."""
 
 
 @lru_cache(maxsize=16)
@@ -175,9 +186,7 @@ def expand(track: FapTrack, profile: Profile) -> FapTrack:
 
 
 def to_visemes(track: FapTrack, profile: Profile) -> FapTrack:
-    """Choose for each frame the two visemes and the blend that come closest to its mouth; nothing else is kept.
-
-    Distances are those of the feature points of jaw, lips and chin on the profile's face, in mm (least squares).
+    """Choose the two visemes and the blend of each frame that show a mouth over time; nothing else is kept.
 
     Parameters
     ----------
@@ -190,22 +199,50 @@ def to_visemes(track: FapTrack, profile: Profile) -> FapTrack:
     -------
     FapTrack
         FAP 1 in every frame, no other FAP.
+
+    Notes
+    -----
+    The cheapest sequence of all (Viterbi 1967, doi:10.1109/TIT.1967.1054010): distances of the feature points of jaw,
+    lips and chin on the profile's face, squared, in mm; the opening of the lips, which counts as in
+    :mod:`fapengine.retarget.blend`; and change between frames. Blends are multiples of 1 / :data:`BLENDS`.
     """
-    unit_mm = profile.fapu.steps()[MOUTH]
-    faces, wanted = viseme_faces(profile)[:, MOUTH] * unit_mm, track.values[:, MOUTH] * unit_mm
-    first, second = np.triu_indices(len(faces), 1)
-    between = faces[first] - faces[second]
-    length2 = (between**2).sum(axis=1)
-    along = wanted @ between.T - (faces[second] * between).sum(axis=1)
-    blend = np.rint(np.clip(along / length2, 0.0, 1.0) * FULL_WEIGHT) / FULL_WEIGHT
-    to_second = (faces[second] ** 2).sum(axis=1) - 2 * wanted @ faces[second].T
-    best = np.argmin(to_second - 2 * blend * along + blend**2 * length2, axis=1)
+    if not len(track):
+        return track
+    unit_mm, pace = profile.fapu.steps()[MOUTH], track.rate_hz / 60.0
+    shares = _pairs()
+    shown, wanted = shares @ (viseme_faces(profile)[:, MOUTH] * unit_mm), track.values[:, MOUTH] * unit_mm
+    opened = np.maximum(-wanted[:, INNER_LIPS].sum(axis=1), 0.0)[:, None]
+    counted = np.interp(opened, (0.0, PARTED_MM), (MEETING, SPEAKING))
+    cost = (shown**2).sum(axis=1) - 2 * wanted @ shown.T + counted * (-shown[:, INNER_LIPS].sum(axis=1) - opened) ** 2
+    change = np.zeros((len(shares), len(shares)))
+    for share in shares.T:
+        step = np.abs(share[:, None] - share)
+        change += (CHANGE_MM * pace * step) ** 2 + FORBIDDEN * (step > MAX_STEP / pace)
+    best, before = cost[0], []
+    for row in cost[1:]:
+        kept = np.argpartition(best, KEPT)[:KEPT]
+        through = best[kept, None] + change[kept]
+        cheapest = through.argmin(axis=0)
+        before.append(kept[cheapest])
+        best = through[cheapest, np.arange(len(shares))] + row
+    path = [int(best.argmin())]
+    for came_from in reversed(before):
+        path.append(int(came_from[path[-1]]))
+    chosen = shares[path[::-1]]
     visemes = np.zeros((len(track), 4), np.int32)
-    visemes[:, 0], visemes[:, 1] = first[best], second[best]
-    visemes[:, 2] = np.rint(blend[np.arange(len(track)), best] * FULL_WEIGHT)
+    visemes[:, :2] = np.sort(np.argpartition(-chosen, 1, axis=1)[:, :2], axis=1)
+    visemes[:, 2] = np.rint(np.take_along_axis(chosen, visemes[:, :1], axis=1)[:, 0] * FULL_WEIGHT)
     mask = np.zeros_like(track.mask)
     mask[:, 0] = True
     return replace(
         track, values=np.zeros_like(track.values), mask=mask, visemes=visemes,
         expressions=np.zeros_like(track.expressions),
     )  # fmt: skip
+
+
+def _pairs() -> Array:
+    """(N, 15): every viseme, and every two of them in every blend, as fractions of the 15."""
+    alone = np.eye(len(VISEMES))
+    first, second = np.triu_indices(len(VISEMES), 1)
+    blends = np.arange(1, BLENDS)[:, None, None] / BLENDS
+    return np.concatenate([alone, (blends * alone[first] + (1.0 - blends) * alone[second]).reshape(-1, len(VISEMES))])

@@ -64,18 +64,18 @@ class ArkitFollower:
 class _MoodFollower:
     """Moods of one face, frame by frame, and the weights of a map for the rest of the face. Stateful."""
 
-    def __init__(self, shapes: BlendMap) -> None:
+    def __init__(self, shapes: BlendMap, rate_hz: float) -> None:
         self._upper, self._hold = _Follower(mood_map(), cost_share), MoodHold()
-        self._shapes = shapes
+        self._shapes, self._rate_hz = shapes, rate_hz
         self._weights: Array | None = None
 
     def _follow(self, values: Array) -> tuple[Array, Array, Array]:
         """Return the weights of the upper face, the moods, and the weights of the map."""
         upper = self._upper.follow(values)
         moods = self._hold.follow(read_moods(upper), values)
-        weights: Array = self._shapes.solve_weights(without_moods(values, moods), self._weights)
-        self._weights = weights
-        return upper, moods, weights
+        spoken = without_moods(values, moods)
+        self._weights = self._shapes.solve_weights(spoken, self._weights, rate_hz=self._rate_hz)
+        return upper, moods, self._weights
 
 
 class PresetFollower(_MoodFollower):
@@ -84,8 +84,8 @@ class PresetFollower(_MoodFollower):
     Stateful.
     """
 
-    def __init__(self) -> None:
-        super().__init__(vowel_map())
+    def __init__(self, rate_hz: float = 60.0) -> None:
+        super().__init__(vowel_map(), rate_hz)
 
     def follow(self, faps: ArrayLike) -> Array:
         """Add the next frame, (68,) FAPU; return (13,), the first of :data:`fapengine.retarget.visemes.VRM1_NAMES`."""
@@ -101,11 +101,11 @@ class VisemeFollower(_MoodFollower):
     Stateful.
     """
 
-    def __init__(self) -> None:
-        super().__init__(oculus_map())
+    def __init__(self, rate_hz: float = 60.0) -> None:
+        super().__init__(oculus_map(), rate_hz)
 
     def follow(self, faps: ArrayLike) -> Array:
-        """Add the next frame, (68,) FAPU; return (15,) like a row of ``approximate_visemes``, solved exactly."""
+        """Add the next frame, (68,) FAPU; return (15,) as ``approximate_visemes``, from the past alone."""
         return shares(self._follow(frozen(faps, "faps", (fap.FAP_COUNT,), np.float64))[2])
 
 

@@ -109,7 +109,7 @@ def add_clip(
         If it is not glTF, or contains no shape or bone of a face that is known.
     """
     rig = _Rig.of(parse_gltf(data, fetch, every_extension=False))
-    weights, used = _shape_weights(rig, motion.faps, meanings)
+    weights, used = _shape_weights(rig, motion, meanings)
     turned = _turned_bones(rig, motion, used)
     if not weights and not turned:
         raise DataError(
@@ -174,11 +174,14 @@ def _rotation(matrix: Array) -> Array:
     return np.asarray(one @ other)
 
 
-def _shape_weights(rig: _Rig, faps: Array, meanings: Meanings | None) -> tuple[dict[int, Array], tuple[str, ...]]:
+def _shape_weights(
+    rig: _Rig, motion: FaceMotion, meanings: Meanings | None
+) -> tuple[dict[int, Array], tuple[str, ...]]:
     """Weights of morph targets, (T, targets), by the index of a mesh, and the names of the shapes that move.
 
     They follow the targets' names if these are ARKit's or the file is not a VRM, else VRM's expressions.
     """
+    faps = motion.faps
     titles = [_titles(rig.gltf, mesh) for mesh in rig.gltf.rows["meshes"]]
     bound = scene.bindings(rig.gltf)
     looks = not any(eye in rig.bones for eye in EYES)
@@ -186,12 +189,12 @@ def _shape_weights(rig: _Rig, faps: Array, meanings: Meanings | None) -> tuple[d
     used: dict[str, None] = {}
     named = [[name for name in names if name] for names in titles]
     if not bound or is_arkit(by_role([name for names in named for name in names], {})):
-        for number, weights in enumerate(rig_weights(named, faps, meanings, looks=looks)):
+        for number, weights in enumerate(rig_weights(named, faps, meanings, looks=looks, rate_hz=motion.rate_hz)):
             for name, weight in weights.items():
                 by_mesh[number][:, titles[number].index(name)] = weight
                 used |= {name: None} if weight.any() else {}
     else:
-        for name, weight in rig_weights([bound], faps, meanings, looks=looks)[0].items():
+        for name, weight in rig_weights([bound], faps, meanings, looks=looks, rate_hz=motion.rate_hz)[0].items():
             for bind in bound[name]:
                 by_mesh[bind.mesh][:, bind.target] += bind.weight * weight
             used |= {name: None} if weight.any() else {}
@@ -337,7 +340,7 @@ def format_vrma(motion: FaceMotion, *, shapes: str = PRESETS) -> bytes:
     if shapes == CUSTOM:
         named = zip(ARKIT_NAMES, approximate_arkit(motion.faps).T, strict=True)
     else:
-        named = zip(VRM1_NAMES[:SHOWN], approximate_presets(motion.faps).T[:SHOWN], strict=True)
+        named = zip(VRM1_NAMES[:SHOWN], approximate_presets(motion.faps, motion.rate_hz).T[:SHOWN], strict=True)
     for name, weights in named:
         if weights.any():
             node_number = writer.row("nodes", {"name": name})

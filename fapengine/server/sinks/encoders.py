@@ -144,7 +144,7 @@ def vmc_face(
     }  # fmt: skip
     if spelling not in spellings:
         raise UsageError(f"names: got {spelling!r}, expected one of {', '.join(spellings)}")
-    follower = PresetFollower() if spelling.startswith("vrm") else ArkitFollower()
+    follower = PresetFollower(rate_hz) if spelling.startswith("vrm") else ArkitFollower()
     changed = vmc.ChangedShapes(spellings[spelling], every=max(1, round(REFRESH_S * rate_hz)))
     begin_s: list[float] = []
 
@@ -204,9 +204,9 @@ def livelink_face(
     return SingleFaceEncoder(write, session)
 
 
-def weights_face(session: str | None = None) -> SingleFaceEncoder:
+def weights_face(session: str | None = None, *, rate_hz: float = 60.0) -> SingleFaceEncoder:
     """Return an encoder of weights as JSON (:mod:`fapengine.wire.weights_json`)."""
-    shapes, mouth = ArkitFollower(), VisemeFollower()
+    shapes, mouth = ArkitFollower(), VisemeFollower(rate_hz)
 
     def write(number: int, time_s: float, faps: Faps) -> list[bytes]:
         return [weights_json.encode_weights(face.session, time_s, shapes.follow(faps), mouth.follow(faps), faps)]
@@ -215,9 +215,9 @@ def weights_face(session: str | None = None) -> SingleFaceEncoder:
     return face
 
 
-def vts_face(dialog: vts.VtsDialog, session: str | None = None) -> SingleFaceEncoder:
+def vts_face(dialog: vts.VtsDialog, session: str | None = None, *, rate_hz: float = 60.0) -> SingleFaceEncoder:
     """Return an encoder of requests of VTube Studio's API."""
-    shapes, mouth = ArkitFollower(), VisemeFollower()
+    shapes, mouth = ArkitFollower(), VisemeFollower(rate_hz)
 
     def write(number: int, time_s: float, faps: Faps) -> list[bytes]:
         return [dialog.inject(vts.vts_values(shapes.follow(faps), mouth.follow(faps), faps)).encode()]

@@ -7,6 +7,7 @@ import asyncio
 import contextlib
 import logging
 import os
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -73,7 +74,8 @@ class WeightStreams:
         self.address, self.counts = address, SinkCounts()
         self.door = Door.shared(CONNECTIONS)
         self.listeners: dict[web.WebSocketResponse, _Outbox] = {}
-        self._face = encoders.weights_face(address.session)
+        self._new_face = partial(encoders.weights_face, address.session, rate_hz=hub.pacer.rate_hz)
+        self._face = self._new_face()
         self._newest = ""
         self._site: Site | None = None
         self._stop = hub.listeners.on_frames(self._show)
@@ -131,7 +133,7 @@ class WeightStreams:
         if request.transport is not None:
             limit_unread(request.transport, UNREAD_BYTES, UNREAD_BYTES)
         if not self.listeners:  # nothing was written meanwhile: the next frame is the first, or neutral
-            self._face, self._newest = encoders.weights_face(self.address.session), ""
+            self._face, self._newest = self._new_face(), ""
         outbox = self.listeners[receiver] = _Outbox(request.transport)
         if self._newest:
             outbox.offer(self._newest)
@@ -153,7 +155,8 @@ class VtsSink:
         name = address.options.get("token_file")
         self._token_file = Path(name) if name else None
         self.dialog = VtsDialog(self._kept_token())
-        self._face = encoders.vts_face(self.dialog, address.session)
+        self._new_face = partial(encoders.vts_face, self.dialog, address.session, rate_hz=hub.pacer.rate_hz)
+        self._face = self._new_face()
         self._outbox: _Outbox | None = None
         self._reported = ""
         self._task = asyncio.create_task(self._keep())
@@ -200,7 +203,7 @@ class VtsSink:
         self._report("the user denied permission; it is not requested again")
 
     async def _talk(self, link: aiohttp.ClientWebSocketResponse) -> None:
-        self._face = encoders.vts_face(self.dialog, self.address.session)
+        self._face = self._new_face()
         self._outbox = _Outbox()
         await link.send_str(self.dialog.begin())
         if self.dialog.state == "asking":

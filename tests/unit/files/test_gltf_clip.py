@@ -127,7 +127,7 @@ def test_visemes_move_the_mouth_and_arkit_s_lids_the_eyes(tmp_path: Any) -> None
     node = builder.node(mesh=mesh(builder, names))
     times, weights, _ = curves(add_clip(builder.glb(), nothing, motion())[0], tmp_path)[node, "weights"]
     shown = frames(times, weights.reshape(-1, len(names)))
-    visemes = approximate_visemes(speech())
+    visemes = approximate_visemes(speech(), RATE_HZ)
     np.testing.assert_allclose(shown[:, 12], visemes[:, OCULUS_NAMES.index("ih")], atol=1e-6)
     assert shown[:, names.index("eyeBlinkLeft")].max() > 0.5
     assert not shown[:, names.index("jawOpen")].any()  # else the mouth would open twice
@@ -149,7 +149,7 @@ def test_expressions_of_a_vrm_move_what_they_bind(tmp_path: Any) -> None:
     }
     found, reached = add_clip(builder.glb(), nothing, motion())
     times, weights, _ = curves(found, tmp_path)[node, "weights"]
-    vowel = approximate_presets(speech())[:, VRM1_NAMES.index("ih")]
+    vowel = approximate_presets(speech(), RATE_HZ)[:, VRM1_NAMES.index("ih")]
     np.testing.assert_allclose(frames(times, weights.reshape(-1, 2))[:, 0], 0.5 * vowel, atol=1e-6)
     assert set(reached.shapes) == {"ih", "blink"}
 
@@ -324,4 +324,4 @@ def test_targets_that_move_nothing_do_not_count(tmp_path: Any) -> None:
     times, weights, _ = curves(add_clip(builder.glb(), nothing, motion())[0], tmp_path)[node, "weights"]
     shown = frames(times, weights.reshape(-1, len(names)))
     assert not shown[:, :-1].any()
-    np.testing.assert_allclose(shown[:, -1], approximate_presets(speech())[:, VRM1_NAMES.index("ih")], atol=1e-6)
+    np.testing.assert_allclose(shown[:, -1], approximate_presets(speech(), RATE_HZ)[:, VRM1_NAMES.index("ih")], atol=1e-6)

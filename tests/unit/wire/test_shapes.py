@@ -29,7 +29,7 @@ def test_a_face_that_is_followed_shows_what_a_whole_track_would() -> None:
     assert followed[:, JAW].max() > 0.1
 
 
-def test_presets_of_a_face_are_followed_exactly() -> None:
+def test_presets_of_a_face_are_followed_a_little_later() -> None:
     from fapengine.retarget.visemes import SHOWN, VRM1_NAMES, approximate_presets
     from fapengine.wire.shapes import PresetFollower
 
@@ -40,6 +40,6 @@ def test_presets_of_a_face_are_followed_exactly() -> None:
     faps[10:15, [fap.column(19), fap.column(20)]] = 900
     follower = PresetFollower()
     found = np.array([follower.follow(row) for row in faps])
-    np.testing.assert_allclose(found, approximate_presets(faps)[:, :SHOWN], atol=0.01)
+    np.testing.assert_allclose(found, approximate_presets(faps)[:, :SHOWN], atol=0.04)
     assert found[12, VRM1_NAMES.index("blink")] > 0.8
     assert found[-1, 5:10].sum() > 0.3
