@@ -65,7 +65,7 @@ export function irisAndPupil(head, faps) {
 // Heights of the lids' margins, as shares of the eyeball's radius: upper and lower of the left eye, then of the right.
 export function lidMargins(head, faps) {
   return [[19, 1], [21, -1], [20, 1], [22, -1]].map(
-    ([number, sign]) => sign * head.iris * (1 - (2 * fapOf(faps, number)) / 1024),
+    ([number, sign]) => sign * head.lid * (1 - (2 * fapOf(faps, number)) / 1024),
   );
 }
 

@@ -17,7 +17,7 @@ void main() {
     o_colour = vec4(texture(u_picture, v_place).rgb, 1.0);
 #else
     vec2 from_head = (v_place - vec2(0.5, 0.45)) * vec2(1.0, 0.9);
-    float light = 1.0 + u_falloff * (0.25 - 1.5 * dot(from_head, from_head));
+    float light = 1.0 + u_falloff * (0.55 - 2.0 * dot(from_head, from_head));
     o_colour = vec4(sqrt(max(u_wall * light, 0.0)), 1.0);
 #endif
 }

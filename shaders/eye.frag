@@ -26,7 +26,7 @@ vec3 iris_colour(vec2 at, float radius, float soft) {
     float share = radius / u_iris.x;
     float around = atan(at.y, at.x);
     float fibres = 0.5 + 0.5 * sin(around * 37.0 + 3.0 * sin(around * 11.0)) * sin(around * 23.0 + share * 9.0);
-    vec3 colour = u_iris_albedo * mix(1.0, 0.32, smoothstep(0.35, 0.92, share)) * (0.72 + 0.56 * fibres);
+    vec3 colour = u_iris_albedo * mix(1.0, 0.26, smoothstep(0.35, 0.95, share)) * (0.72 + 0.56 * fibres);
     colour *= 1.0 + 0.85 * smoothstep(0.15, -0.9, at.y / u_iris.x);  // light gathers opposite the key
     colour *= 1.0 - 0.85 * smoothstep(0.74, 1.0, share);  // limbus
     return mix(vec3(0.003), colour, smoothstep(u_iris.y - soft, u_iris.y + soft, radius));
@@ -52,7 +52,7 @@ void main() {
     vec2 lids = mix(vec2(CORNER_HEIGHT.x + CORNER_HEIGHT.y * outwards), margins, arch);
     float below_upper = lids.x - place.y;
     float above_lower = place.y - lids.y;
-    float occlusion = mix(0.30, 1.0, smoothstep(-0.05, 0.34, below_upper));
+    float occlusion = mix(0.22, 1.0, smoothstep(-0.05, 0.36, below_upper));
     occlusion *= mix(0.66, 1.0, smoothstep(-0.03, 0.18, above_lower)) * mix(1.0, 0.55, smoothstep(0.55, 1.0, aside));
     vec3 colour = albedo * irradiance(normal, v_surface.z, occlusion) * mix(0.62, 1.0, occlusion);
 
@@ -68,6 +68,6 @@ void main() {
     colour += 1.1 * catchlight * mix(0.08, 1.0, on_cornea) * smoothstep(0.02, 0.10, below_upper) * KEY_COLOUR;
     // Tears stand on the lower lid.
     float tears = smoothstep(0.0, 0.025, above_lower) * smoothstep(0.065, 0.03, above_lower);
-    colour += 0.22 * tears * max(dot(normal, KEY_FROM), 0.0);
+    colour += 0.40 * tears * max(dot(normal, KEY_FROM), 0.0);
     o_colour = tone_map(colour);
 }

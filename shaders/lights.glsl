@@ -1,11 +1,11 @@
 // The studio's lights, and what every surface does with them; joined in front of face.vert, face.frag and eye.frag.
 
-const vec3 KEY_FROM = vec3(-0.42, 0.52, 0.745);
-const vec3 KEY_COLOUR = vec3(1.72, 1.60, 1.44);
+const vec3 KEY_FROM = vec3(-0.47, 0.53, 0.706);
+const vec3 KEY_COLOUR = vec3(1.54, 1.44, 1.30);
 const vec3 FILL_FROM = vec3(0.80, 0.10, 0.59);
-const vec3 FILL_COLOUR = vec3(0.30, 0.33, 0.39);
+const vec3 FILL_COLOUR = vec3(0.27, 0.31, 0.385);
 const vec3 RIM_FROM = vec3(0.62, 0.40, -0.68);
-const vec3 RIM_COLOUR = vec3(0.85, 0.90, 1.0);
+const vec3 RIM_COLOUR = vec3(1.4, 1.52, 1.75);
 const vec3 SKY = vec3(0.38, 0.40, 0.44);
 const vec3 GROUND = vec3(0.22, 0.165, 0.14);
 
@@ -18,11 +18,12 @@ float wrapped_diffuse(float cosine, float softness) {
 // Irradiance of a surface, linear RGB: key with a terminator that reddens with softness, fill, sky and ground.
 vec3 irradiance(vec3 normal, float softness, float occlusion) {
     float key = dot(normal, KEY_FROM);
-    vec3 terminator = mix(vec3(1.0), vec3(1.25, 0.72, 0.60), softness * smoothstep(0.45, -0.1, key));
+    vec3 terminator = mix(vec3(1.0), vec3(1.25, 0.72, 0.60), softness * smoothstep(0.55, -0.1, key));
     vec3 light = KEY_COLOUR * wrapped_diffuse(key, softness) * terminator;
     light *= mix(0.35, 1.0, smoothstep(0.05, 0.6, occlusion));
     light += FILL_COLOUR * wrapped_diffuse(dot(normal, FILL_FROM), softness) * mix(0.5, 1.0, occlusion);
-    return light + mix(GROUND, SKY, 0.5 + 0.5 * normal.y) * occlusion;
+    light += mix(GROUND, SKY, 0.5 + 0.5 * normal.y) * occlusion;
+    return light * mix(vec3(1.06, 0.97, 0.94), vec3(1.0), smoothstep(0.05, 0.65, occlusion));  // light between skin is red
 }
 
 // Cosine between a normal and the half vector of light and view, from the cosines of the normal with each.
@@ -38,7 +39,10 @@ vec3 highlight(vec3 normal, vec3 view, float gloss) {
     float key = dot(normal, KEY_FROM);
     float high = pow(half_way(KEY_FROM, view, key + facing), gloss) * clamp(key * 4.0, 0.0, 1.0);
     high += 0.25 * pow(half_way(FILL_FROM, view, dot(normal, FILL_FROM) + facing), gloss);
-    return (0.25 + fresnel) * (gloss + 8.0) / 25.0 * high * KEY_COLOUR;
+    // A broad lobe under the narrow one, as of oil on rougher skin.
+    float rough = 0.22 * gloss;
+    float broad = pow(half_way(KEY_FROM, view, key + facing), rough) * clamp(key * 4.0, 0.0, 1.0);
+    return (0.25 + fresnel) * ((gloss + 8.0) * high + 0.6 * (rough + 8.0) * broad) / 25.0 * KEY_COLOUR;
 }
 
 struct Light {
@@ -52,7 +56,9 @@ Light shade(vec3 position, vec3 normal, vec3 eye, vec3 albedo, vec3 surface, flo
     normal = normalize(normal);
     vec3 view = normalize(eye - position);
     float away = 1.0 - clamp(dot(normal, view), 0.0, 1.0);
-    float rim = away * away * away * clamp(dot(normal, RIM_FROM) + 0.3, 0.0, 1.0);
+    float left = clamp(dot(normal, RIM_FROM) + 0.3, 0.0, 1.0);
+    float right = clamp(dot(normal, RIM_FROM * vec3(-1.0, 1.0, 1.0)) + 0.2, 0.0, 1.0);
+    float rim = away * away * away * (left + 0.55 * right);
     vec3 rim_light = RIM_COLOUR * rim * (0.10 + 0.5 * surface.x) * occlusion;
     return Light(
         albedo * (irradiance(normal, surface.z, occlusion) + rim_light),

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from fapengine._arrays import Array, Indices
 from fapengine.files.heads.built import load_built
 from fapengine.geometry.surface import vertex_normals
-from fapengine.mesh.default_head.style import HeadStyle
+from fapengine.mesh.default_head.style import MEASURED
 from fapengine.mesh.deform import BONE_COUNT
 from fapengine.mesh.face_mesh import Channel, DeformationBasis, FaceMesh, Material
 
@@ -72,7 +72,7 @@ def dotted_mesh(
         jaw_pivot_mm=np.zeros(3),
         head_pivot_mm=np.zeros(3),
         eye_pivots_mm=np.zeros((2, 3)),
-        fapu=load_built(HeadStyle()).fapu,
+        fapu=load_built(MEASURED).fapu,
         basis=DeformationBasis(
             channels=(Channel(3, -np.inf, np.inf),),
             offsets=(width * np.arange(total + 1)).astype(np.int32),

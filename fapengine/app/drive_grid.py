@@ -32,7 +32,7 @@ from fapengine.laboratory.few_markers import (
 )
 from fapengine.laboratory.marker_driver import HeadReference
 from fapengine.laboratory.space import MIN_KNOWN, recorded_faps
-from fapengine.mesh.default_head.style import HeadStyle
+from fapengine.mesh.default_head.style import MEASURED
 from fapengine.mesh.deform import Pose
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.profiles import Profile
@@ -173,7 +173,7 @@ def drive(session: LoadedSession, take: MarkerTrack | None = None, *, options: D
     reference = _reference(tracks, skull)
     freed = [_freed(each.markers, labels, reference, each.name) for each in session.takes]
     rest, moved = freed[0][0], [each for _, each in freed]
-    head = load_built(HeadStyle())
+    head = load_built(MEASURED)
     face_mm = {name: head.point_mm(name).astype(np.float64) for name in head.feature_points}
     axes = facing(rest, [session.setup.points.get(name, name) for name in labels], face_mm)
     rest, moved = rest @ axes.T, [each @ axes.T for each in moved]  # from here on: left, up, out
@@ -289,7 +289,7 @@ def _surface(job: DriveJob, choice: Choice, rest_mm: Array) -> FaceGrid:
 
 def _film(path: Path, grid: FaceGrid, driven: Driven, points: Mapping[str, str], drawing: Drawing) -> bool:
     """Draw the surface with a dot on each marker, the driving ones large, and beside it a face, if one can be moved."""
-    profile, head = load_profile(DEFAULT_PROFILE), load_built(HeadStyle())
+    profile, head = load_profile(DEFAULT_PROFILE), load_built(MEASURED)
     faps = face_faps(driven, points, profile, head)
     meshes = [_dotted(grid, driven)] if faps is None else [head, _dotted(grid, driven)]
     check_moving(path, rate_hz=driven.rate_hz, size=crowd_size(drawing, len(meshes)), alpha=drawing.components == 4)

@@ -28,7 +28,7 @@ from fapengine.laboratory.fit import STEPS, FitOptions, Fitted, fit_session
 from fapengine.laboratory.prepare import prepare
 from fapengine.laboratory.space import captured_faps
 from fapengine.laboratory.tables import tables_of, weights_of_takes
-from fapengine.mesh.default_head.style import HeadStyle
+from fapengine.mesh.default_head.style import MEASURED
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.models.adapted_head import Nearness
 from fapengine.profiles import TOML_NAME, Record
@@ -139,7 +139,7 @@ def _fit(
     on_step: Callable[[str], None] = lambda step: None,
 ) -> Fitted:
     """Learn from the one session, which is taken out of its list, so that its recordings are freed early."""
-    loaded, rng, head = sessions.pop(), np.random.default_rng(seed), load_built(HeadStyle())
+    loaded, rng, head = sessions.pop(), np.random.default_rng(seed), load_built(MEASURED)
     setup, warnings, inputs = loaded.setup, loaded.warnings, dict(loaded.inputs)
     face_mm = {name: np.asarray(head.point_mm(name), np.float64) for name in head.feature_points}
     on_step(STEPS[0])

@@ -14,7 +14,7 @@ from fapengine.geometry.surface import Surface
 from fapengine.laboratory.dense_face import DenseFace, make_dense_head, mode_names, moved_by_modes
 from fapengine.laboratory.densify import DenseStudy
 from fapengine.laboratory.fit import Fitted
-from fapengine.mesh.default_head.style import HeadStyle
+from fapengine.mesh.default_head.style import MEASURED
 from fapengine.mesh.deform import Pose
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mesh.rig.blendshape_basis import ROW_FAPU
@@ -44,7 +44,7 @@ def draw_faces(fitted: Fitted, adapted: FaceMesh | None = None) -> Mapping[str, 
         pictures["Scans with the markers' model fitted to them, the reference first."] = before
         pictures["The same scans registered: all have the reference's vertices."] = after
         if adapted is not None:
-            faces = [_still(mesh) for mesh in (load_built(HeadStyle()), adapted, head)]
+            faces = [_still(mesh) for mesh in (load_built(MEASURED), adapted, head)]
             labels = [("built-in head", ""), ("adapted", ""), ("dense face", "")]
             pictures["The built-in head before and after it was fitted to the dense face."] = contact_sheet(
                 faces, labels
@@ -68,7 +68,7 @@ def _labels(numbers: list[str], names: list[str]) -> list[tuple[str, str]]:
 
 
 def _dense(face: DenseFace) -> tuple[FaceMesh, Picture]:
-    imported, rig = make_dense_head(face, load_built(HeadStyle()))
+    imported, rig = make_dense_head(face, load_built(MEASURED))
     count = len(rig.modes_mm)
     shown = min(SHOWN, count)
     steps = FAR * ROW_FAPU * np.eye(count)[:shown]

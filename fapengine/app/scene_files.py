@@ -13,7 +13,7 @@ from fapengine.files.gltf.head_file import ShapeClip, format_head
 from fapengine.files.heads.built import load_built
 from fapengine.files.heads.load import load_head, load_head_and_modes, load_head_info, load_head_of_modes
 from fapengine.files.paths import read_bytes, write_bytes
-from fapengine.mesh.default_head.style import HeadStyle
+from fapengine.mesh.default_head.style import MEASURED
 from fapengine.mesh.deform import bone_transforms
 from fapengine.models.via_points import STRAIGHT, WAYS
 from fapengine.mpeg4.track import FapTrack
@@ -209,6 +209,6 @@ def face_motion(track: FapTrack, name: str) -> FaceMotion:
     faps = track.even_values().astype(np.float64)
     if not len(faps):
         raise UsageError("track: contains no frames")
-    transforms = bone_transforms(load_built(HeadStyle()), faps)
+    transforms = bone_transforms(load_built(MEASURED), faps)
     turns: Mapping[str, np.ndarray] = {bone: transforms[:, row, :3, :3] for bone, row in BONES.items()}
     return FaceMotion(faps=faps, turns=turns, rate_hz=track.rate_hz, name=name)

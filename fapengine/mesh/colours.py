@@ -43,7 +43,7 @@ DARK_BROWS = 0.06
 MOUTH = np.array([0.26, 0.085, 0.075])
 GUM = np.array([0.50, 0.16, 0.15])
 TONGUE = np.array([0.48, 0.158, 0.147])
-TEETH = np.array([0.65, 0.53, 0.47])
+TEETH = np.array([0.72, 0.63, 0.55])
 """Warmer than ivory: light on teeth has been reflected by lips and tongue, and the renderer's light is that of the sky.
 """
 EYE = np.array([0.80, 0.77, 0.74])

@@ -17,6 +17,7 @@ Head space: +x the subject's left, +y up, +z out of the face, mm.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
+from functools import lru_cache
 from types import MappingProxyType
 
 import numpy as np
@@ -239,6 +240,17 @@ class FaceMesh(Rebuilt):
 def iris_share(mesh: FaceMesh) -> float:
     """Radius of the iris relative to the eyeball."""
     return mesh.fapu.irisd0_mm / 2 / EYEBALL_RADIUS_MM
+
+
+@lru_cache(maxsize=8)
+def lid_share(mesh: FaceMesh) -> float:
+    """Height of the neutral lids' margins above the middle of the eyeball, relative to its radius.
+
+    The radius is that of the eyes drawn by the shader; without any, :data:`EYEBALL_RADIUS_MM`.
+    """
+    drawn = mesh.vertices_mm[mesh.material == Material.EYE]
+    off_mm = np.linalg.norm(drawn[:, None] - mesh.eye_pivots_mm, axis=-1).min(axis=1)
+    return mesh.fapu.irisd0_mm / 2 / (float(np.median(off_mm)) if len(drawn) else EYEBALL_RADIUS_MM)
 
 
 NEGLIGIBLE_MM = 0.08

@@ -26,7 +26,7 @@ Draw: TypeAlias = Callable[[], Sequence[Rectangle] | None]
 """Begins and draws one image, and returns the parts that may have edges; None: anywhere."""
 ALWAYS, IN_FRONT_OF, BEHIND = "1", ">", "<"
 """Depth functions: the existing depths at which a new pixel is drawn."""
-WALL = (0.30, 0.36, 0.42)
+WALL = (0.20, 0.245, 0.29)
 """Linear RGB of the studio wall."""
 
 

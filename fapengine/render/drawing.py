@@ -61,7 +61,7 @@ class Drawing:
     scale: float = 1.0
     """Fraction of each side that is rendered, 0.1 to 1; the result is enlarged to full size."""
     rest: float = 1.0
-    """Strength of the expression at rest, 0 to 1 (:mod:`fapengine.mesh.resting`); 0 draws the standard's neutral face."""
+    """Strength of the expression at rest, 0 to 1 (:mod:`fapengine.mesh.resting`); 0 is the standard's neutral face."""
 
     def __post_init__(self) -> None:
         check_value("size", self.size, tuple[int, ...])

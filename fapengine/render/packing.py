@@ -24,19 +24,28 @@ from fapengine._arrays import Array, Indices, Mask, freeze, frozen
 from fapengine.errors import UsageError
 from fapengine.geometry.surface import edges_of, vertex_normals
 from fapengine.mesh.deform import Pose, bone_transforms, channel_weights
-from fapengine.mesh.face_mesh import PUPIL_SHARE, Bone, Channel, DeformationBasis, FaceMesh, Material, iris_share
+from fapengine.mesh.face_mesh import (
+    PUPIL_SHARE,
+    Bone,
+    Channel,
+    DeformationBasis,
+    FaceMesh,
+    Material,
+    iris_share,
+    lid_share,
+)
 from fapengine.mpeg4 import fap
 from fapengine.render.programs import FACE_ATTRIBUTES, MAX_CHANNELS
 
 SURFACES: dict[Material, tuple[float, float, float]] = {
     # specular strength, gloss, softness of the terminator
-    Material.SKIN: (0.09, 32.0, 0.45),
-    Material.LIP: (0.30, 46.0, 0.40),
+    Material.SKIN: (0.08, 40.0, 0.52),
+    Material.LIP: (0.50, 56.0, 0.50),
     Material.EYE: (1.30, 420.0, 0.20),
     Material.TEETH: (0.50, 60.0, 0.30),
     Material.GUM: (0.50, 40.0, 0.40),
     Material.TONGUE: (0.35, 30.0, 0.45),
-    Material.HAIR: (0.16, 14.0, 0.15),
+    Material.HAIR: (0.13, 22.0, 0.15),
     Material.LASH: (0.05, 10.0, 0.10),
     Material.MOUTH: (0.02, 10.0, 0.10),
     Material.CLOTH: (0.03, 6.0, 0.25),
@@ -181,7 +190,7 @@ def _uniforms(mesh: FaceMesh, pose: Pose, values: Array) -> FrameUniforms:
         channels=channels,
         bones=np.ascontiguousarray(pose.bones.swapaxes(-1, -2), dtype="f4"),
         iris=np.stack([iris, pupil], axis=-1).astype("f4"),
-        lids=(LID_SIGNS * iris[..., None] * (1 - 2 * values[..., LID_COLUMNS] / 1024)).astype("f4"),
+        lids=(LID_SIGNS * lid_share(mesh) * (1 - 2 * values[..., LID_COLUMNS] / 1024)).astype("f4"),
     )
 
 

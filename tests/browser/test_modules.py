@@ -13,11 +13,11 @@ from fapengine.files.profiles import load_profile
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.deform import bone_transforms, channel_weights
 from fapengine.mesh.face_mesh import Channel, DeformationBasis, FaceMesh
+from fapengine.mesh.resting import with_rest
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack, limits
 from fapengine.render.camera import PRESETS
 from fapengine.render.drawing import Drawing
-from fapengine.mesh.resting import with_rest
 from fapengine.render.packing import frame_uniforms
 from fapengine.render.renderer import FaceRenderer
 from fapengine.server.web.page_files import PAGE_CAMERAS
@@ -174,8 +174,9 @@ def test_the_picture_is_the_desktop_s(modules: Page, head: FaceMesh, name: str) 
 
 def test_fine_edges_are_nearer_to_a_picture_of_more_pixels(modules: Page) -> None:
     fine, soft = (pictured(modules, np.zeros(68), "front", 256, edges) for edges in ("fine", "soft"))
-    # Four samples a pixel: an outline has a quarter, a half, three quarters of the face's colour, and nothing else.
-    assert np.unique(fine[..., 3]).tolist() == pytest.approx([0, 64, 128, 191, 255], abs=1)
+    # Four samples a pixel: an outline has a quarter, a half, three quarters of the face's colour.
+    off = np.abs(fine[..., 3, None] - [0, 64, 128, 191, 255]).min(axis=-1)
+    assert (off > 1).mean() < 0.001  # single hairs, which are blended, cross the outline in few places
     apart = np.abs(fine - soft)
     assert apart.mean() < 4.0
     assert 0.002 < (apart.max(axis=-1) > 24).mean() < 0.1  # on edges, and there alone

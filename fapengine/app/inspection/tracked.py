@@ -16,7 +16,7 @@ from fapengine.files.recordings import RECORDINGS, is_table, load_markers, load_
 from fapengine.files.sessions import load_session
 from fapengine.laboratory.few_markers import facing
 from fapengine.laboratory.look import Look, look_over, session_lines
-from fapengine.mesh.default_head.style import HeadStyle
+from fapengine.mesh.default_head.style import MEASURED
 
 MARKERS_SHOWN = 12
 MARKER_ENDINGS = (".c3d", ".trc", ".npz", ".pos", ".mat", ".bvh")
@@ -89,7 +89,7 @@ def _plot(path: Path, track: MarkerTrack, look: Look) -> "np.ndarray":
     quiet = track.positions_mm[first : max(last, first + 1), shown]
     places = np.where(np.isnan(quiet).all(axis=0), np.nanmedian(track.positions_mm[:, shown], axis=0), quiet[0])
     places = np.where(np.isnan(places), np.nanmedian(track.positions_mm[:, shown], axis=0), places)
-    head = load_built(HeadStyle())
+    head = load_built(MEASURED)
     face_mm = {name: head.point_mm(name).astype(np.float64) for name in head.feature_points}
     labels = [track.labels[index] for index in shown]
     axes = facing(places, labels, face_mm)

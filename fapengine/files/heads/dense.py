@@ -10,7 +10,7 @@ from fapengine.files.heads.tables import load_feature_points
 from fapengine.files.paths import locating, read_bytes
 from fapengine.laboratory.dense_face import DenseFace, ModeRig, make_dense_head
 from fapengine.laboratory.dense_file import ARRAYS_NAME, TOML_NAME, parse_dense
-from fapengine.mesh.default_head.style import HeadStyle
+from fapengine.mesh.default_head.style import MEASURED
 from fapengine.mesh.rig.import_head import ImportedHead
 from fapengine.profiles import TOML_NAME as PROFILE_NAME
 
@@ -65,5 +65,5 @@ def load_dense_head(folder: Path, points: Path | None = None) -> tuple[ImportedH
     """
     face, marked = load_dense(folder, points)
     with locating(folder):
-        imported, rig = make_dense_head(face, load_built(HeadStyle()), marked)
+        imported, rig = make_dense_head(face, load_built(MEASURED), marked)
     return imported, rig, dense_info(face, imported.used)

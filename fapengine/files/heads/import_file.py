@@ -16,7 +16,7 @@ from fapengine.files.heads.meshes import is_rig, load_neutral, load_rig
 from fapengine.files.heads.tables import load_feature_points, load_mapping
 from fapengine.files.paths import locating
 from fapengine.laboratory.dense_face import DenseFace, neutral_mesh
-from fapengine.mesh.default_head.style import HeadStyle
+from fapengine.mesh.default_head.style import MEASURED
 from fapengine.mesh.deform import still_faps
 from fapengine.mesh.face_mesh import FaceMesh, Material
 from fapengine.mesh.rig.axes import BOTH, JAW, LEFT, RIGHT
@@ -79,7 +79,7 @@ def load_marked(
         raise UsageError(f"{path}: has no blendshapes, so its feature points are needed (points=FILE)")
     else:
         mesh, choice = load_neutral(path), choose_blendshapes(())
-    standard = load_built(HeadStyle())
+    standard = load_built(MEASURED)
     marked = load_feature_points(points, mesh.vertices, mesh.triangles) if points else {}
     return mesh, choice, standard, marked
 
@@ -238,7 +238,7 @@ def adapt_dense_face(face: DenseFace, points: Mapping[str, int] | None = None) -
         If there are too few feature points.
     """
     mesh, vertices = neutral_mesh(face, {}, points)
-    return _adapted(mesh, vertices, load_built(HeadStyle()))
+    return _adapted(mesh, vertices, load_built(MEASURED))
 
 
 def adapted_info(face: DenseFace) -> HeadInfo:

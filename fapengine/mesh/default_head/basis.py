@@ -30,7 +30,7 @@ from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD, Fapu
 
 UPPER_LID_KNOTS = (0.0, 280.0, 560.0, 820.0, 1080.0)
-LOWER_LID_KNOTS = (0.0, 300.0, 600.0)
+LOWER_LID_KNOTS = (0.0, 200.0, 400.0)
 WIDE_KNOTS = (0.0, -600.0)
 EASE, ROUND_TO_CORNER = 0.35, 0.35
 """Weight along the contour: fraction from middle to half way that is a cosine, the rest being a parabola; fraction from
@@ -41,7 +41,13 @@ BACK_BY_STRETCH = dict.fromkeys((6, 7, 53, 54), 0.5)
 JAW_FAP = 3
 JAW_PIVOT = np.array([0.0, 2.0, 18.0])
 """Midpoint of the axis through the jaw joints, mm."""
-LIFT_CHEEK = 41
+LIFT_CHEEK, PUFF_CHEEKS = 41, (39, 40)
+SMILE_FAPU, SMILE_CHEEK_MM, SMILE_LID = (200.0, 600.0), 3.5, 140.0
+"""FAPU of a lip corner over which a smile lifts its cheek, how far, and by how many FAPU it raises the lower lid."""
+PUFF_MM, PUFF_DOWN, PUFF_FORWARD, PUFF_CORNER_MM = 32.0, 1.5, 0.35, 16.0
+"""A puffed cheek: its radius; how much farther it reaches down; its way forwards per millimetre outwards; and the
+distance from the corner of the lips within which it is held.
+"""
 UPPER_LIP_FAPS, LOWER_LIP_FAPS = (17, 51, 55, 56), (16, 52, 57, 58)
 PUSH_LOWER_LIP, RAISE_CORNERS = 16, (12, 13)
 OWNERS = (18, 39, 40, 41, 42, 61, 62, 63)
@@ -100,6 +106,9 @@ def build_basis(
     for number, moves in fields.items():
         if number != JAW_FAP:
             collector.add(Channel(number, -np.inf, np.inf), skin, moves * fapu.unit(fap.spec(number).unit))
+    for side, corner in enumerate(RAISE_CORNERS):
+        whole = SMILE_FAPU[1] - SMILE_FAPU[0]
+        collector.add(Channel(corner, *SMILE_FAPU), skin, fields[LIFT_CHEEK + side] * SMILE_CHEEK_MM / whole)
     around((61, 62), skin, (13, 14, 20))
     around((63, 64), skin, (26, 30, 40))
     for side, ear in enumerate(head.ears):
@@ -187,6 +196,14 @@ def _skin_fields(
     for owner in OWNERS:
         away = np.linalg.norm(at - points[feature_points[fap.spec(owner).point]], axis=1)
         around[owner] = int(away.argmin()), np.clip(1 - (away / CORRECTION_MM) ** 2, 0, None) ** 2
+    for puff in PUFF_CHEEKS:
+        outwards = np.array(fap.HEAD_AXES[fap.spec(puff).positive], dtype=np.float64)
+        corner = points[feature_points["8.3" if outwards[0] > 0 else "8.4"]]
+        off = at - points[feature_points[fap.spec(puff).point]]
+        off[:, 1] /= np.where(off[:, 1] < 0, PUFF_DOWN, 1.0)
+        bag = np.clip(1 - (np.linalg.norm(off, axis=1) / PUFF_MM) ** 2, 0, None) ** 2
+        bag *= smoothstep(np.linalg.norm(at - corner, axis=1) / PUFF_CORNER_MM)
+        fields[puff] = bag[:, None] * (outwards + PUFF_FORWARD * np.array([0.0, 0.0, 1.0]))
     pushed = 1 - smoothstep((np.abs(at[:, 0]) / corners - PUSH_SIDE[0]) / (PUSH_SIDE[1] - PUSH_SIDE[0]))
     for number, moves in fields.items():
         moves *= share[skin, None]
@@ -254,6 +271,9 @@ def _lids(
                 poses.append(np.concatenate([lids, lashes]))
             for (start, before), (stop, after) in pairwise(zip(knots, poses, strict=True)):
                 collector.add(Channel(number, start, stop), moving, (after - before) / abs(stop - start))
+            if number == 21 + side and knots is LOWER_LID_KNOTS:
+                rise = (poses[1] - poses[0]) * SMILE_LID / knots[1]
+                collector.add(Channel(RAISE_CORNERS[side], *SMILE_FAPU), moving, rise / (SMILE_FAPU[1] - SMILE_FAPU[0]))
 
 
 def teeth_by_light(points: Array, head: HeadParts) -> list[tuple[int, Indices]]:

@@ -116,8 +116,8 @@ def build_lids(
         points = on_ball + towards_face[:, None] * (face - on_ball)
         crease = np.exp(-(((level - CREASE) / 0.055) ** 2)) * np.where(upper, 1.0, 0.12) * middle
         hood = np.exp(-(((level - 1.6) / 0.15) ** 2)) * np.where(upper, 1.1, 0.25 + 0.8 * style.age) * middle
-        points += (hood - 0.95 * crease)[:, None] * out
-        shade = 1 - 0.30 * crease - np.where(upper, 0.10, 0.04) * smoothstep((CREASE + 0.04 - level) / 0.08)
+        points += (hood - 0.60 * crease)[:, None] * out
+        shade = 1 - 0.16 * crease - np.where(upper, 0.10, 0.04) * smoothstep((CREASE + 0.04 - level) / 0.08)
         lash = (level <= 1.0) * upper
         albedo = np.where(lash[:, None], colours.LASH, palette.skin(points) * shade[:, None])
         kind, uv = np.where(lash, Material.LASH, Material.SKIN), skin_uv(angle, flat[:, 1])

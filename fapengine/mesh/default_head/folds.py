@@ -24,7 +24,7 @@ from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import Fapu
 
-KEY_FROM = np.array([-0.42, 0.52, 0.745])
+KEY_FROM = np.array([-0.47, 0.53, 0.706])
 """Direction of the key lamp, as in ``lights.glsl``."""
 RANGE = 0.9
 """Relative change of the light for one unit of the map beyond its pores; ``FOLDS`` in ``face.frag``."""

@@ -28,12 +28,13 @@ from fapengine.mesh.default_head.parts import build_brow, build_ear, build_glass
 from fapengine.mesh.default_head.points import HeadParts, locate
 from fapengine.mesh.default_head.skin import even_out
 from fapengine.mesh.default_head.style import LEVELS, Detail, HeadStyle, palette_of
+from fapengine.mesh.default_head.stylised import stylise
 from fapengine.mesh.default_head.surface import nostril, position, radius
 from fapengine.mesh.face_mesh import Bone, DeformationBasis, FaceMesh, Folds, Material
 from fapengine.mpeg4.fap import FapUnit
 from fapengine.mpeg4.fapu import Fapu
 
-LIT_INSIDE = {Material.TEETH: 0.20, Material.GUM: 0.5, Material.TONGUE: 0.40, Material.MOUTH: 0.45}
+LIT_INSIDE = {Material.TEETH: 0.20, Material.GUM: 0.5, Material.TONGUE: 0.37, Material.MOUTH: 0.72}
 """Least light, relative, on parts inside the mouth."""
 THRUST_TONGUE = 45
 TONGUE_LIGHT_PER_MM = 0.05
@@ -44,7 +45,7 @@ SHADED_TEETH = 0.04
 """Least light on upper teeth, which are in the shadow of the lip."""
 LID_FOLDS_AT = 1.46
 UPPER_LIDS = (19, 20)
-OPEN_LID, SHUT_LID = 0.65, 0.85
+OPEN_LID, SHUT_LID = 0.60, 0.76
 """Least light on an open and on a closed lid."""
 HAIR_NEAR_MM, HAIR_SHADE, JAW_SHADE = 9.0, 0.55, 0.7
 """Distance within which hair shades skin; fraction of the light that hair and jaw remove."""
@@ -290,6 +291,8 @@ def _finish(
     feature_points = locate(template, head)
     if reshape is not None:
         points, head = reshape(points, triangles, head, feature_points)
+    elif style.charm:
+        points, head = stylise(points, head, style.charm)
     normals = vertex_normals(points, triangles)
     seam = head.grid[:, [0, -1]]
     normals[seam] = unit_vectors(normals[seam].sum(axis=1, keepdims=True), 1e-9)

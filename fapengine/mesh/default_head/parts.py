@@ -185,7 +185,7 @@ def build_brow(builder: MeshBuilder, style: HeadStyle, side: float, detail: floa
     return builder.strands(spine, half_width, aside, albedo=tint, place=place).ravel()
 
 
-EAR_MIDDLE = np.array([82.0, 16.5, -4.0])
+EAR_MIDDLE = np.array([81.0, 17.5, -4.0])
 EAR_UP, EAR_BACK = np.array([0.05, 0.975, -0.215]), np.array([0.21, -0.170, -0.963])
 EAR_ROOT = (np.deg2rad(93.0), 10.0)
 """Place on the bare head that an ear follows."""

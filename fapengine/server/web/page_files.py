@@ -18,7 +18,7 @@ from fapengine.engine import commands
 from fapengine.engine.command_table import Command, fields_of
 from fapengine.expressions import EXPRESSION_NAMES
 from fapengine.mesh.default_head.style import PEOPLE
-from fapengine.mesh.face_mesh import PUPIL_SHARE, FaceMesh
+from fapengine.mesh.face_mesh import PUPIL_SHARE, FaceMesh, lid_share
 from fapengine.mesh.resting import RESTING
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fap import FapSpec, FapUnit
@@ -157,6 +157,7 @@ def head_binary(mesh: FaceMesh) -> bytes:
         "edge": packed.edge_mm,
         "texelsPerMm": packed.texels_per_mm,
         "pupilShare": PUPIL_SHARE,
+        "lid": lid_share(mesh),
         "pupilRange": PUPIL_RANGE,
         "jawPivot": mesh.jaw_pivot_mm.tolist(),
         "headPivot": mesh.head_pivot_mm.tolist(),

@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 
 from fapengine.mesh.default_head.head import build_head
+from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import Bone, FaceMesh, Material
 from fapengine.mesh.rig.blendshape_mesh import Blendshape, BlendshapeMesh
@@ -28,7 +29,7 @@ def shape_of(head: FaceMesh, faps: np.ndarray) -> Blendshape:
 @cache
 def own_rig(names: tuple[str, ...] = ARKIT_NAMES) -> BlendshapeMesh:
     """In mm, on the standard's axes."""
-    head = build_head()
+    head = build_head(HeadStyle(charm=0))
     shapes = arkit_map()
     kinds = [None, *PARTS]
     surface = np.zeros(len(head.vertices_mm), int)

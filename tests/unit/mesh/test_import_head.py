@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from fapengine.errors import DataError, UsageError
 from fapengine.geometry.surface import vertex_normals
 from fapengine.mesh.default_head.head import build_head
+from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import Bone, Channel, DeformationBasis, Material
 from fapengine.mesh.rig.axes import BOTH, JAW, LEFT, RIGHT
@@ -29,7 +30,7 @@ NOT_ON_SKIN = (23, 24, 25, 26, 27, 28, 43, 44, 45, 48, 49, 50)
 
 @pytest.fixture(scope="module")
 def standard():
-    return build_head()
+    return build_head(HeadStyle(charm=0))
 
 
 @pytest.fixture(scope="module")

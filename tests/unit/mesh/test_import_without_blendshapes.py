@@ -6,6 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from fapengine.errors import DataError, UsageError
 from fapengine.mesh.default_head.head import build_head
+from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import Material
 from fapengine.mpeg4 import fap
@@ -18,7 +19,7 @@ BONES = (3, 14, 15, *range(23, 29), 43, 44, 45, 48, 49, 50)
 
 @pytest.fixture(scope="module")
 def standard():
-    return build_head()
+    return build_head(HeadStyle(charm=0))
 
 
 @pytest.fixture(scope="module")

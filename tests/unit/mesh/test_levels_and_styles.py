@@ -23,11 +23,11 @@ Array = NDArray[np.float64]
 Moved = Callable[[FaceMesh, NDArray[np.int64], Array], Array]
 
 VERTICES = {
-    "coarse": (5_000, 7_000),
-    "calls": (9_000, 10_500),
-    "normal": (8_000, 15_700),
-    "fine": (23_000, 28_000),
-    "finest": (64_000, 75_000),
+    "coarse": (5_000, 9_000),
+    "calls": (9_000, 12_900),
+    "normal": (12_000, 18_500),
+    "fine": (23_000, 30_000),
+    "finest": (64_000, 78_000),
 }
 MOVING = [row for row in fap.FAPS if row.positive in fap.HEAD_AXES and row.unit is not fap.FapUnit.AU]
 
@@ -51,7 +51,7 @@ def test_levels_have_their_size_and_all_points(heads: dict[str, FaceMesh], level
 def test_levels_are_the_same_face(heads: dict[str, FaceMesh], level: str) -> None:
     head, normal = heads[level], heads["normal"]
     for name in ("2.1", "2.2", "2.4", "3.1", "3.7", "8.1", "8.3", "9.3", "4.3", "5.1"):
-        assert np.linalg.norm(head.point_mm(name) - normal.point_mm(name)) < 5.0, name  # mm: a coarse step
+        assert np.linalg.norm(head.point_mm(name) - normal.point_mm(name)) < 5.5, name  # mm: a coarse step
     for unit in fap.FapUnit:
         assert head.fapu.unit(unit) == pytest.approx(normal.fapu.unit(unit), rel=0.06)
 

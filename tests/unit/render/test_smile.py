@@ -8,6 +8,7 @@ import pytest
 from design.face_page import pose
 from fapengine.files.profiles import load_profile
 from fapengine.mesh.default_head.head import build_head
+from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.face_mesh import FaceMesh, Material
 from fapengine.render.camera import Camera
 from fapengine.render.drawing import Drawing
@@ -20,7 +21,7 @@ GREY = np.array([0.299, 0.587, 0.114])
 
 
 def draw(head: FaceMesh, name: str, camera: Camera) -> np.ndarray:
-    with FaceRenderer(head, Drawing(size=SIZE, camera=camera, samples=4)) as renderer:
+    with FaceRenderer(head, Drawing(size=SIZE, camera=camera, samples=4, rest=0.0)) as renderer:
         return renderer.draw(pose(load_profile("grid_s1_en"), name)).astype(float)
 
 
@@ -42,7 +43,7 @@ def test_teeth_of_a_smile_are_light_and_no_khaki() -> None:
 
 @pytest.mark.parametrize("name", ["surprise", "fear"])
 def test_a_wide_eye_shows_little_white_above_its_iris_and_none_below(name: str) -> None:
-    picture = draw(build_head(), name, EYE)
+    picture = draw(build_head(HeadStyle(charm=0)), name, EYE)
     column = picture[:, SIZE[0] // 2 - 3 : SIZE[0] // 2 + 4].mean(axis=1)
     white = (column.min(axis=-1) > 150) & (np.ptp(column, axis=-1) < 30)
     above, below = white[: SIZE[1] // 2].sum(), white[SIZE[1] // 2 :].sum()

@@ -1,0 +1,109 @@
+"""Charm: the same head with larger eyes, smaller nose, ears and jaw, and a thinner neck, as in animated films.
+
+A smooth warp of space, so hair, teeth and glasses go with the skin. Each eye with its lid margins and lashes is
+enlarged about the middle of its ball, so that lids still slide over it. FAPU and deformation are measured on the
+result, so FAPs move their feature points as exactly as before.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.interpolate import LinearNDInterpolator
+from scipy.spatial import cKDTree
+
+from fapengine._arrays import Array, Indices
+from fapengine.geometry.smooth import smoothstep
+from fapengine.mesh.default_head.eyes import RADIUS, Eye, moved_eye
+from fapengine.mesh.default_head.points import HeadParts
+
+LARGER_EYES, APART_MM = 0.30, 2.6
+"""Growth of the eyes, and how far each moves outwards, at charm 1."""
+DEEPER = 0.72
+"""Fraction of a ball's growth by which it moves back into the head."""
+NEAR_MM, FAR_MM = 20.0, 47.0
+"""Distance from an eye up to which skin moves with it fully, and from which not at all."""
+NEAR_LIDS_MM, FAR_LIDS_MM = 15.0, 31.0
+"""The same for the way forwards."""
+SMALLER_EARS = np.array([0.38, 0.16, 0.16])
+"""Shrinkage of an ear about its root, at charm 1: most of it towards the head."""
+EAR_REACH_MM = 3.0
+
+
+def _faded(value: Array, low: float, high: float) -> Array:
+    return np.asarray(1 - smoothstep((value - low) / (high - low)))
+
+
+def stylise(points: Array, head: HeadParts, charm: float) -> tuple[Array, HeadParts]:
+    """Warp a head, (V, 3) mm.
+
+    Returns
+    -------
+    (V, 3) mm, HeadParts
+        Vertices, and parts with matching eyes.
+    """
+    moved = _with_face(points, charm)
+    skin = points[head.grid].reshape(-1, 3)
+    skin = skin[(skin[:, 2] > 15.0) & (np.abs(skin[:, 0]) < 82.0) & (skin[:, 1] > -60.0)]
+    depth = LinearNDInterpolator(skin[:, :2], skin[:, 2])
+    left, right = (_enlarge(eye, points, moved, depth, charm) for eye in head.eyes)
+    for side, ear in zip((1.0, -1.0), head.ears, strict=True):
+        mine = _of_ear(points, ear, head)
+        root = points[mine][np.argsort(side * points[mine, 0])[: max(1, len(mine) // 5)]].mean(axis=0)
+        moved[mine] -= (points[mine] - root) * charm * SMALLER_EARS
+    return moved, replace(head, eyes=(left, right))
+
+
+def _of_ear(points: Array, ear: Indices, head: HeadParts) -> Indices:
+    """(N,): vertices of an ear and of what fills it."""
+    near = np.isfinite(cKDTree(points[ear.ravel()]).query(points, distance_upper_bound=EAR_REACH_MM)[0])
+    near[head.grid] = near[head.hair] = False
+    return np.flatnonzero(near)
+
+
+def _enlarge(eye: Eye, points: Array, moved: Array, depth: LinearNDInterpolator, charm: float) -> Eye:
+    """Enlarge an eye in ``moved``, (V, 3) mm, with the skin around it; ``depth`` is z of the face at x and y."""
+    growth, apart = LARGER_EYES * charm, np.array([eye.side * APART_MM * charm, 0.0])
+    back = -DEEPER * RADIUS * growth
+    centre = eye.centre + np.append(apart, back)
+    off = points - eye.centre
+    distance = np.linalg.norm(off[:, :2], axis=1)
+    ahead = smoothstep((points[:, 2] - 25.0) / 25.0)
+    beside = _faded(distance, NEAR_MM, FAR_MM) * ahead * smoothstep((off[:, 0] * eye.side + 31.0) / 14.0)
+    with_lids = _faded(distance, NEAR_LIDS_MM, FAR_LIDS_MM) * ahead
+    shift = beside[:, None] * (growth * off[:, :2] + apart)
+    moved[:, :2] += shift
+    # Skin slides over the face; only the lids follow the ball forwards.
+    slid = np.nan_to_num(depth(points[:, :2] + shift) - depth(points[:, :2]))
+    moved[:, 2] += (1 - with_lids) * slid + with_lids * (growth * off[:, 2] + back)
+    lids = eye.lids
+    rigid = np.concatenate([eye.ball.ravel(), eye.lashes.ravel(), lids.indices[lids.level <= 1.0].ravel()])
+    moved[rigid] = centre + (1 + growth) * off[rigid]
+    margin = lids.indices[np.flatnonzero(lids.level == 1.0)[0]]
+    return moved_eye(eye, centre, points[margin], moved[margin])
+
+
+def _with_face(points: Array, charm: float) -> Array:
+    """(V, 3) mm: the warp of everything but eyes and ears; millimetres and fractions are those of charm 1."""
+    x, y, z = points.T
+    moved = points.copy()
+    front = smoothstep((z - 70.0) / 15.0)
+    nose = np.exp(-((x / 19.0) ** 4) - (y / 26.0) ** 4) * front
+    moved[:, 0] -= charm * 0.20 * nose * x
+    moved[:, 2] -= charm * 0.26 * nose * np.clip(z - 101.0, 0, None)
+    moved[:, 1] += charm * 2.6 * nose * smoothstep((8.0 - y) / 14.0)  # its tip is turned up
+    jaw = smoothstep((2.0 - y) / 72.0) * smoothstep((y + 110.0) / 20.0)
+    moved[:, 0] *= 1 - charm * 0.13 * jaw
+    cheeks = np.exp(-(((y + 6.0) / 20.0) ** 2) - ((np.abs(x) - 44.0) / 20.0) ** 2) * front
+    moved[:, 0] += charm * 1.2 * cheeks * np.sign(x)
+    moved[:, 2] += charm * 2.0 * cheeks
+    lower = smoothstep((-6.0 - y) / 70.0) * smoothstep((y + 240.0) / 60.0)
+    moved[:, 1] += charm * 5.5 * lower
+    skull = smoothstep((y - 38.0) / 60.0)
+    moved[:, 0] *= 1 + charm * 0.055 * skull
+    moved[:, 1] += charm * 5.0 * skull
+    moved[:, 2] = 5.0 + (moved[:, 2] - 5.0) * (1 + charm * 0.035 * skull)
+    neck = smoothstep((-44.0 - y) / 60.0) * smoothstep((60.0 - z) / 50.0) * smoothstep((y + 200.0) / 70.0)
+    neck *= _faded(np.abs(x), 70.0, 110.0)
+    moved[:, 0] *= 1 - charm * 0.19 * neck
+    moved[:, 2] = -5.0 + (moved[:, 2] + 5.0) * (1 - charm * 0.12 * neck)
+    return moved
