@@ -67,6 +67,12 @@ def test_rate_control_meets_its_target(ranges: str, kbit_s: float) -> None:
     assert len(decode(stream).track) == len(track)
 
 
+def test_groups_share_what_a_target_rate_leaves_over() -> None:
+    track = talking(20.0)
+    stream = encode(track, EncoderOptions(kbit_s=3.0, intra_every=50))
+    assert 0.95 < 8 * len(stream) / 20 / 3000 <= 1.02
+
+
 def test_live_rate_control_comes_near_its_target() -> None:
     track = talking(60.0)
     encoder = Encoder(rate_hz=RATE_HZ, options=EncoderOptions(kbit_s=1.5))
@@ -169,6 +175,11 @@ def test_visemes_and_expressions_go_through() -> None:
     assert len(WORKED) > 20
     with pytest.raises(UsageError, match="FAP: must be 3 to 68, got 2"):
         without.fap(2)
+
+
+def test_a_frame_without_an_expression_sends_that_of_a_neutral_face() -> None:
+    plain, told = (Encoder(rate_hz=30.0, faps=(1, 2, 3)) for _ in range(2))
+    assert plain.frame([0] * 68) == told.frame([0] * 68, viseme=(0,) * 4, expression=(0,) * 6)
 
 
 def test_masks_that_change_begin_a_group_and_gaps_are_skips() -> None:

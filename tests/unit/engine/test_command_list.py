@@ -150,7 +150,7 @@ def test_commands_that_may_be_repeated_are_these():
 def test_times_from_the_arrival_are_whole_microseconds_and_zero_is_now():
     time = Time(osc="at_us")
     assert (time.to_osc(1.5), time.to_osc(None), time.to_osc(-3.0)) == (1_500_000, -1, -1)
-    assert (time.from_osc(1_500_000), time.from_osc(0), time.from_osc(-1)) == (1.5, None, None)
+    assert [time.from_osc(value) for value in (1_500_000, 1, 0, -1)] == [1.5, 1e-6, None, None]
 
 
 def test_numbers_of_the_server_s_own_utterances_fit_into_the_int32_of_osc():

@@ -945,3 +945,58 @@ def test_a_machine_without_room_opens_no_further_face():
     face.room = 1
     face.open("ben", 0.0)
     assert face.room == 0
+
+
+def test_only_jaw_and_lips_start_the_limit_of_speed_and_the_whole_mouth_obeys_it():
+    face = engine()
+    face.frame(0.0)
+    now_s, most = 0.01, 450.0
+    wanted = np.zeros((1, 68), np.int32)
+    lids, tongue, lips = [fap.column(19), fap.column(20)], fap.column(43), fap.column(18)
+    wanted[0, [*lids, tongue]] = 1000
+    shown = wanted.copy()
+    face._slow_down(shown, now_s)
+    assert (shown == wanted).all()  # lids and tongue may be fast
+    wanted[0, lips] = 900
+    shown = wanted.copy()
+    face._slow_down(shown, now_s)
+    assert shown[0, lips] == most
+    assert shown[0, tongue] == 1000 * most / 900
+    assert (shown[0, lids] == 1000).all()
+
+
+def test_sixty_four_utterances_that_are_over_are_known_and_no_more():
+    face = engine()
+    for number in range(1, 66):
+        say(face, sentence(["a"]), number=number, now_s=number * 1.0)
+        frames(face, number * 1.0, number + 1.0)
+    face.events()
+    for number in (2, 1):
+        face.apply("anna", Begin(number), 66.0)
+    assert face.counters("anna").ignored == 1
+    assert face.utterance("anna", 1) is not None
+    assert face.utterance("anna", 2) is None
+
+
+def test_an_announcement_that_comes_twice_changes_nothing():
+    seen = {}
+    for is_repeated in (False, True):
+        face = engine(Style())
+        say(face, sentence())
+        first = frames(face, 0.0, 0.6)
+        if is_repeated:
+            face.apply("anna", Begin(1), 0.6)
+        seen[is_repeated] = np.concatenate([first, frames(face, 0.6, 3.0)])
+    np.testing.assert_array_equal(seen[True], seen[False])
+
+
+def test_a_revision_asks_for_nothing_that_was_shown_already():
+    face, fed = engine(), []
+    say(face, sentence(["a"] * 12))
+    frames(face, 0.0, 0.7)
+    feed = face._batch.feed
+    face._batch.feed = lambda number, phones, *rest, **named: fed.extend(phones) or feed(number, phones, *rest, **named)
+    face.apply("anna", Append(1, 4, (Phone("m", 0.7, 0.8),), revision=1), 0.7)
+    frames(face, 0.7, 0.9)
+    assert fed
+    assert min(phone.start_s for phone in fed) >= 0.69
