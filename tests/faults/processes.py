@@ -5,7 +5,7 @@ import secrets
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,8 +15,21 @@ from typing import Any, Self
 from tests.processes import start
 
 MARK = "FAPENGINE_FAULT"
-GONE_S = 100.0
-"""Time within which a process that has lost its parent ends, on a busy machine."""
+LOOK_S = 0.02
+GONE = 5_000
+"""Looks after which a process that has lost its parent has ended."""
+
+
+def becomes(true: Callable[[], object], looks: int) -> bool:
+    """Whether something becomes true within so many looks.
+
+    Looks are counted, not seconds: where the processes that are waited for get no processor, this one gets none either.
+    """
+    for _ in range(looks):
+        if true():
+            return True
+        time.sleep(LOOK_S)
+    return bool(true())
 
 
 @dataclass
@@ -67,12 +80,9 @@ def pids(mark: str) -> list[int]:
 
 def left_over(mark: str) -> list[str]:
     """Command lines of processes with a mark that do not end, though their first one has."""
-    until_s = time.monotonic() + GONE_S
-    while found := pids(mark):
-        if time.monotonic() > until_s:
-            return [command_of(number)[:200] for number in found]
-        time.sleep(0.02)
-    return []
+    if becomes(lambda: not pids(mark), GONE):
+        return []
+    return [command_of(number)[:200] for number in pids(mark)]
 
 
 def command_of(number: int) -> str:

@@ -15,7 +15,7 @@ from types import TracebackType
 from typing import Self
 
 from tests.browser.chromium import FLAGS, OWN, find_chromium
-from tests.faults.processes import Marked, command_of, left_over, pids
+from tests.faults.processes import Marked, becomes, command_of, left_over, pids
 from tests.live.stage import Ear, Sender
 
 PARTS = (
@@ -24,8 +24,10 @@ PARTS = (
 WITH_WORKERS = ("worker", "parent")
 """Parts of a server with two workers; the others are those of one process."""
 SPEAKERS = ("anna", "berta", "carl")
-SOON_S = 180.0
-"""Limit of waiting for what should happen at once: a machine may have ten times the work that it can do."""
+SOON = 9_000
+"""Looks within which happens what should happen at once: a machine may have ten times the work that it can do."""
+AGAIN = 150
+"""Looks after which a text is sent again."""
 WORKERS, WORKER = 2, "fapengine.server.cluster.worker"
 """How many, and how their command lines say so."""
 OPEN = 40
@@ -100,15 +102,12 @@ class World:
         sender = Sender(("127.0.0.1", self._port))
         name = self._new_name()
         self._ear.frames.clear()
-        until_s = time.monotonic() + SOON_S
-        while max(self._ear.jaw(name), default=0) < OPEN:  # a text that the dead one had is lost, and told so
+        for _ in range(SOON // AGAIN):  # a text that the dead one had is lost, and told so
             sender.tell("/fap/1/text", "sss", name, "Mama mama mama.", "")
-            end_s = time.monotonic() + 3.0
-            while time.monotonic() < min(end_s, until_s) and max(self._ear.jaw(name), default=0) < OPEN:
-                time.sleep(0.02)
-            if time.monotonic() > until_s:
-                wrong.append("no text is spoken after its end")
+            if becomes(lambda: max(self._ear.jaw(name), default=0) >= OPEN, AGAIN):
                 break
+        else:
+            wrong.append("no text is spoken after its end")
         sender.close()
         return wrong
 
@@ -164,12 +163,7 @@ class World:
         return [] if found else ["a face that comes now does not speak"]
 
     def _becomes(self, true: Callable[[], bool]) -> bool:
-        until_s = time.monotonic() + SOON_S
-        while not true():
-            if time.monotonic() > until_s:
-                return False
-            time.sleep(0.02)
-        return True
+        return becomes(true, SOON)
 
     def _new_name(self) -> str:
         self._probes += 1
