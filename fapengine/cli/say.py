@@ -57,13 +57,14 @@ def say(
 
         fapengine say "Hello there." --expression joy:0.4 -o out/hello.mp4
         fapengine say "[laughs] Oh really? 🤔 Yes." -o out/marks.mp4
+        fapengine say "I am [Siobhan]{ʃɪˈvɔːn}." -o out/name.mp4
         fapengine say "Hello there." --into avatar.glb -o out/hello.glb
         fapengine say "Hello there." --live
         fapengine say --live --mic --sink vmc://127.0.0.1
 
     Also writes OUT.wav next to every output but an image; next to an avatar or a video also OUT.fap, and next to a
     video OUT.png (a contact sheet). Files of other programs are not replaced. Inline cues such as [laughs] or emoji
-    move the face and are not spoken.
+    move the face and are not spoken. [word]{IPA} gives the sounds of a word.
 
     With --live, nothing is written: the sound plays now, and the face stays in sync with it. Add --mic to speak
     yourself instead of giving a text.

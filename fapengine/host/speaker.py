@@ -175,7 +175,7 @@ class Speaker:
         nothing: NothingToSpeakError | None = None
         left_s = self._most_s
         marked = MarkedText(text) if choice.ssml else read_marks(text)  # before the text is cut
-        for piece in [text] if choice.ssml else pieces_of(marked.text):
+        for piece in [text] if choice.ssml else pieces_of(marked.with_sounds):
             async with self._turn:
                 if asked.is_cancelled:
                     return None
@@ -191,7 +191,7 @@ class Speaker:
         if asked.is_cancelled:
             return None
         speech = joined(spoken)
-        return speech.marked(marked) if marked.marks or marked.unknown else speech
+        return speech.marked(replace(marked, sounds=())) if marked.marks or marked.unknown else speech
 
     def close(self) -> None:
         """Stop at once."""

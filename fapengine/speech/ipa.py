@@ -224,14 +224,32 @@ def letters(label: str) -> tuple[str, ...]:
     for letter in unicodedata.normalize("NFD", label):
         if letter == CEDILLA and known_letters and known_letters[-1] == "c":
             known_letters[-1] = "ç"
-        category = unicodedata.category(letter)
-        if letter in STRESS or letter in TIES or letter in LENGTH or category in ("Mn", "Lm", "Sk", "Cf"):
+        if is_mark(letter):
             continue
         for known in _REPLACED.get(letter, letter):
             if known not in SOUNDS:
                 return ()
             known_letters.append(known)
     return tuple(known_letters)
+
+
+def foreign_symbol(text: str) -> str | None:
+    """Return the first symbol of a transcription that is not IPA, or None.
+
+    Examples
+    --------
+    >>> foreign_symbol("ˈwɪn.sə naɪt"), foreign_symbol("w1n")
+    (None, '1')
+    """
+    for char in unicodedata.normalize("NFD", text):
+        if not char.isspace() and char not in ".|‿" and not letters(char) and not is_mark(char):
+            return char
+    return None
+
+
+def is_mark(char: str) -> bool:
+    """Return whether a character of IPA only changes another: stress, length, a tie, a diacritic."""
+    return char in STRESS or char in TIES or char in LENGTH or unicodedata.category(char) in ("Mn", "Lm", "Sk", "Cf")
 
 
 _VISIBILITY = {

@@ -10,6 +10,8 @@ Language models are instructed to write how a sentence should be said. Four nota
 - emoji with a face;
 - ``<mark name="joy:0.6"/>``, and in SSML also ``break``, ``emphasis`` and ``prosody``.
 
+``[word]{IPA}`` gives the sounds of a word; for a voice it is SSML's ``phoneme``.
+
 :func:`read_marks` removes them and keeps the character of the remaining text before which each stood. Once the words
 are spoken, :func:`timed_marks` finds the times. A delivery ("happy") lasts until the next one; a laugh, an emoji and a
 gesture have their own duration.
@@ -21,7 +23,9 @@ from dataclasses import dataclass, replace
 from html import escape, unescape
 from itertools import pairwise
 
+from fapengine.errors import UsageError
 from fapengine.expressions import Expression
+from fapengine.speech import ipa
 from fapengine.speech.phone_track import LOUDNESS_DB, Phone
 from fapengine.speech.text.normal_form import same_word
 
@@ -77,7 +81,10 @@ _EMOJI: dict[str, tuple[Expression, float]] = {
 }
 # fmt: on
 _TAG = r"<(?P<close>/?)(?P<tag>[A-Za-z][\w:-]*)(?P<rest>(?:[^<>\"']|\"[^\"<]*\"|'[^'<]*')*?)(?P<empty>/?)>"
-_MARKS = re.compile(rf"{_TAG}|\[(?P<word>[A-Za-z][A-Za-z ,-]{{1,40}})\]|(?P<emoji>[{''.join(_EMOJI)}])\ufe0f?")
+_GIVEN = r"\[(?P<said>[^\[\]{}<>]{1,80})\]\{(?P<ipa>[^{}<>]{0,200})\}"
+_MARKS = re.compile(
+    rf"{_TAG}|{_GIVEN}|\[(?P<word>[A-Za-z][A-Za-z ,-]{{1,40}})\]|(?P<emoji>[{''.join(_EMOJI)}])\ufe0f?"
+)
 _ATTRIBUTE = re.compile(r"([\w:-]+)\s*=\s*(?:\"([^\"]*)\"|'([^']*)')")
 _PLAIN_TAGS, _SSML_TAGS = ("expr", "mark"), ("expr", "mark", "emphasis", "prosody")
 
@@ -140,6 +147,18 @@ class MarkedText:
     """The text for a voice that speaks SSML, if a mark is for the voice: a pause, emphasis."""
     unknown: tuple[str, ...] = ()
     """Labels without a visible meaning."""
+    sounds: tuple[tuple[int, int, str], ...] = ()
+    """Start and stop of a word of the plain text, and its sounds in IPA."""
+
+    @property
+    def with_sounds(self) -> str:
+        """The plain text with ``[word]{IPA}``."""
+        pieces: list[str] = []
+        done = 0
+        for start, stop, sounds in self.sounds:
+            pieces += [self.text[done:start], f"[{self.text[start:stop]}]{{{sounds}}}"]
+            done = stop
+        return "".join([*pieces, self.text[done:]])
 
 
 def read_marks(text: str, *, ssml: bool = False) -> MarkedText:
@@ -154,6 +173,11 @@ def read_marks(text: str, *, ssml: bool = False) -> MarkedText:
     -------
     MarkedText
         The same text where there is no mark.
+
+    Raises
+    ------
+    UsageError
+        If the sounds of a word are not IPA.
 
     Examples
     --------
@@ -173,6 +197,7 @@ class _Reader:
         self._ssml = ""
         self._marks: list[Mark] = []
         self._unknown: list[str] = []
+        self._sounds: list[tuple[int, int, str]] = []
         self._is_for_voice = ssml
         self._open: list[tuple[str, str, Loudness | None]] = []
         """Open stretches: name, closing tag for the voice, loudness that ends with it."""
@@ -193,7 +218,7 @@ class _Reader:
             return MarkedText(text)  # words in brackets alone are meant to be said
         voice = self._ssml.strip() if self._is_for_voice else None
         marks = tuple(Mark(min(mark.at, len(plain)), mark.act) for mark in self._marks)
-        return MarkedText(plain, marks, voice, tuple(dict.fromkeys(self._unknown)))
+        return MarkedText(plain, marks, voice, tuple(dict.fromkeys(self._unknown)), tuple(self._sounds))
 
     def _text(self, piece: str) -> None:
         shown = unescape(piece) if self._is_ssml else piece
@@ -207,6 +232,13 @@ class _Reader:
         """Apply a mark; False if it is text."""
         if match["emoji"]:
             self._add(Feel(*_EMOJI[match["emoji"]], is_brief=True))
+            return True
+        if match["said"]:
+            sounds = check_sounds(match["said"], match["ipa"])
+            start = len(self._plain)
+            self._plain += match["said"]
+            self._sounds.append((start, len(self._plain), sounds))
+            self._ssml += f'<phoneme alphabet="ipa" ph="{sounds}">{escape(match["said"], quote=False)}</phoneme>'
             return True
         if match["word"]:
             return self._describe(match["word"], is_strict=True)
@@ -297,6 +329,16 @@ class _Reader:
 
     def _add(self, act: Act) -> None:
         self._marks.append(Mark(len(self._plain), act))
+
+
+def check_sounds(word: str, sounds: str) -> str:
+    """Return the sounds of a word, without the space around them; raise a UsageError if they are not IPA."""
+    foreign = ipa.foreign_symbol(sounds)
+    if foreign is not None or not any(ipa.letters(char) for char in sounds):
+        raise UsageError(
+            f"text: got {foreign or sounds!r} in the sounds of {word!r}, expected IPA, as in [tomato]{{təˈmɑːtoʊ}}"
+        )
+    return sounds.strip()
 
 
 def _voice_tag(label: str) -> str:

@@ -8,6 +8,7 @@ GPL-3.0: the user installs it (``design/decisions.md, 0003``).
 
 import ctypes
 import threading
+from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -22,7 +23,7 @@ from fapengine._late import needed
 from fapengine._signals import signals_kept
 from fapengine.errors import NothingToSpeakError, ResourceError, UsageError
 from fapengine.speaking import DEFAULT_RATE_WPM, DEFAULT_VOICE, RATES_WPM
-from fapengine.speech.marks import read_marks
+from fapengine.speech.marks import MarkedText, read_marks
 from fapengine.speech.phone_track import PhoneTrack
 from fapengine.speech.text.normal_form import SpeakableText, speakable
 from fapengine.speech.text.scripts import (
@@ -40,12 +41,12 @@ from fapengine.voices.catalogue import Catalogue, VoiceEntry
 from fapengine.voices.espeak_labels import NAME_BYTES, in_context, language_after, read_label
 from fapengine.voices.protocol import Speech
 from fapengine.voices.sounding import Mark, SoundLevel, sounding
-from fapengine.voices.spoken_form import spoken_form
+from fapengine.voices.spoken_form import Edit, spoken_form
 
 # Numbers of speak_lib.h.
 _SYNCHRONOUS, _PHONEME_EVENTS, _IPA_NAMES, _DO_NOT_EXIT = 2, 0x1, 0x2, 0x8000
 _EVENT_LIST_END, _EVENT_WORD, _EVENT_PHONEME = 0, 1, 7
-_CHARS_UTF8, _SSML, _PARAMETER_RATE = 0x1, 0x10, 1
+_CHARS_UTF8, _SSML, _PHONEMES, _PARAMETER_RATE = 0x1, 0x10, 0x100, 1
 Event = tuple[int, int, int, int, bytes]
 """Sample, kind, position in the text from 1, length, name of the phone."""
 
@@ -188,21 +189,49 @@ class EspeakVoice:
         marked = read_marks(text, ssml=self.ssml)
         if marked.ssml is not None and not self.ssml:  # a pause or emphasis is wanted
             spoken = replace(self, ssml=True).speak(marked.ssml)
-            return replace(spoken, marks=()).marked(marked)
+            return replace(spoken, marks=()).marked(replace(marked, sounds=()))
         formed = speakable(marked.text if marked.ssml is None else marked.ssml)
         if self.ssml:
             check_ssml(formed.text)
         words = without_tags(formed.text) if self.ssml else formed.text
         code = self.entry.code
-        said = spoken_form(formed.text, code)
-        events, samples, rate_hz = self._synthesise(said.text)
+        given: list[Edit] = []
+        if marked.sounds or (self.ssml and "<phoneme" in formed.text):
+            given = self._given_sounds(formed, marked)
+        said = spoken_form(formed.text, code, given)
+        events, samples, rate_hz = self._synthesise(said.text, has_phonemes=bool(given))
         events = _at_places_of(said, events)
         phones = _phones(with_whole_words(events, words), formed.text, samples, rate_hz, code)
         if all(phone.is_silence for phone in phones.phones):
             why = f"voice {self.name!r} finds nothing in it"
             raise NothingToSpeakError(f"text: {_shortened(text)} contains nothing to speak ({why})")
         speech = Speech(samples=samples, sample_rate_hz=rate_hz, phones=phones, remarks=self._remarks(formed, said))
-        return speech.marked(marked)
+        return speech.marked(replace(marked, sounds=()))
+
+    def _given_sounds(self, formed: SpeakableText, marked: MarkedText) -> list[Edit]:
+        """Edits of a text in normal form that give words the sounds that the caller wants."""
+        from fapengine.voices.espeak_phonemes import elements_of, phonemes_of  # rare
+
+        if self.ssml:
+            sounds, tags = elements_of(formed.text)
+        else:
+            places = [
+                (bisect_left(formed.starts, a), bisect_left(formed.starts, b), ipa) for a, b, ipa in marked.sounds
+            ]
+            sounds, tags = places, []
+        voice = replace(self, ssml=False)
+        edits = phonemes_of(formed.text, sounds, self.entry.code, voice._phones_of_text) if sounds else []
+        return [*tags, *edits]
+
+    def _phones_of_text(self, text: str) -> list[tuple[int, str]]:
+        """Labels of a text in mnemonics, each with its place."""
+        events, _, _ = self._synthesise(text, has_phonemes=True)
+        named = (
+            (place - 1, read_label(name, self.entry.code))
+            for _, kind, place, _, name in events
+            if kind == _EVENT_PHONEME
+        )
+        return [(place, label[0]) for place, label in named if label and label[0]]
 
     def transcribe(self, text: str) -> str:
         """Return the phonemes of a text in IPA, as the library writes them without speaking (espeak_TextToPhonemes)."""
@@ -241,7 +270,7 @@ class EspeakVoice:
             *spelled_remarks(spelled),
         )
 
-    def _synthesise(self, text: str) -> tuple[list[Event], NDArray[np.int16], int]:
+    def _synthesise(self, text: str, *, has_phonemes: bool = False) -> tuple[list[Event], NDArray[np.int16], int]:
         events: list[Event] = []
         pieces: list[bytes] = []
         count_so_far = 0
@@ -261,7 +290,7 @@ class EspeakVoice:
 
         identifier = self.entry.identifier.encode()
         encoded = text.encode()
-        flags = _CHARS_UTF8 | (_SSML if self.ssml else 0)
+        flags = _CHARS_UTF8 | (_SSML if self.ssml else 0) | (_PHONEMES if has_phonemes else 0)
         with _lock, signals_kept() as signals:
             library, rate_hz = _library()
             callback = _Callback(collect)

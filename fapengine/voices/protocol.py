@@ -77,7 +77,11 @@ class Speech:
         marks = tuple(timed_marks(text, words_of(self.phones.phones), self.duration_s))
         phones = replace(self.phones, phones=with_loudness(self.phones.phones, marks))
         unknown = [f"text: the mark {label!r} says nothing that a face could show" for label in text.unknown]
-        return replace(self, phones=phones, text=text.text, marks=marks, remarks=(*self.remarks, *unknown))
+        unsaid = [
+            f"text: the voice takes no sounds; {text.text[start:stop]!r} was spoken as it is written"
+            for start, stop, _ in text.sounds
+        ]
+        return replace(self, phones=phones, text=text.text, marks=marks, remarks=(*self.remarks, *unknown, *unsaid))
 
 
 @runtime_checkable

@@ -17,7 +17,7 @@ Tags of SSML stay, and what stands in ``say-as``, ``sub`` and ``phoneme``.
 
 import re
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -48,7 +48,7 @@ class _Rule:
     edits: Callable[[re.Match[str]], list[Edit]]
 
 
-def spoken_form(text: str, code: str) -> SpeakableText:
+def spoken_form(text: str, code: str, given: Sequence[Edit] = ()) -> SpeakableText:
     """Put into words what a voice would spell.
 
     Parameters
@@ -57,6 +57,8 @@ def spoken_form(text: str, code: str) -> SpeakableText:
         In normal form, plain or SSML.
     code : str
         Language code of the voice.
+    given : sequence of Edit
+        Edits that are made anyway, of what stands in tags.
 
     Examples
     --------
@@ -67,11 +69,11 @@ def spoken_form(text: str, code: str) -> SpeakableText:
     (13, 18)
     """
     language = code.partition("-")[0]
-    edits: list[Edit] = []
+    edits = list(given)
     if language in LANGUAGES and _OCCASION.search(text):
         kept = [match.span() for match in _KEPT.finditer(text)]
         taken = bytearray(len(text))
-        for start, stop in kept:
+        for start, stop in [*kept, *(edit[:2] for edit in given)]:
             taken[start:stop] = b"\1" * (stop - start)
         for rule in _rules(language):
             for match in rule.pattern.finditer(text):
