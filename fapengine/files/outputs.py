@@ -34,20 +34,24 @@ def check_outputs(outputs: Iterable[Path], inputs: Iterable[Path] = (), *, overw
     Raises
     ------
     UsageError
-        If an output is one of the inputs, under any name; if two outputs are one file; if one is a folder, or a link
-        that leads to itself; or if one exists and may not be replaced.
+        If an output is one of the inputs, under any name; if two outputs are one file, or would be where the file
+        system ignores case; if one is a folder, or a link that leads to itself; or if one exists and may not be
+        replaced.
     ResourceError
         If the folder of an output is not writable.
     """
     read = {_identity(file) for path in inputs for file in _files_of(path)}
-    seen: dict[Path, Path] = {}
+    seen: dict[str, Path] = {}
     replaced = []
     for output in outputs:
         if is_standard(output):
             continue
-        place = resolved(output)
+        place = str(resolved(output)).casefold()  # some file systems ignore case
         if place in seen:
-            raise UsageError(f"path: got {seen[place]} and {output}, which are one file; expected different names")
+            where = "" if resolved(seen[place]) == resolved(output) else " where case does not matter"
+            raise UsageError(
+                f"path: got {seen[place]} and {output}, which are one file{where}; expected different names"
+            )
         seen[place] = output
         there = sequence_files(output) if is_sequence(output) else [output] * output.exists()
         for path in there:

@@ -288,3 +288,11 @@ def test_a_link_that_leads_to_itself_is_no_output(tmp_path: Path) -> None:
 def test_a_name_that_is_none_has_nothing_beside_it(name: str) -> None:
     with pytest.raises(UsageError, match="expected a file name"):
         beside(Path(name), ".wav")
+
+
+def test_outputs_that_differ_only_in_case_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"got .*x\.npz and .*X\.NPZ, which are one file where case does not matter"):
+        check_outputs([tmp_path / "x.npz", tmp_path / "X.NPZ"])
+    with pytest.raises(UsageError, match="which are one file; expected"):
+        check_outputs([tmp_path / "x.npz", tmp_path / "a" / ".." / "x.npz"])
+    assert check_outputs([tmp_path / "x.npz", tmp_path / "y.npz"]) == ()
