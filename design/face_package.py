@@ -29,7 +29,8 @@ def build(folder: Path) -> None:
     """Write the package's folder anew."""
     shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(SOURCE, folder)
-    shutil.copy(ROOT / "LICENSE", folder)
+    for name in ("LICENSE", "NOTICE"):
+        shutil.copy(ROOT / name, folder)
     about = json.loads((folder / "package.json").read_text())
     about["version"] = version()
     (folder / "package.json").write_text(json.dumps(about, indent=2) + "\n")

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from fapengine._late import Late
 from fapengine.files.paths import replacing
 from fapengine.files.pictures import linear_rgb
+from fapengine.retarget.notice import ICT_COPYRIGHT, ICT_NOTICE
 from fapengine.retarget.puppet import DOUBLE_SIDED, JOINTS, PARENTS, Part, Puppet
 from fapengine.retarget.rig_weights import rig_weights
 
@@ -72,7 +73,9 @@ def save_usd(
     stage.SetDefaultPrim(UsdSkel.Root.Define(stage, ROOT).GetPrim())
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
-    stage.GetRootLayer().customLayerData = {"copyright": f"{source}; {licence}", "license": licence}
+    stage.GetRootLayer().customLayerData = {
+        "copyright": f"{source}; {licence}; {ICT_COPYRIGHT}", "license": licence, "notice": ICT_NOTICE,
+    }  # fmt: skip
     skeleton = _add_skeleton(stage, puppet)
     for part in puppet.parts:
         _add_mesh(stage, part, skeleton)

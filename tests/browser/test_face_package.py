@@ -76,6 +76,7 @@ def site(server: Server, tmp_path_factory: pytest.TempPathFactory) -> Iterator[P
     folder = tmp_path_factory.mktemp("site")
     face_package.build(folder / "built")
     packed(folder)
+    assert "USC Institute for Creative Technologies" in (folder / "built" / "NOTICE").read_text()
     (folder / "index.html").write_text(PAGE)
     with open_site(server, folder):
         yield folder

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from fapengine.files.gltf.writing import INDICES, VERTICES, Curves, Row, Writer, quaternions_of
 from fapengine.files.pictures import format_png
+from fapengine.retarget.notice import ICT_COPYRIGHT, ICT_NOTICE
 from fapengine.retarget.puppet import DOUBLE_SIDED, HEAD, JOINTS, NECK, PARENTS, Part, Puppet
 
 GENERATOR = "fapengine"
@@ -34,8 +35,8 @@ def format_head(puppet: Puppet, *, licence: str, source: str, clip: ShapeClip | 
 
     The joints are :data:`fapengine.retarget.puppet.JOINTS`; each part is a skinned mesh with the shapes that move it.
     """
-    asset: Row = {"version": "2.0", "generator": GENERATOR, "copyright": f"{source}; {licence}"}
-    asset["extras"] = {"license": licence}
+    asset: Row = {"version": "2.0", "generator": GENERATOR, "copyright": f"{source}; {licence}; {ICT_COPYRIGHT}"}
+    asset["extras"] = {"license": licence, "notice": ICT_NOTICE}
     writer = Writer({"asset": asset, "scene": 0, "scenes": [{"nodes": []}]})
     shown = writer.document["scenes"][0]["nodes"]
     skin = _add_skin(writer, puppet, shown)

@@ -16,6 +16,7 @@ from fapengine.files.heads.load import load_head
 from fapengine.mpeg4.track import FapTrack
 from fapengine.retarget.arkit import approximate_arkit
 from fapengine.retarget.blend import ARKIT_NAMES
+from fapengine.retarget.notice import ICT_COPYRIGHT
 from fapengine.retarget.puppet import make_puppet
 
 HEAD = "default:level=coarse"
@@ -97,6 +98,8 @@ def test_a_head_alone_is_text_too(tmp_path: Path) -> None:
     text = (tmp_path / "head.usda").read_text()
     assert text.startswith("#usda 1.0")
     assert "Apache-2.0" in text
+    assert ICT_COPYRIGHT in text
+    assert "Permission is hereby granted" in text
     assert "SkelAnimation" not in text
     with pytest.raises(UsageError, match=r"ends with \.glb or \.usda"):
         export_head(HEAD, tmp_path / "head.fbx")

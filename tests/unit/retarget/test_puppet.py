@@ -1,6 +1,7 @@
 """A head for other programs: its shapes and joints move it as FAPs do."""
 
 import io
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,7 +18,10 @@ from fapengine.mpeg4 import fap
 from fapengine.retarget.arkit import arkit_map
 from fapengine.retarget.blend import ARKIT_NAMES
 from fapengine.retarget.blendshape_names import OCULUS
+from fapengine.retarget.notice import ICT_COPYRIGHT
 from fapengine.retarget.puppet import EYE_TEXELS, HEAD, JAW, JOINTS, Puppet, eye_texture, make_puppet
+
+ROOT = Path(__file__).resolve().parents[3]
 
 
 @pytest.fixture(scope="module")
@@ -116,10 +120,13 @@ def test_others_read_it(glb: bytes, puppet: Puppet) -> None:
     np.testing.assert_allclose(back.bones["jaw"].joint, puppet.joints[JAW], atol=1e-6)
 
 
-def test_the_licence_stands_in_the_file(glb: bytes) -> None:
+def test_the_licences_stand_in_the_file(glb: bytes) -> None:
     asset = parse_gltf(glb, lambda _: b"").root.item("asset")
-    assert asset.string("copyright") == "fapengine; Apache-2.0"
+    assert asset.string("copyright") == f"fapengine; Apache-2.0; {ICT_COPYRIGHT}"
     assert asset.extras().string("license") == "Apache-2.0"
+    told = asset.extras().string("notice")
+    assert told.split("MIT License")[1] in (ROOT / "NOTICE").read_text()
+    assert "USC Institute" in told
 
 
 def test_joints_have_the_names_that_others_look_for() -> None:
