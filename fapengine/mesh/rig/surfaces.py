@@ -18,6 +18,8 @@ LIP_DEPTH_MM = 6.0
 """Distance behind the outline of the lips within which skin is coloured as lip."""
 IRIS_COSINE, WHITE_COSINE = 0.93, 0.5
 """Cosines of the angles from the front, about 22 and 60 degrees, at which an iris and the white around it end."""
+MAX_BALL_MM = 25.0
+"""Radius beyond which an eye is not a ball."""
 BALL_TOLERANCE = 0.03
 """Difference of a vertex's distance from the centre of the eye, in radii, above which it is on a lid, a lash or a duct.
 """
@@ -69,7 +71,8 @@ def _has_iris(mesh: PlacedMesh, eye: Eyeball) -> bool:
         height, width = source.texture.shape[:2]
         column, row = (source.uv[ball] * (width, height)).astype(int).clip(0, (width - 1, height - 1)).T
         colour = colour * source.texture[row, column, :3] / 255.0
-    if not iris.any() or not white.any():
+    # An eye drawn on a flat piece of skin, as VRoid's, turns about a joint far behind it: it has no sides to compare.
+    if not iris.any() or not white.any() or np.median(radius) > MAX_BALL_MM:
         return bool(np.ptp(colour, axis=0).max(initial=0.0) > MIN_IRIS_CONTRAST)
     return bool(np.abs(colour[iris].mean(axis=0) - colour[white].mean(axis=0)).max() > MIN_IRIS_CONTRAST)
 

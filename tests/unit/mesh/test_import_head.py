@@ -18,6 +18,9 @@ from fapengine.mesh.rig.blendshape_basis import MAX_ROWS, RowCollector
 from fapengine.mesh.rig.blendshape_mesh import Blendshape, BlendshapeMesh, RigBone
 from fapengine.mesh.rig.feature_points import locate
 from fapengine.mesh.rig.import_head import import_head
+from fapengine.mesh.rig.parts import Eyeball
+from fapengine.mesh.rig.placed_mesh import PlacedMesh
+from fapengine.mesh.rig.surfaces import blank_eyes
 from fapengine.mpeg4 import fap
 from fapengine.retarget.arkit import arkit_map
 from fapengine.retarget.blend import ARKIT_NAMES
@@ -298,6 +301,21 @@ def test_an_iris_is_drawn_on_balls_that_have_none(rig, marked, standard):
         on_plane = np.linalg.norm(mesh.uv[eye] - 0.5) < 0.05
         assert on_plane == (kind == Material.EYE)
         assert (mesh.texture is None) == ("texture" not in more)
+
+
+def test_no_iris_is_drawn_on_an_eye_that_is_a_flat_piece_with_one() -> None:
+    """As VRoid's: its joint is 73 mm behind it, so its front and what is round it are the same places."""
+    across = np.linspace(-30.0, 30.0, 21)
+    flat = np.array([(x, y, 73.0) for x in across for y in across])
+    colours = np.where((np.arange(len(flat)) % 2 == 0)[:, None], [0.1, 0.2, 0.6], [0.9, 0.9, 0.9])
+    for albedo, has_iris in ((colours, True), (np.full_like(colours, 0.9), False)):
+        source = BlendshapeMesh(vertices=flat, triangles=np.array([[0, 1, 21]]), blendshapes={}, albedo=albedo)
+        mesh = PlacedMesh(
+            source=source, vertices_mm=flat, triangles=source.triangles, kept=np.arange(len(flat)), points={},
+            scale=1.0, rotation=np.eye(3), node=np.arange(len(flat)), part=np.zeros(len(flat), int),
+        )  # fmt: skip
+        eyes = {"3.5": Eyeball(np.arange(len(flat)), np.zeros(3))}
+        assert (not blank_eyes(mesh, eyes)) == has_iris
 
 
 def test_eyeballs_are_where_their_bones_are(rig, standard):
