@@ -122,14 +122,12 @@ def _corpus(data: Mapping[str, Array]) -> Corpus:
     for index, (start, length) in enumerate(zip(data["offset"], data["n_frames"], strict=True)):
         moved = np.cumsum(steps[start : start + length], axis=0).reshape(length, -1, 3) * float(data["marker_step_mm"])
         mine = np.flatnonzero(data["phone_clip"] == index)
-        phones = [
-            Phone(
-                SILENCE if label.lower() in SILENCES else to_ipa(label, "arpabet")[0],
-                float(data["phone_start"][n]),
-                float(data["phone_end"][n]),
-            )
-            for n, label in zip(mine, data["phone"][mine].tolist(), strict=True)
-        ]
+        words = _words(data, index)
+        phones = []
+        for n, label in zip(mine, data["phone"][mine].tolist(), strict=True):
+            name = SILENCE if label.lower() in SILENCES else to_ipa(label, "arpabet")[0]
+            start_s, end_s = float(data["phone_start"][n]), float(data["phone_end"][n])
+            phones.append(Phone(name, start_s, end_s, word=word_at(words, (start_s + end_s) / 2)))
         track = PhoneTrack.of(phones, tolerance_s=0.01)
         spoken = [phone for phone in track.phones if not phone.is_silence]
         if not spoken:
@@ -139,7 +137,7 @@ def _corpus(data: Mapping[str, Array]) -> Corpus:
             Clip(
                 str(data["ids"][index]), str(data["text"][index]), moved[:, [column[name] for name in NAMES]],
                 moved[:, lips], track, (times >= spoken[0].start_s) & (times <= spoken[-1].end_s),
-                _words(data, index),
+                words,
             )
         )  # fmt: skip
     if not clips:
@@ -193,7 +191,7 @@ def learn(clips: list[Clip], rate_hz: float) -> Learned:
 def learn_phones(learned: Learned, clips: Sequence[Clip], *, without: Set[str] = frozenset()) -> Profile:
     """Learn medians and context anew, from all but the phones of some words; their sentences keep the others."""
     space, prepared = learned.profile.space, learned.prepared
-    kept = {clip.name: [p for p in clip.phones.phones if word_at(clip, p) not in without] for clip in clips}
+    kept = {clip.name: [p for p in clip.phones.phones if p.word not in without] for clip in clips}
     phones, _ = study_phones(tuple(_take(clip, kept[clip.name]) for clip in clips), prepared, space)
     known = {name: study.target for name, study in phones.items()}
     sentences, weights = captured_tokens(tuple(_take(clip) for clip in clips), prepared, space, known)
@@ -204,16 +202,16 @@ def learn_phones(learned: Learned, clips: Sequence[Clip], *, without: Set[str] =
     return replace(learned.profile, phones=known, context=context)
 
 
-def word_at(clip: Clip, phone: Phone) -> str:
-    """Word in whose time a phone's middle lies, or nothing."""
-    middle_s = (phone.start_s + phone.end_s) / 2
-    return next((word.text for word in clip.words if word.start_s <= middle_s <= word.end_s), "")
+def word_at(words: Sequence[Word], time_s: float) -> str:
+    """Word that is said at a time, or nothing."""
+    return next((word.text for word in words if word.start_s <= time_s <= word.end_s), "")
 
 
 def _take(clip: Clip, phones: Sequence[Phone] | None = None) -> Displacements:
     shown = clip.phones.phones if phones is None else phones
     still = RigidMotion(np.eye(3)[None], np.zeros((1, 3)))
-    return Displacements(clip.name, clip.points, tuple(Interval(p.label, p.start_s, p.end_s) for p in shown), still)
+    said = tuple(Interval(p.label, p.start_s, p.end_s, p.word) for p in shown)
+    return Displacements(clip.name, clip.points, said, still)
 
 
 def to_lips(points: Array, lift: Array) -> Array:

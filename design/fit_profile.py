@@ -29,6 +29,8 @@ INNER_LIPS = ("2.2", "2.3", "2.4", "2.5", "2.6", "2.7", "2.8", "2.9")
 MODES = 8  # the fewest that carry 99 % of the variance; the paper needed 7 on its own capture
 HELD_OUT = 100  # sentences, to judge on
 RATE_HZ = 25.0
+MOST_LATE = 15  # frames
+FITS, FITS_BETTER = 0.6, 0.15  # correlation of the opening; 3 of 520 sentences are worse and better than these
 
 # fmt: off
 PHONES = {  # IPA: (labels in the data, fractions, contact)
@@ -83,8 +85,17 @@ def main(data: Path) -> None:
     )
     kept = np.setdiff1d(np.arange(len(speech["n_frames"])), held_out)
     apart = phone_targets(judged, points, speech, kept)
-    context_score = score_context(judged, points, speech, clip_of_frame, kept, held_out, apart)
-    context = learn_context(space, points, speech, np.arange(len(speech["n_frames"])), targets)
+    context_score = score_context(judged, points, speech, clip_of_frame, kept, held_out, apart, face)
+    everything = np.arange(len(speech["n_frames"]))
+    context = learn_context(space, points, speech, everything, targets)
+    judging = profile_of(space, targets, face, context)
+    well_timed = [
+        clip for clip in everything if not is_mistimed(*openings(space, points, speech, clip_of_frame, clip, judging))
+    ]
+    print(
+        f"{len(everything) - len(well_timed)} of {len(everything)} sentences have wrong times: left out of the context"
+    )
+    context = learn_context(space, points, speech, well_timed, targets)
     faces = measure_expressions(space, data, layout)
     write(space, targets, faces, face, held_out_score, context, context_score, share)
 
@@ -184,12 +195,15 @@ def score(space, points, speech, clip_of_frame, held_out) -> str:
 
 
 def spoken(speech, clip) -> PhoneTrack:
-    rows = np.flatnonzero(speech["phone_clip"] == clip)
+    rows, words = (np.flatnonzero(speech[kind] == clip) for kind in ("phone_clip", "word_clip"))
     phones = []
     for row in rows:
         label = str(speech["phone"][row])
         name = SILENCE if label.lower() in SILENCES else to_ipa(label, "arpabet")[0]
-        phones.append(Phone(name, float(speech["phone_start"][row]), float(speech["phone_end"][row])))
+        start_s, end_s = float(speech["phone_start"][row]), float(speech["phone_end"][row])
+        said = (start_s + end_s) / 2
+        word = words[(speech["word_start"][words] <= said) & (said <= speech["word_end"][words])]
+        phones.append(Phone(name, start_s, end_s, word=str(speech["word"][word[0]]) if len(word) else ""))
     return PhoneTrack.of(phones, tolerance_s=0.01)
 
 
@@ -210,16 +224,10 @@ def learn_context(space, points, speech, clips, known):
     return lean_on_phonetics(fit_context(sentences, captured), space, phones)
 
 
-def score_context(space, points, speech, clip_of_frame, kept, held_out, targets) -> str:
+def score_context(space, points, speech, clip_of_frame, kept, held_out, targets, face) -> str:
     """Predict held-out sentences with the context model of the others."""
     model = learn_context(space, points, speech, kept, targets)
-    profile = Profile(
-        id="judged", language="en-GB", licence="", origin={}, fapu=None, space=space, context=model, expressions={},
-        phones={
-            name: PhoneTarget(ipa=name, fractions=f, targets=w, contact=c, origin=o)
-            for name, (w, f, c, o) in targets.items()
-        },
-    )  # fmt: skip
+    profile = profile_of(space, targets, face, model)
     guesses, truths = [], []
     for clip in held_out:
         track = spoken(speech, clip)
@@ -237,6 +245,34 @@ def score_context(space, points, speech, clip_of_frame, kept, held_out, targets)
     )
     print(f"held-out, context: {text}")
     return text
+
+
+def profile_of(space, targets, face, model) -> Profile:
+    """A profile without expressions, to plan with."""
+    return Profile(
+        id="judged", language="en-GB", licence="", origin={}, fapu=face, space=space, context=model, expressions={},
+        phones={
+            name: PhoneTarget(ipa=name, fractions=f, targets=w, contact=c, origin=o)
+            for name, (w, f, c, o) in targets.items()
+        },
+    )  # fmt: skip
+
+
+def openings(space, points, speech, clip_of_frame, clip, profile) -> tuple[np.ndarray, np.ndarray]:
+    """(T,) mm each: distance of the inner lips in a clip, captured and planned from its phones."""
+    times = np.arange(speech["n_frames"][clip]) / RATE_HZ
+    planned = space.to_points_mm(weights_of(spoken(speech, clip), profile, times))
+    upper, lower = space.points.index("2.2"), space.points.index("2.3")
+    return tuple(moved[:, upper, 1] - moved[:, lower, 1] for moved in (points[clip_of_frame == clip], planned))
+
+
+def is_mistimed(captured: np.ndarray, planned: np.ndarray) -> bool:
+    """Whether captured openings, (T,), fit planned ones badly as they are, and clearly better at another time."""
+    found = {}
+    for late in range(-MOST_LATE, MOST_LATE + 1):
+        one = captured[max(0, late) : len(captured) + min(0, late)]
+        found[late] = np.corrcoef(one, planned[max(0, -late) : len(planned) - max(0, late)])[0, 1]
+    return found[0] < FITS and max(found.values()) > found[0] + FITS_BETTER
 
 
 def spline_of_clip(speech, clip, by_label, mode_count):

@@ -110,6 +110,8 @@ class Interval:
     label: str
     start_s: float
     end_s: float
+    word: str = ""
+    """The word that it belongs to, if known."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

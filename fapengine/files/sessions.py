@@ -223,7 +223,7 @@ def _phones(
     late = [phone for phone in phones if phone.end_s > duration_s + 0.1 and not phone.is_silence]
     if late:
         warnings.append(f"take {path.stem}: {len(late)} phones end after the recording's {duration_s:.2f} s: left out")
-    return tuple(Interval(p.label, p.start_s, p.end_s) for p in phones if p.end_s <= duration_s + 0.1)
+    return tuple(Interval(p.label, p.start_s, p.end_s, p.word) for p in phones if p.end_s <= duration_s + 0.1)
 
 
 @dataclass(frozen=True, slots=True)

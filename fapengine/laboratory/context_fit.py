@@ -23,12 +23,11 @@ better where a rule gives one. So such a letter gets a row ``phone``:
 Recorded phones do not change. The effect of neighbours still comes from gestures alone.
 
 **Openings of the lips** (:func:`lean_on_phonetics`). One speaker's few words do not show how a vowel is usually said.
-GRID's i come from letters of the alphabet, said with lips drawn back and as far apart as for ɑ, which is recorded in
-the letter R alone. :data:`fapengine.speech.articulation.OPENINGS` has the usual openings; they are scaled to the
-speaker by the mean of the recorded vowels. The row ``phone`` of a letter moves to its usual opening, along the pose of
-a jaw drop. Each recorded ``pair`` of the letter and a neighbour undoes half of that move (:data:`TAKEN_BACK`). So
-between two neighbours with recorded pairs the letter stays as recorded; with one recorded pair it moves by half,
-with none fully. Planning needs no extra time.
+GRID's ɑ is recorded in the letter R alone. :data:`fapengine.speech.articulation.OPENINGS` has the usual openings; they
+are scaled to the speaker by the mean of the recorded vowels. The row ``phone`` of a letter moves to its usual opening,
+along the pose of a jaw drop; the keyframes of a diphthong move to those of its letters. Each recorded ``pair`` of the
+letter and a neighbour undoes a part of that move (:data:`TAKEN_BACK`): between two neighbours with recorded pairs
+the letter moves least, with one more, with none fully. Planning needs no extra time.
 
 Few letters are recorded alone, between pauses, and the sum for such a place is mostly noise. So a letter without a
 recorded pair with a pause gets one for each side, with half of what is missing at :data:`ALONE_S`. Letters said alone
@@ -50,9 +49,10 @@ from fapengine.speech import ipa
 from fapengine.speech.articulation import OPENINGS, OPENINGS_ALONE
 from fapengine.speech.ipa import SOUNDS
 from fapengine.speech.phone_track import SILENCE, Phone
-from fapengine.trajectory.context import GESTURELESS, Part, Token, alone, features, ways
+from fapengine.trajectory.context import GESTURELESS, IN_NAME, Part, Token, alone, features, ways
 from fapengine.trajectory.style import jaw_pose
 
+VOWELS = frozenset(letter for letter, sound in SOUNDS.items() if sound.vowel)
 LIPS = ("push", "round")
 """Gestures of the lips; the tongue is not in a viseme space."""
 TWINS_APART = 0.25
@@ -151,7 +151,7 @@ def _penalty(name: str) -> float:
 def add_unrecorded(model: ContextModel) -> ContextModel:
     """Add a row for every IPA letter that is missing in the model and that a rule covers."""
     recorded = tuple(name.removeprefix("phone ") for name in model.features if name.startswith("phone "))
-    recorded = tuple(name for name in recorded if " " not in name)
+    recorded = tuple(name for name in recorded if " " not in name and not name.startswith(IN_NAME))
     looks = {name: look_of(model, name) for name in recorded}
     rows: dict[str, Array] = {}
     for letter in [*ipa.SOUNDS, *ipa.SOUNDS]:  # twice: a twin may itself be derived
@@ -220,8 +220,9 @@ def _between(letter: str, recorded: tuple[str, ...], looks: Mapping[str, Array])
     return np.asarray((1 - part) * looks[low] + part * looks[high])
 
 
-TAKEN_BACK = 0.5
-"""Fraction of the move that a recorded pair undoes; a token is in two pairs."""
+TAKEN_BACK = 0.35
+"""Fraction of the move that a recorded pair undoes; a token is in two pairs. With half, i opens by 0.3 mm less than ɪ
+in running English, where 0.5 mm are seen."""
 ALONE_S = 0.3
 """Length of a letter said alone."""
 INNER_LIPS = ("2.2", "2.3")
@@ -251,9 +252,17 @@ def lean_on_phonetics(model: ContextModel, space: VisemeSpace, phones: Mapping[s
     reach_mm = float(_opening(pose, space))
     if reach_mm <= 0:
         return model
-    looks = {letter: float(_opening(look_of(model, letter).mean(axis=0), space)) for letter in OPENINGS}
+    diphthongs = [name for name in lengths if len(name) == 2 and VOWELS.issuperset(name)]
+    looks = {name: _opening(look_of(model, name), space) for name in (*OPENINGS, *diphthongs)}
     scale = np.mean([looks[letter] for letter in vowels]) / np.mean([OPENINGS[letter] for letter in vowels])
-    moves = {letter: (scale * usual - looks[letter]) / reach_mm * pose for letter, usual in OPENINGS.items()}
+    moves: dict[str, Array] = {}
+    for name, opens_mm in looks.items():
+        if name in OPENINGS:
+            lacks_mm = np.full(len(opens_mm), scale * OPENINGS[name] - opens_mm.mean())
+        else:  # each keyframe by its letter; a rounded one stays
+            usual = [OPENINGS.get(letter, np.nan) for letter in name]
+            lacks_mm = np.nan_to_num(scale * np.array(usual) - opens_mm)
+        moves[name] = np.outer(lacks_mm / reach_mm, pose)
     coefficients = model.coefficients.copy()
     for row, name in enumerate(model.features):
         kind, *rest = name.split(" ")
@@ -263,7 +272,7 @@ def lean_on_phonetics(model: ContextModel, space: VisemeSpace, phones: Mapping[s
             coefficients[row] -= TAKEN_BACK * moves[rest[2]]
     leaning = _with_rows(
         replace(model, coefficients=coefficients),
-        {f"phone {letter}": np.broadcast_to(move, coefficients.shape[1:]) for letter, move in moves.items()},
+        {f"phone {letter}": move for letter, move in moves.items()},
     )
     halves = {
         letter: (scale * usual - _opening(_alone(leaning, letter), space)) / 2 / reach_mm * pose
@@ -294,7 +303,7 @@ def _alone(model: ContextModel, letter: str) -> Array:
 
 
 def _opening(weights: Array, space: VisemeSpace) -> Array:
-    """Distance between the inner lips, mm, of weights (K,)."""
+    """Distance between the inner lips, mm, (...), of weights (..., K)."""
     upper, lower = (space.points.index(name) for name in INNER_LIPS)
-    moved = space.to_points_mm(weights[None])[0]
-    return np.asarray(moved[upper, 1] - moved[lower, 1])
+    moved = space.to_points_mm(np.atleast_2d(weights))
+    return np.asarray(moved[:, upper, 1] - moved[:, lower, 1]).reshape(weights.shape[:-1])

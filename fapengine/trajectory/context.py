@@ -16,6 +16,9 @@ is articulated, from the chart (:class:`fapengine.speech.ipa.Sound`) and from th
 - ``pair``, ``triple``: which two or three stand beside each other. They absorb what single words do, so that the other
   features need not fit it.
 
+Names of letters are said with more force than words, so a vowel in one (:data:`LETTERS`) is a phone of its own, with
+:data:`IN_NAME` before its name; it shares the letter and the ways of the others.
+
 So lips anticipate: the same /s/ is round before /u/ and spread before /i/. A sound without a gesture of its own, such
 as h, takes the shape of the next one (:data:`NEXT_FROM`). The sums are kept for each kind of token, because a stream
 needs them whenever a phone comes.
@@ -109,6 +112,10 @@ SCALE = 10.0
 """Millimetres of the table of articulation that count as 1."""
 
 
+LETTERS = frozenset("bcdfghjklmnpqrstvwxz")
+"""Words that are names of letters. Names of vowels are not among them: they are common words of many languages."""
+IN_NAME = "+"
+"""Before the name of a vowel in the name of a letter."""
 GESTURELESS = frozenset(letter for letter, row in ARTICULATIONS.items() if max(row.insists) <= 0.05)
 """h and its like have no gesture of lips or tongue, so they have no ways: nothing is learned from where they stood."""
 
@@ -155,7 +162,7 @@ def ways(letter: str) -> dict[str, float]:
 def features(tokens: Sequence[Token], index: int) -> dict[str, float]:
     """Describe one token between its neighbours: feature names and values."""
     token = tokens[index]
-    first, last = parts_of(token.heard)
+    first, last = parts_of(token.heard, in_name(token.phone))
     length = log_length(token.end_s - token.start_s)
     found = {name: length * value for name, value in lengthened(first).items()}
     for step in LENGTHS:
@@ -165,6 +172,11 @@ def features(tokens: Sequence[Token], index: int) -> dict[str, float]:
             found |= beside(step, part_at(tokens, index + step, step))
     before, after = part_at(tokens, index - 1, -1), part_at(tokens, index + 1, 1)
     return found | alone(first) | paired(first, -1, before) | paired(last, 1, after) | tripled(before, first, after)
+
+
+def in_name(phone: Phone) -> bool:
+    """Whether a phone is in the name of a letter."""
+    return phone.word.lower() in LETTERS
 
 
 def alone(own: Part) -> dict[str, float]:
@@ -201,15 +213,15 @@ def tripled(before: Part, own: Part, after: Part) -> dict[str, float]:
 def part_at(tokens: Sequence[Token], index: int, step: int) -> Part:
     """Return what a token ``step`` away sees at an index; silence beyond both ends."""
     inside = 0 <= index < len(tokens) and tokens[index].name != SILENCE
-    first, last = parts_of(tokens[index].heard if inside else ())
+    first, last = parts_of(tokens[index].heard, in_name(tokens[index].phone)) if inside else parts_of(())
     return last if step < 0 else first
 
 
 @cache
-def parts_of(heard: tuple[str, ...]) -> tuple[Part, Part]:
+def parts_of(heard: tuple[str, ...], is_in_name: bool = False) -> tuple[Part, Part]:
     """First and last letter of a token, with its name; silence for no letters."""
     letters = heard or (SILENCE,)
-    name = "".join(letters)
+    name = IN_NAME * (is_in_name and ipa.SOUNDS[letters[0]].vowel) + "".join(letters)
     return Part(name, letters[0]), Part(name, letters[-1])
 
 
@@ -261,7 +273,7 @@ class ContextTables:
         self._idle = np.zeros(0, bool)
         """(kinds,): which have no gesture of their own."""
         self._parts: list[tuple[Part, Part]] = []
-        self._kinds: dict[tuple[str, ...], int] = {}
+        self._kinds: dict[str, int] = {}
         self._pairs = np.full((FIRST_PAIRS, FIRST_PAIRS), -1)
         """(kinds, kinds): row in ``_pair_sums``, -1 before the two have met."""
         self._met = 0
@@ -270,15 +282,19 @@ class ContextTables:
         self.silence = self.kind(())
         codes = []
         for name in (feature for feature in model.features if feature.startswith("triple ")):
-            kinds = (self.kind(() if one == SILENCE else ipa.letters(one)) for one in name.split(" ")[1:])
+            kinds = (
+                self.kind(() if one == SILENCE else ipa.letters(one.removeprefix(IN_NAME)), one.startswith(IN_NAME))
+                for one in name.split(" ")[1:]
+            )
             codes.append((self._code(*kinds), self._rows[name]))
         self._codes = np.array(sorted(codes), dtype=np.int64).reshape(-1, 2)
         """(triples, 2): three kinds as one number, rising, and the row of their coefficients."""
 
-    def kind(self, heard: tuple[str, ...]) -> int:
+    def kind(self, heard: tuple[str, ...], is_in_name: bool = False) -> int:
         """Return the number of a token's letters, and for none that of silence."""
-        known = self._kinds.get(heard)
-        return self._new_kind(heard) if known is None else known
+        parts = parts_of(heard, is_in_name)
+        known = self._kinds.get(parts[0].name)
+        return self._new_kind(heard, *parts) if known is None else known
 
     def targets(self, around: NDArray[np.intp], lengths_s: Array, own: NDArray[np.intp]) -> Array:
         """Targets of tokens between their neighbours.
@@ -371,9 +387,8 @@ class ContextTables:
             self._pair_sums[row] = self._sum(paired(other, -1, one)), self._sum(paired(one, 1, other))
         return row
 
-    def _new_kind(self, heard: tuple[str, ...]) -> int:
-        first, last = parts_of(heard)
-        kind = self._kinds[heard] = len(self._parts)
+    def _new_kind(self, heard: tuple[str, ...], first: Part, last: Part) -> int:
+        kind = self._kinds[first.name] = len(self._parts)
         self._parts.append((first, last))
         if kind == len(self._pairs):
             self._pairs = np.pad(self._pairs, (0, kind), constant_values=-1)

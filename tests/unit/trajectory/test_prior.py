@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fapengine.laboratory.context_fit import lean_on_phonetics
+from fapengine.laboratory.context_fit import TAKEN_BACK, lean_on_phonetics
 from fapengine.mpeg4 import fap
 from fapengine.profiles import ContextModel
 from fapengine.speech.articulation import OPENINGS, OPENINGS_ALONE
@@ -60,7 +60,25 @@ def test_vowels_said_alone_open_in_steps_that_are_seen(each_s: float) -> None:
 def test_the_closer_a_front_vowel_the_wider(each_s: float) -> None:
     corners = [fap.column(number) for number in (53, 54)]
     found = [float(pose_mm("{}", vowel, each_s)[corners].sum()) for vowel in "æɛei"]
-    assert np.diff(found).min() >= 0.8, found
+    assert np.diff(found).min() >= 0.6, found
+
+
+@pytest.mark.parametrize("frame", ["s {} t", "p {} t", "k {} n", "h {} d"])
+def test_vowels_open_by_height_between_consonants_of_letters_names(frame: str) -> None:
+    """The speaker said i between s or p and t in the letters C and P alone; "seat" opened farther than "pot"."""
+    found = {vowel: opening_mm(frame, vowel, 0.15) for vowel in "iɛæɑ"}
+    assert found["i"] + 0.5 < found["ɛ"] < found["æ"] < found["ɑ"] - 0.5, found
+
+
+def test_a_vowel_opens_farther_in_the_name_of_a_letter() -> None:
+    def opens_mm(word: str) -> float:
+        said = [Phone("s", 0.3, 0.45, word=word), Phone("i", 0.45, 0.6, word=word), Phone("t", 0.6, 0.7, word="to")]
+        faps = plan(PhoneTrack.of(said), english(), rng=np.random.default_rng(0), rate_hz=100.0, style=Style.still())
+        mm = faps.track.values[45:60] * english().fapu.steps()
+        return float((-mm[:, fap.column(4)] - mm[:, fap.column(5)]).max())
+
+    assert opens_mm("C") == opens_mm("c") > opens_mm("sea") + 1.0
+    assert opens_mm("") == opens_mm("sea")
 
 
 def made(**changes: float) -> ContextModel:
@@ -79,12 +97,12 @@ def moved(spelling: str, index: int) -> np.ndarray:
     return np.asarray(targets(tokens, after)[index + 1] - targets(tokens, before)[index + 1])
 
 
-def test_what_was_heard_on_both_sides_stays_and_what_was_heard_on_one_goes_half_of_the_way() -> None:
+def test_what_was_heard_on_both_sides_goes_least_and_what_was_heard_on_one_side_farther() -> None:
     whole = moved("s i m", 1)
     assert np.abs(whole).max() > 0.1
-    np.testing.assert_allclose(moved("b i t", 1), 0.0, atol=1e-12)
-    np.testing.assert_allclose(moved("b i m", 1), whole / 2)
-    np.testing.assert_allclose(moved("s i t", 1), whole / 2)
+    np.testing.assert_allclose(moved("b i t", 1), whole * (1 - 2 * TAKEN_BACK))
+    np.testing.assert_allclose(moved("b i m", 1), whole * (1 - TAKEN_BACK))
+    np.testing.assert_allclose(moved("s i t", 1), whole * (1 - TAKEN_BACK))
     assert (moved("s ɑ m", 1) * whole < 0).any(), "the other way"
 
 
