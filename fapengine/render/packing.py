@@ -190,7 +190,7 @@ def _uniforms(mesh: FaceMesh, pose: Pose, values: Array) -> FrameUniforms:
         channels=channels,
         bones=np.ascontiguousarray(pose.bones.swapaxes(-1, -2), dtype="f4"),
         iris=np.stack([iris, pupil], axis=-1).astype("f4"),
-        lids=(LID_SIGNS * lid_share(mesh) * (1 - 2 * values[..., LID_COLUMNS] / 1024)).astype("f4"),
+        lids=np.ascontiguousarray(LID_SIGNS * lid_share(mesh) * (1 - 2 * values[..., LID_COLUMNS] / 1024), dtype="f4"),
     )
 
 
