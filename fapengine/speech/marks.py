@@ -82,9 +82,7 @@ _EMOJI: dict[str, tuple[Expression, float]] = {
 # fmt: on
 _TAG = r"<(?P<close>/?)(?P<tag>[A-Za-z][\w:-]*)(?P<rest>(?:[^<>\"']|\"[^\"<]*\"|'[^'<]*')*?)(?P<empty>/?)>"
 _GIVEN = r"\[(?P<said>[^\[\]{}<>]{1,80})\]\{(?P<ipa>[^{}<>]{0,200})\}"
-_MARKS = re.compile(
-    rf"{_TAG}|{_GIVEN}|\[(?P<word>[A-Za-z][A-Za-z ,-]{{1,40}})\]|(?P<emoji>[{''.join(_EMOJI)}])\ufe0f?"
-)
+_MARKS = re.compile(rf"{_TAG}|{_GIVEN}|\[(?P<word>[A-Za-z][A-Za-z ,-]{{1,40}})\]|(?P<emoji>[{''.join(_EMOJI)}])\ufe0f?")
 _ATTRIBUTE = re.compile(r"([\w:-]+)\s*=\s*(?:\"([^\"]*)\"|'([^']*)')")
 _PLAIN_TAGS, _SSML_TAGS = ("expr", "mark"), ("expr", "mark", "emphasis", "prosody")
 
