@@ -63,6 +63,7 @@ def hear(
     language: str = "en-us",
     channel: int | None = None,
     recognizer: Path | None = None,
+    trust_transcript: bool = False,
     on_heard: Callable[[float], None] = lambda _: None,
 ) -> Hearing:
     """Find the phones of a recording.
@@ -81,6 +82,8 @@ def hear(
     recognizer : Path, optional
         Recognizer without a transcript: a name of :mod:`fapengine.recognition.choice`, or an ONNX model. Default:
         PocketSphinx with guessed words, or the built-in network if PocketSphinx is not installed.
+    trust_transcript : bool
+        Align all words of the transcript, without a check that they are in the recording.
     on_heard : callable
         Called with the duration in s of each processed piece.
     """
@@ -95,6 +98,8 @@ def hear(
         if not heard:
             raise DataError(f"{path}: contains no audio")
 
+    if trust_transcript and transcript is None:
+        raise UsageError("trust_transcript: requires a transcript")
     inspect_sound(path)  # reports a bad file before models are loaded
     if recognizer is not None and str(recognizer) != SPHINX and transcript is not None:
         raise UsageError(
@@ -108,14 +113,19 @@ def hear(
         return Hearing(recording.phones, recording.soundings, (), ())
     pronouncer = _Pronouncer(language)
     aligner = _aligner(transcript, pronouncer)
-    recording = follow(sound(), aligner, on_heard=on_heard)
+    recording = follow(sound(), aligner, is_trusted=trust_transcript, on_heard=on_heard)
     notes = [str(mismatch) for mismatch in recording.mismatches]
-    if recording.unheard > MAX_UNHEARD:
+    if recording.unheard > MAX_UNHEARD and not trust_transcript:
         listed = "; ".join(notes[:3])
         raise DataError(
-            f"text: {100 * recording.unheard:.0f} % of the words are not in the recording ({listed})",
+            f"text: {100 * recording.unheard:.0f} % of the words are not in the recording ({listed});"
+            " --trust-transcript (trust_transcript=True) aligns them unchecked",
             where=str(path),
         )
+    if recording.doubted:
+        listed = ", ".join(f"{start_s:.1f} s to {end_s:.1f} s" for start_s, end_s in recording.doubted[:3])
+        more = ", ..." if len(recording.doubted) > 3 else ""
+        notes.insert(0, f"unclear audio (noise, telephone?), aligned with the transcript nevertheless: {listed}{more}")
     if aligner.pronounced:
         listed = ", ".join(aligner.pronounced[:12]) + (", ..." if len(aligner.pronounced) > 12 else "")
         notes.insert(0, f"not in the dictionary, pronounced by {pronouncer.by}: {listed}")

@@ -316,6 +316,7 @@ def animate(
     language: str | None = None,
     channel: int | None = None,
     recognizer: str | Path | None = None,
+    trust_transcript: bool = False,
     format: str | None = None,  # noqa: A002  as the option of the command line
     tier: str | None = None,
     alphabet: str | None = None,
@@ -346,6 +347,8 @@ def animate(
         Channel of the sound, 1 for the first; by default the mean of all.
     recognizer : str or Path, optional
         Speech recognizer without a transcript: ``"small"``, ``"sphinx"``, ``"both"``, or an ONNX model of your own.
+    trust_transcript : bool
+        True to align all words of the transcript, without a check that they are in the recording.
     format, tier, alphabet, columns : str, optional
         How a file of timings is read: see :func:`fapengine.files.timings.load_timings`.
     strict : bool
@@ -370,7 +373,8 @@ def animate(
         timings if isinstance(timings, PhoneTrack) else Path(timings),
         Path(sound) if isinstance(sound, str | Path) else sound,
         manner, transcript=transcript, language=language, channel=channel,
-        recognizer=Path(recognizer) if recognizer is not None else None, voice=voice, strict=strict,
+        recognizer=Path(recognizer) if recognizer is not None else None, trust_transcript=trust_transcript,
+        voice=voice, strict=strict,
         how={"format": format, "tier": tier, "alphabet": alphabet, "columns": columns},
     )  # fmt: skip
 
@@ -384,6 +388,7 @@ def animated(
     language: str | None = None,
     channel: int | None = None,
     recognizer: Path | None = None,
+    trust_transcript: bool = False,
     voice: str | VoiceChoice | Voice | None = None,
     how: Mapping[str, str | None] | None = None,
     strict: bool = False,
@@ -401,7 +406,9 @@ def animated(
     report, how = report or Report(), how or {}
     listens = not isinstance(source, PhoneTrack) and is_sound(source)
     of_timings = {"sound": sound, **how}
-    of_sound = {"recognizer": recognizer, "transcript": transcript}
+    of_sound = {
+        "recognizer": recognizer, "transcript": transcript, "trust_transcript": trust_transcript or None,
+    }  # fmt: skip
     for name, value in (of_timings if listens else of_sound).items():
         if value is not None:
             raise UsageError(f"{name}: cannot be used with {'a recording' if listens else 'phone timings'}")
@@ -411,7 +418,7 @@ def animated(
         with report.stage("listen"):
             heard = (hears or hear)(
                 source, transcript=transcript, language=language or DEFAULT_VOICE, channel=channel,
-                recognizer=recognizer,
+                recognizer=recognizer, trust_transcript=trust_transcript,
             )  # fmt: skip
         phones = replace(heard.phones, reading=replace(heard.phones.reading, notes=heard.notes))
         with report.stage("read"):

@@ -37,6 +37,7 @@ class Options(SpeakingOptions):
     alphabet: str | None = None
     columns: str | None = None
     strict: bool = False
+    trust_transcript: bool = False
     head: str = "default"
     camera: str = "front"
     background: str = "studio"

@@ -47,6 +47,14 @@ RecognizerName = Annotated[
         rich_help_panel=HEARING,
     ),
 ]
+TrustTranscript = Annotated[
+    bool,
+    typer.Option(
+        "--trust-transcript",
+        help="Align all words of the transcript, without a check that they are in the recording.",
+        rich_help_panel=HEARING,
+    ),
+]
 EACH = "each"
 MAX_EACH = 8
 """Largest number of channels for ``each``."""
@@ -101,7 +109,13 @@ def transcript_of(text: Path | None, transcript: str | None) -> str | None:
 
 
 def hear_with_bar(
-    path: Path, *, transcript: str | None, language: str | None, channel: int | None, recognizer: Path | None
+    path: Path,
+    *,
+    transcript: str | None,
+    language: str | None,
+    channel: int | None,
+    recognizer: Path | None,
+    trust_transcript: bool,
 ) -> "Hearing":
     """Recognize a file with a progress bar; see :func:`fapengine.app.hearing.hear`."""
     from fapengine.app.hearing import hear
@@ -111,5 +125,5 @@ def hear_with_bar(
     with progress("listening, s", round(inspect_sound(path).duration_s)) as advance:
         return hear(
             path, transcript=transcript, language=language or DEFAULT_VOICE, channel=channel, recognizer=recognizer,
-            on_heard=advance,
+            trust_transcript=trust_transcript, on_heard=advance,
         )  # fmt: skip

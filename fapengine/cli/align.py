@@ -16,6 +16,7 @@ def align(
     language: _hearing.Language = None,
     channel: _hearing.Channel = None,
     recognizer: _hearing.RecognizerName = None,
+    trust_transcript: _hearing.TrustTranscript = False,
     output: Annotated[
         Path,
         typer.Option("--output", "-o", help="Output file: .TextGrid (Praat), .ctm (Kaldi), .json or .pho (MBROLA)."),
@@ -43,7 +44,10 @@ def align(
     words = transcript_of(text, transcript)
     results = []
     for number, path in tracks:
-        hearing = hear_with_bar(sound, transcript=words, language=language, channel=number, recognizer=recognizer)
+        hearing = hear_with_bar(
+            sound, transcript=words, language=language, channel=number, recognizer=recognizer,
+            trust_transcript=trust_transcript,
+        )  # fmt: skip
         write_phones(hearing, path)
         spoken = sum(not phone.is_silence for phone in hearing.phones.phones)
         results.append({

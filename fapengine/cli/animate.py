@@ -27,6 +27,7 @@ def animate(
     language: _hearing.Language = None,
     channel: _hearing.Channel = None,
     recognizer: _hearing.RecognizerName = None,
+    trust_transcript: _hearing.TrustTranscript = False,
     voice: shared.WordsVoice = None,
     head: shared.HeadName = "default",
     strict: shared.Strict = False,
@@ -79,7 +80,8 @@ def animate(
     check_output(output, saving, rate_hz=chosen.rate_hz)
     read = partial(
         animated, source, audio, chosen, transcript=transcript_of(text, transcript), language=language,
-        recognizer=recognizer, voice=voice, how=timings.how, strict=strict, hears=hear_with_bar,
+        recognizer=recognizer, trust_transcript=trust_transcript, voice=voice, how=timings.how, strict=strict,
+        hears=hear_with_bar,
     )  # fmt: skip
     reports: list[Report] = []
     for number, path in tracks:

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from fapengine.cli import _hearing
 from fapengine.cli import options as shared
 
 if TYPE_CHECKING:
@@ -35,6 +36,7 @@ def batch(
         str | None,
         typer.Option("--transcript-file", help="With a file pattern: transcript of each recording, 'txt/{stem}.txt'."),
     ] = None,
+    trust_transcript: _hearing.TrustTranscript = False,
     workers: Annotated[
         int | None,
         typer.Option(min=0, max=1024, help="Number of processes. Default: one per core. 0 uses this process only."),
@@ -63,7 +65,7 @@ def batch(
     """Process every utterance of a corpus. Resumes an interrupted run.
 
         fapengine batch corpus.csv -o out/corpus --to fba
-        fapengine batch 'wav/*.wav' --transcript-file 'txt/{stem}.txt' -o out/corpus --to fap
+        fapengine batch '*.wav' --transcript-file '{stem}.txt' -o out/corpus --to fap
         fapengine batch corpus.csv -o out/corpus --to mp4 --scheduler tcp://head:8786
         fapengine batch out/corpus --retry-failed
         fapengine batch 'recordings/*' -o profiles --to profile
@@ -106,7 +108,7 @@ def batch(
             raise UsageError("output: missing; give a folder with --output")
         avatar.value()
         into, mapping = (_place(path) for path in (avatar.into, avatar.mapping))
-        options = Options(keys=avatar.keys, into=into, map=mapping, strict=strict)
+        options = Options(keys=avatar.keys, into=into, map=mapping, strict=strict, trust_transcript=trust_transcript)
         pattern = manifest if any(letter in manifest for letter in "*?[") else str(resolved(folder))
         corpus = Corpus(manifest=pattern, kind=to, text=text, options=options, skip_bad=skip_bad)
     number, count = _share(shard)

@@ -61,13 +61,14 @@ def new_phone_loop() -> Any:
     return new_decoder(allphone=_model("en-us-phone.lm.bin"), **_LOOP)
 
 
-def new_aligner(*, beam: float, silence: float, noise: float) -> Any:
+def new_aligner(*, beam: float, silence: float, noise: float, is_comparable: bool) -> Any:
     """Make a decoder for texts that are known, with the shipped dictionary. Raises as :func:`new_decoder`.
 
-    ``silence`` and ``noise`` are the probabilities of a pause and of a noise between two words.
+    ``silence`` and ``noise`` are the probabilities of a pause and of a noise between two words. Scores of different
+    texts are comparable if each frame is scored relative to the best of all states, which takes longer.
     """
     words = {"beam": beam, "pbeam": beam, "wbeam": beam**0.75, "silprob": silence, "fillprob": noise}
-    return new_decoder(dict=_model(_DICTIONARY), lm=None, bestpath=False, **words)
+    return new_decoder(dict=_model(_DICTIONARY), lm=None, bestpath=False, compallsen=is_comparable, **words)
 
 
 def new_word_decoder() -> Any:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import inf, isfinite, log
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,8 @@ MAX_AGAINST = 6
 """Frames that may be against loudness before other tries are made: 60 ms."""
 LOUD_DB = 25.0
 """Range below the loudest frames in which a frame counts as speech, where words are placed by loudness."""
+TINY = 1e-300
+"""Least likelihood of a word that is told from 0."""
 _OWN = "fapengine_"
 """Prefix of names outside any dictionary."""
 
@@ -121,17 +124,50 @@ class SphinxAligner:
                 break
         return best[1] if best else self.placed(samples, first, behind)
 
+    def misfit(self, samples: NDArray[np.int16], first: int, behind: int) -> float:
+        """Compare how badly some words fit a piece of sound with how badly they do in other orders.
+
+        Noise and a telephone make both worse. Parameters are those of :meth:`align`.
+
+        Returns
+        -------
+        float
+            Negative logarithm of the acoustic likelihood over its mean in three other orders, at most 1: .39 to .72 of
+            filmed sentences, .62 to .88 through a telephone, .76 and more with others' texts. 1 without another order.
+        """
+        keys = [self._key(word) for word in self.words[first:behind]]
+        mixed = keys[1::2] + keys[::2]
+        others = [order for order in (keys[::-1], mixed, mixed[::-1]) if order != keys]
+        own = self._cost(samples, keys)
+        costs = [cost for cost in (self._cost(samples, order) for order in others) if isfinite(cost)]
+        return min(own / float(np.mean(costs)), 1.0) if costs else 1.0
+
+    def _cost(self, samples: NDArray[np.int16], keys: Sequence[str]) -> float:
+        decoder = self._decoder(SILENCES[0], BEAMS[-1])
+        try:
+            decoder.set_align_text(" ".join(keys))
+            sphinx.decode(decoder, samples)
+        except RuntimeError:
+            return inf
+        if decoder.hyp() is None:
+            return inf
+        return -sum(log(max(segment.ascore, TINY)) for segment in decoder.seg())
+
     def _aligned(
         self, samples: NDArray[np.int16], keys: Sequence[str], first: int, silence: float
     ) -> list[Aligned] | None:  # fmt: skip
         for beam in BEAMS:
-            if (silence, beam) not in self._decoders:
-                self._decoders[silence, beam] = self._new_decoder(silence, beam)
-                self._learn(self._decoders[silence, beam])
-            found = self._try(self._decoders[silence, beam], samples, keys, first)
+            found = self._try(self._decoder(silence, beam), samples, keys, first)
             if found is not None:
                 return found
         return None
+
+    def _decoder(self, silence: float, beam: float) -> Any:
+        """Decoder that has learned the words, made when it is needed first."""
+        if (silence, beam) not in self._decoders:
+            self._decoders[silence, beam] = self._new_decoder(silence, beam)
+            self._learn(self._decoders[silence, beam])
+        return self._decoders[silence, beam]
 
     def placed(self, samples: NDArray[np.int16], first: int, behind: int) -> list[Aligned]:
         """Spread words evenly over the loud parts of a piece, (N,) int16, if they cannot be aligned."""
@@ -194,7 +230,9 @@ class SphinxAligner:
         return told
 
     def _new_decoder(self, silence: float, beam: float) -> Any:
-        return sphinx.new_aligner(beam=beam, silence=silence, noise=NOISES[self.dictionary])
+        return sphinx.new_aligner(
+            beam=beam, silence=silence, noise=NOISES[self.dictionary], is_comparable=beam == BEAMS[-1]
+        )
 
     def _lookup(self, word: str) -> str:
         return self._first.lookup_word(sphinx.dictionary_key(word)) or ""

@@ -191,6 +191,8 @@ def test_refusals(talk: Path, tmp_path: Path) -> None:
             "are not in the recording",
         ),
         (["align", talk, "--transcript", "ja", "--language", "xx"], UsageError, "xx"),
+        (["align", talk, "--trust-transcript"], UsageError, "--trust-transcript: requires a transcript"),
+        (["animate", pho, "--trust-transcript"], UsageError, "--trust-transcript: cannot be used with phone timings"),
     ]
     for arguments, kind, message in cases:
         with pytest.raises(kind, match=message):

@@ -94,6 +94,16 @@ def no_speech(duration_s: float = 4.0, seed: int = 1) -> dict[str, NDArray[np.in
     return {name: (12_000 * sound / max(np.abs(sound).max(), 1.0)).astype(np.int16) for name, sound in sounds.items()}
 
 
+def in_noise(samples: NDArray[np.int16], snr_db: float, seed: int = 1) -> NDArray[np.int16]:
+    """Beside pink noise."""
+    at_hz = np.fft.rfftfreq(len(samples))
+    at_hz[0] = 1.0
+    white = np.fft.rfft(np.random.default_rng(seed).normal(size=len(samples)))
+    noise, sound = np.fft.irfft(white / np.sqrt(at_hz), len(samples)), samples.astype(float)
+    sound += noise * np.sqrt((sound**2).mean() / (noise**2).mean() / 10 ** (snr_db / 10))
+    return (20_000 * sound / np.abs(sound).max()).astype(np.int16)
+
+
 def heard(ear: Recognizer, samples: np.ndarray, cuts: list[int] | None = None) -> list[Phone]:
     ear.reset()
     phones = [phone for piece in np.split(samples, cuts or []) for phone in ear.push(piece)]

@@ -1,6 +1,7 @@
 """Phones of a text in its sound: where they lie, strange words, other languages, texts of something else."""
 
 from collections.abc import Sequence
+from itertools import groupby
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from tests.unit.recognition.speech import (
     VOICES,
     Spoken,
     closures,
+    in_noise,
     met,
     opening_mm,
     spoken,
@@ -131,6 +133,31 @@ def _at_rate(samples: np.ndarray, rate_hz: int) -> tuple[np.ndarray]:
 def test_the_text_of_something_else_is_found_out() -> None:
     assert aligned(spoken("rms", BABY), OTHER).unheard > 0.8
     assert aligned(spoken("slt", POPPIES), OTHER).unheard > 0.5
+
+
+def test_a_text_is_right_or_wrong_in_noise_too() -> None:
+    clean = spoken("rms", BABY)
+    speech = Spoken(clean.text, in_noise(clean.samples, 12.0), clean.phones)
+    found = aligned(speech)
+    assert found.unheard == 0.0
+    assert found.doubted == ((0.0, len(speech.samples) / RATE_HZ),)
+    assert aligned(clean).doubted == ()
+    truth = closures(speech.phones)
+    assert met(truth, closures(found.phones)) >= 0.6 * len(truth)
+    assert aligned(speech, OTHER).unheard > 0.5
+
+
+def test_a_text_that_is_trusted_is_not_checked() -> None:
+    speech = spoken("rms", BABY)
+    found = follow([speech.samples], SphinxAligner(words_of(OTHER), pronounce), is_trusted=True)
+    assert (found.unheard, found.doubted) == (0.0, ())
+    assert [word for word, _ in groupby(phone.word for phone in found.phones.phones if phone.word)] == words_of(OTHER)
+
+
+def test_a_text_of_one_order_is_never_found_to_be_in_order() -> None:
+    speech = spoken("rms", BABY)
+    for words in (["baby"], ["no", "no", "no"]):
+        assert SphinxAligner(words).misfit(speech.samples, 0, len(words)) == 1.0
 
 
 def test_a_sentence_that_is_not_said_is_told_with_its_time() -> None:
