@@ -3,6 +3,7 @@
 import hashlib
 import io
 import struct
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Sequence
@@ -43,7 +44,8 @@ DIGESTS = "SHA256SUMS"
 MAX_UNPACKED = 1 << 30
 """Bytes of the arrays of one file."""
 DAMAGE = (
-    ValueError, OSError, EOFError, LookupError, RuntimeError, SyntaxError, struct.error, zlib.error, zipfile.BadZipFile
+    ValueError, OSError, EOFError, LookupError, RuntimeError, SyntaxError, tokenize.TokenError, struct.error,
+    zlib.error, zipfile.BadZipFile,
 )  # fmt: skip
 """Exceptions that zipfile and NumPy raise on archives that are truncated or damaged."""
 

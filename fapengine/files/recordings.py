@@ -291,7 +291,10 @@ def _painting(visual: Any, count: int) -> tuple[NDArray[np.uint8] | None, NDArra
 
 def _albedo(visual: Any) -> NDArray[np.float64] | None:
     """Linear RGB of each vertex, (V, 3); None if the file has no colours."""
-    coloured = visual.to_color() if hasattr(visual, "to_color") else visual
+    try:
+        coloured = visual.to_color() if hasattr(visual, "to_color") else visual
+    except IndexError:  # texture coordinates of one number
+        return None
     if not getattr(coloured, "defined", False):  # a material whose image is missing has no colours either
         return None
     srgb = np.asarray(coloured.vertex_colors, np.float64)[:, :3] / 255.0
