@@ -233,6 +233,10 @@ def test_mask_types_are_the_shortest() -> None:
         (b"FBM 1 FRR 0 0 0", "frame rate"),
         (EXAMPLE_EPF.replace(b"FQU 1", b"FIX" + b" 1861" * 66), "1861"),
         (EXAMPLE_EPF.replace(b"FMT 1 1", b"FMT 4 1"), "type of group 1"),
+        *(
+            (EXAMPLE_EPF.replace(old, new), new[:3].decode())
+            for old, new in ((b"FBM 1", b"FBM 4"), (b"FQU 1", b"FQU 32"), (b"ISI 1", b"ISI 2"))
+        ),
     ],
 )
 def test_bad_parameter_files_are_refused(text: bytes, message: str) -> None:

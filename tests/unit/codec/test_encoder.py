@@ -182,6 +182,14 @@ def test_a_frame_without_an_expression_sends_that_of_a_neutral_face() -> None:
     assert plain.frame([0] * 68) == told.frame([0] * 68, viseme=(0,) * 4, expression=(0,) * 6)
 
 
+def test_a_margin_widens_fitted_ranges_by_its_factor() -> None:
+    levels = quantise(talking().values[:, 2:], 1)[0]
+    plain, wide = fit_ranges(levels, 4), fit_ranges(levels, 4, margin=2.0)
+    assert plain.p_max is not None
+    assert wide.p_max is not None
+    assert wide.p_max.max() >= 2 * plain.p_max.max() - 1 > 2
+
+
 def test_masks_that_change_begin_a_group_and_gaps_are_skips() -> None:
     track = talking(1.0)
     mask = track.mask.copy()
