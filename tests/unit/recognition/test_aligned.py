@@ -46,7 +46,7 @@ def test_phones_lie_where_they_are_said(voice: str) -> None:
     duration_s = len(speech.samples) / RATE_HZ
     assert found.mismatches == ()
     likeness = np.corrcoef(opening_mm(found.phones, duration_s), opening_mm(speech.phones, duration_s))[0, 1]
-    assert likeness > 0.9
+    assert likeness > 0.885  # .893 (awb) to .976 measured; one frame of 17 ms earlier or later .73 to .883
     truth, told = closures(speech.phones), closures(found.phones)
     assert met(truth, told) == len(truth) == len(told)
     starts = [phone.start_s for phone in found.phones.phones]
