@@ -10,7 +10,8 @@ Language models are instructed to write how a sentence should be said. Four nota
 - emoji with a face;
 - ``<mark name="joy:0.6"/>``, and in SSML also ``break``, ``emphasis`` and ``prosody``.
 
-``[word]{IPA}`` gives the sounds of a word; for a voice it is SSML's ``phoneme``.
+``[word]{IPA}`` gives the sounds of a word; for a voice it is SSML's ``phoneme``. Braces that hold anything but IPA, and
+arguments of a command of LaTeX, are text.
 
 :func:`read_marks` removes them and keeps the character of the remaining text before which each stood. Once the words
 are spoken, :func:`timed_marks` finds the times. A delivery ("happy") lasts until the next one; a laugh, an emoji and a
@@ -83,6 +84,8 @@ _EMOJI: dict[str, tuple[Expression, float]] = {
 _TAG = r"<(?P<close>/?)(?P<tag>[A-Za-z][\w:-]*)(?P<rest>(?:[^<>\"']|\"[^\"<]*\"|'[^'<]*')*?)(?P<empty>/?)>"
 _GIVEN = r"\[(?P<said>[^\[\]{}<>]{1,80})\]\{(?P<ipa>[^{}<>]{0,200})\}"
 _MARKS = re.compile(rf"{_TAG}|{_GIVEN}|\[(?P<word>[A-Za-z][A-Za-z ,-]{{1,40}})\]|(?P<emoji>[{''.join(_EMOJI)}])\ufe0f?")
+_LATEX = re.compile(r"\\[A-Za-z]+\*?$")
+"""A command before its argument in brackets."""
 _ATTRIBUTE = re.compile(r"([\w:-]+)\s*=\s*(?:\"([^\"]*)\"|'([^']*)')")
 _PLAIN_TAGS, _SSML_TAGS = ("expr", "mark"), ("expr", "mark", "emphasis", "prosody")
 
@@ -147,6 +150,8 @@ class MarkedText:
     """Labels without a visible meaning."""
     sounds: tuple[tuple[int, int, str], ...] = ()
     """Start and stop of a word of the plain text, and its sounds in IPA."""
+    remarks: tuple[str, ...] = ()
+    """Remarks on what looks like a mark and is text."""
 
     @property
     def with_sounds(self) -> str:
@@ -172,11 +177,6 @@ def read_marks(text: str, *, ssml: bool = False) -> MarkedText:
     MarkedText
         The same text where there is no mark.
 
-    Raises
-    ------
-    UsageError
-        If the sounds of a word are not IPA.
-
     Examples
     --------
     >>> marked = read_marks('[laughs] Oh <expr type="break" label="1s"/> no 😢')
@@ -195,6 +195,7 @@ class _Reader:
         self._ssml = ""
         self._marks: list[Mark] = []
         self._unknown: list[str] = []
+        self._remarks: list[str] = []
         self._sounds: list[tuple[int, int, str]] = []
         self._is_for_voice = ssml
         self._open: list[tuple[str, str, Loudness | None]] = []
@@ -213,10 +214,11 @@ class _Reader:
         self._text(text[last:])
         plain = self._plain.strip() if is_changed else text
         if not plain and not self._is_ssml and any(letter.isalnum() for letter in text):
-            return MarkedText(text)  # words in brackets alone are meant to be said
+            return MarkedText(text, remarks=tuple(self._remarks))  # words in brackets alone are meant to be said
         voice = self._ssml.strip() if self._is_for_voice else None
         marks = tuple(Mark(min(mark.at, len(plain)), mark.act) for mark in self._marks)
-        return MarkedText(plain, marks, voice, tuple(dict.fromkeys(self._unknown)), tuple(self._sounds))
+        unknown = tuple(dict.fromkeys(self._unknown))
+        return MarkedText(plain, marks, voice, unknown, tuple(self._sounds), tuple(self._remarks))
 
     def _text(self, piece: str) -> None:
         shown = unescape(piece) if self._is_ssml else piece
@@ -232,7 +234,13 @@ class _Reader:
             self._add(Feel(*_EMOJI[match["emoji"]], is_brief=True))
             return True
         if match["said"]:
-            sounds = check_sounds(match["said"], match["ipa"])
+            if _LATEX.search(match.string, max(match.start() - 40, 0), match.start()):
+                return False
+            try:
+                sounds = check_sounds(match["said"], match["ipa"])
+            except UsageError as error:
+                self._remarks.append(f"{error}; it was spoken as it stands")
+                return False
             start = len(self._plain)
             self._plain += match["said"]
             self._sounds.append((start, len(self._plain), sounds))

@@ -133,7 +133,8 @@ class OwnVoice:
         speech = _run(self.name, lambda: self.voice.speak(text if self.ssml else marked.text))
         if not isinstance(speech, Speech):
             raise UsageError(f"voice: {self.name}.speak returned {speech!r:.60}, expected a fapengine.Speech")
-        return speech.marked(marked) if (marked.marks or marked.unknown or marked.sounds) and not self.ssml else speech
+        is_marked = marked.marks or marked.unknown or marked.sounds or marked.remarks
+        return speech.marked(marked) if is_marked and not self.ssml else speech
 
 
 def _imported(name: str) -> Any:

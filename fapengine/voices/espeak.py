@@ -7,11 +7,13 @@ GPL-3.0: the user installs it (``design/decisions.md, 0003``).
 """
 
 import ctypes
+import re
 import threading
 from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
+from html import unescape
 from itertools import accumulate
 from math import inf
 from pathlib import Path
@@ -41,7 +43,7 @@ from fapengine.voices.catalogue import Catalogue, VoiceEntry
 from fapengine.voices.espeak_labels import NAME_BYTES, in_context, language_after, read_label
 from fapengine.voices.protocol import Speech
 from fapengine.voices.sounding import Mark, SoundLevel, sounding
-from fapengine.voices.spoken_form import Edit, spoken_form
+from fapengine.voices.spoken_form import Edit, edited, spoken_form
 
 # Numbers of speak_lib.h.
 _SYNCHRONOUS, _PHONEME_EVENTS, _IPA_NAMES, _DO_NOT_EXIT = 2, 0x1, 0x2, 0x8000
@@ -49,6 +51,8 @@ _EVENT_LIST_END, _EVENT_WORD, _EVENT_PHONEME = 0, 1, 7
 _CHARS_UTF8, _SSML, _PHONEMES, _PARAMETER_RATE = 0x1, 0x10, 0x100, 1
 Event = tuple[int, int, int, int, bytes]
 """Sample, kind, position in the text from 1, length, name of the phone."""
+_ENTITY = re.compile(r"<[^<>]*>|&(?:#\d+|#x[\da-fA-F]+|amp|lt|gt|quot|apos);")
+"""A tag, which stays, or an entity."""
 
 _lock = threading.Lock()
 
@@ -193,6 +197,7 @@ class EspeakVoice:
         formed = speakable(marked.text if marked.ssml is None else marked.ssml)
         if self.ssml:
             check_ssml(formed.text)
+            formed = _without_entities(formed)
         words = without_tags(formed.text) if self.ssml else formed.text
         code = self.entry.code
         given: list[Edit] = []
@@ -304,6 +309,14 @@ class EspeakVoice:
                 f"text: got {_shortened(text)}, whose sound is too long, expected at most {self.most_s:.0f} s more"
             )
         return events, np.frombuffer(b"".join(pieces), dtype=np.int16), rate_hz
+
+
+def _without_entities(formed: SpeakableText) -> SpeakableText:
+    """Put characters for entities of SSML, whose places the library does not count; < and > are not spoken."""
+    found = [(match, unescape(match[0])) for match in _ENTITY.finditer(formed.text) if match[0][0] == "&"]
+    plain = edited(formed.text, [(*match.span(), " " if char in ("<", ">") else char) for match, char in found])
+    starts, stops = (formed.starts[at] for at in plain.starts), (formed.stops[at - 1] for at in plain.stops)
+    return replace(formed, text=plain.text, starts=tuple(starts), stops=tuple(stops))
 
 
 def _shortened(text: str, length: int = 60) -> str:

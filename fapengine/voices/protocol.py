@@ -81,7 +81,8 @@ class Speech:
             f"text: the voice takes no sounds; {text.text[start:stop]!r} was spoken as it is written"
             for start, stop, _ in text.sounds
         ]
-        return replace(self, phones=phones, text=text.text, marks=marks, remarks=(*self.remarks, *unknown, *unsaid))
+        remarks = dict.fromkeys((*self.remarks, *unknown, *unsaid, *text.remarks))  # pieces have some already
+        return replace(self, phones=phones, text=text.text, marks=marks, remarks=tuple(remarks))
 
 
 @runtime_checkable

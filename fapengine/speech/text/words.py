@@ -212,6 +212,8 @@ _CUTS = (
     re.compile(r"\s+"),
 )
 """Places where a text may be cut, the best first."""
+_WHOLE = re.compile(r"\[[^\[\]{}<>]{1,80}\]\{[^{}<>]{0,200}\}")
+"""A word with its sounds; shorter than a piece."""
 
 
 def pieces_of(text: str, letters: int = PIECE_LETTERS) -> list[str]:
@@ -229,11 +231,19 @@ def pieces_of(text: str, letters: int = PIECE_LETTERS) -> list[str]:
     pieces = []
     while len(text) > letters:
         window = text[:letters]
-        ends = ([found.end() for found in cut.finditer(window)] for cut in _CUTS)
+        whole = [found.span() for found in _WHOLE.finditer(text) if found.start() < letters]
+        ends = (
+            [end for end in (found.end() for found in cut.finditer(window)) if not _inside(end, whole)] for cut in _CUTS
+        )
         end = next((places[-1] for places in ends if places and places[-1] >= letters // 4), letters)
+        end = next((start or stop for start, stop in whole if start < end < stop), end)
         pieces.append(text[:end])
         text = text[end:]
     return [*pieces, text] if text else pieces
+
+
+def _inside(place: int, stretches: Sequence[tuple[int, int]]) -> bool:
+    return any(start < place < stop for start, stop in stretches)
 
 
 def ends_sentence(piece: str) -> bool:

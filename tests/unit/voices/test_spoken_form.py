@@ -112,3 +112,11 @@ def test_tables_are_loaded_when_they_are_used() -> None:
     ):
         done = subprocess.run([sys.executable, "-c", program.format(text)], capture_output=True, text=True, check=True)
         assert done.stdout.strip() == expected
+
+
+def test_entities_of_ssml_do_not_shift_words() -> None:
+    text = 'R&amp;D &amp; AT&amp;T, &lt; <emphasis>$3.50</emphasis> &quot;is&quot; <mark name="nod"/> today.'
+    speech = EspeakVoice("en-us", ssml=True).speak(text)
+    words = {word: start_s for word, start_s, _ in words_of(speech.phones.phones)}
+    assert list(words) == ["R&D", "&", "AT&T", "$3.50", "is", "today"]
+    assert speech.marks[-1].at_s == words["today"]
