@@ -16,7 +16,7 @@ is articulated, from the chart (:class:`fapengine.speech.ipa.Sound`) and from th
 - ``pair``, ``triple``: which two or three stand beside each other. They absorb what single words do, so that the other
   features need not fit it.
 
-Names of letters are said with more force than words, so a vowel in one (:data:`LETTERS`) is a phone of its own, with
+Names of letters are said with more force than words, so a vowel in one (:data:`NAMES`) is a phone of its own, with
 :data:`IN_NAME` before its name; it shares the letter and the ways of the others.
 
 So lips anticipate: the same /s/ is round before /u/ and spread before /i/. A sound without a gesture of its own, such
@@ -112,8 +112,15 @@ SCALE = 10.0
 """Millimetres of the table of articulation that count as 1."""
 
 
-LETTERS = frozenset("bcdfghjklmnpqrstvwxz")
-"""Words that are names of letters. Names of vowels are not among them: they are common words of many languages."""
+NAMES = {
+    letter: vowels
+    for letters, vowels in (
+        ("bcdgptv", ("i",)), ("flmnsx", ("ɛ",)), ("hjk", ("eɪ",)), ("qw", ("u",)), ("r", ("ɑ",)), ("z", ("ɛ", "i")),
+    )
+    for letter in letters
+}  # fmt: skip
+"""Words that are names of letters, and their vowels in English: an m that is read as metres is no name. Names of vowels
+are not among them: they are common words of many languages."""
 IN_NAME = "+"
 """Before the name of a vowel in the name of a letter."""
 GESTURELESS = frozenset(letter for letter, row in ARTICULATIONS.items() if max(row.insists) <= 0.05)
@@ -162,7 +169,7 @@ def ways(letter: str) -> dict[str, float]:
 def features(tokens: Sequence[Token], index: int) -> dict[str, float]:
     """Describe one token between its neighbours: feature names and values."""
     token = tokens[index]
-    first, last = parts_of(token.heard, in_name(token.phone))
+    first, last = parts_of(token.heard, names_vowels(token.phone))
     length = log_length(token.end_s - token.start_s)
     found = {name: length * value for name, value in lengthened(first).items()}
     for step in LENGTHS:
@@ -174,9 +181,9 @@ def features(tokens: Sequence[Token], index: int) -> dict[str, float]:
     return found | alone(first) | paired(first, -1, before) | paired(last, 1, after) | tripled(before, first, after)
 
 
-def in_name(phone: Phone) -> bool:
-    """Whether a phone is in the name of a letter."""
-    return phone.word.lower() in LETTERS
+def names_vowels(phone: Phone) -> tuple[str, ...]:
+    """Vowels of a phone's word if that is the name of a letter."""
+    return NAMES.get(phone.word.lower(), ())
 
 
 def alone(own: Part) -> dict[str, float]:
@@ -213,15 +220,19 @@ def tripled(before: Part, own: Part, after: Part) -> dict[str, float]:
 def part_at(tokens: Sequence[Token], index: int, step: int) -> Part:
     """Return what a token ``step`` away sees at an index; silence beyond both ends."""
     inside = 0 <= index < len(tokens) and tokens[index].name != SILENCE
-    first, last = parts_of(tokens[index].heard, in_name(tokens[index].phone)) if inside else parts_of(())
+    first, last = parts_of(tokens[index].heard, names_vowels(tokens[index].phone)) if inside else parts_of(())
     return last if step < 0 else first
 
 
 @cache
-def parts_of(heard: tuple[str, ...], is_in_name: bool = False) -> tuple[Part, Part]:
-    """First and last letter of a token, with its name; silence for no letters."""
+def parts_of(heard: tuple[str, ...], vowels: tuple[str, ...] = ()) -> tuple[Part, Part]:
+    """First and last letter of a token, with its name; silence for no letters.
+
+    ``vowels`` are those of the name of a letter, if the token is in one.
+    """
     letters = heard or (SILENCE,)
-    name = IN_NAME * (is_in_name and ipa.SOUNDS[letters[0]].vowel) + "".join(letters)
+    name = "".join(letters)
+    name = IN_NAME * (name in vowels) + name
     return Part(name, letters[0]), Part(name, letters[-1])
 
 
@@ -282,19 +293,25 @@ class ContextTables:
         self.silence = self.kind(())
         codes = []
         for name in (feature for feature in model.features if feature.startswith("triple ")):
-            kinds = (
-                self.kind(() if one == SILENCE else ipa.letters(one.removeprefix(IN_NAME)), one.startswith(IN_NAME))
-                for one in name.split(" ")[1:]
-            )
+            kinds = (self._kind_named(one) for one in name.split(" ")[1:])
             codes.append((self._code(*kinds), self._rows[name]))
         self._codes = np.array(sorted(codes), dtype=np.int64).reshape(-1, 2)
         """(triples, 2): three kinds as one number, rising, and the row of their coefficients."""
 
-    def kind(self, heard: tuple[str, ...], is_in_name: bool = False) -> int:
-        """Return the number of a token's letters, and for none that of silence."""
-        parts = parts_of(heard, is_in_name)
+    def kind(self, heard: tuple[str, ...], vowels: tuple[str, ...] = ()) -> int:
+        """Return the number of a token's letters, and for none that of silence.
+
+        One of ``vowels``, those of letters' names, is a kind of its own if the model has heard it so.
+        """
+        parts = parts_of(heard, vowels)
+        if f"phone {parts[0].name}" not in self._rows:
+            parts = parts_of(heard)
         known = self._kinds.get(parts[0].name)
         return self._new_kind(heard, *parts) if known is None else known
+
+    def _kind_named(self, name: str) -> int:
+        letters = name.removeprefix(IN_NAME)
+        return self.kind(() if name == SILENCE else ipa.letters(letters), (letters,) if letters != name else ())
 
     def targets(self, around: NDArray[np.intp], lengths_s: Array, own: NDArray[np.intp]) -> Array:
         """Targets of tokens between their neighbours.

@@ -31,7 +31,7 @@ from fapengine.speech import ipa
 from fapengine.speech.articulation import SIBILANTS
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory import hermite, phonetics
-from fapengine.trajectory.context import LABELS, PAUSE_S, REACH, SpelledPart, in_name, spelled, tables_of
+from fapengine.trajectory.context import LABELS, PAUSE_S, REACH, SpelledPart, names_vowels, spelled, tables_of
 from fapengine.trajectory.style import DB_PER_DOUBLE_DROP, jaw_share
 
 Array = NDArray[np.float64]
@@ -201,7 +201,7 @@ class _Row:
                 continue
             elif start_s != now_s:
                 phone, start_s = replace(phone, start_s=now_s), now_s
-            parts, signs, contact, is_unknown = labels.spelled_of(phone.label, in_name(phone))
+            parts, signs, contact, is_unknown = labels.spelled_of(phone.label, names_vowels(phone))
             if start_s - spoken_s > phonetics.PAUSE_S:
                 letters.append(phonetics.PAUSE)
             now_s = spoken_s = end_s
@@ -243,11 +243,9 @@ class _Labels:
         self.silence = -1 if tables is None else tables.silence
 
         @lru_cache(maxsize=LABELS)
-        def spelled_of(label: str, is_in_name: bool) -> _Spelled:
+        def spelled_of(label: str, vowels: tuple[str, ...]) -> _Spelled:
             parts, is_unknown = spelled(label, known)
-            kinds = tuple(
-                known.index(name) if tables is None else tables.kind(heard, is_in_name) for name, heard in parts
-            )
+            kinds = tuple(known.index(name) if tables is None else tables.kind(heard, vowels) for name, heard in parts)
             return _Spelled(kinds, phonetics.kinds_of(label), contact_of(parts, profile), is_unknown)
 
         self.spelled_of = spelled_of
@@ -297,7 +295,7 @@ def _labels(profile: Profile, context: bool) -> _Labels:
 
 def spelled_of(label: str, profile: Profile) -> _Spelled:
     """Targets of a label, from a profile without a context model."""
-    return _labels(profile, False).spelled_of(label, False)
+    return _labels(profile, False).spelled_of(label, ())
 
 
 def contact_of(parts: Iterable[SpelledPart], profile: Profile) -> str:

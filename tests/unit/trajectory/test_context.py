@@ -1,13 +1,16 @@
 """Targets that depend on neighbours."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from fapengine.errors import UsageError
 from fapengine.laboratory.context_fit import FRACTIONS, fit_context
-from fapengine.profiles import ContextModel
+from fapengine.profiles import ContextModel, Profile
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.trajectory.context import PAUSE_S, REACH, Token, features, tables_of, tokens_of, ways
+from fapengine.trajectory.targets import weights_of
 from tests.english import english
 
 
@@ -95,6 +98,34 @@ def test_tokens_share_a_strange_labels_time() -> None:
     assert [token.start_s for token in tokens] == pytest.approx([0.0, 0.3, 0.35, 0.4])
     assert strange == ["%"]
     assert tokens[1].heard == ("ɔ",)
+
+
+@pytest.mark.parametrize(
+    ("word", "spelling", "is_name"),
+    [
+        ("B", "b iː", True), ("z", "z ɛ d", True), ("x", "ɛ k s", True), ("", "b iː", False), ("bee", "b iː", False),
+        ("m", "m iː t ə z", False), ("g", "ɡ ɹ a m z", False), ("B", "b eː", False), ("b", "%", False),
+    ],
+)  # fmt: skip
+def test_a_vowel_has_a_kind_of_its_own_in_the_english_name_of_a_letter(word: str, spelling: str, is_name: bool) -> None:
+    """An m that is said as metres, or the German name of B, is like any other word."""
+    said, plain = (poses_of_word(spelling, one, english()) for one in (word, "word"))
+    assert (np.abs(said - plain).max() > 1e-3) == is_name
+
+
+def test_a_model_that_heard_no_letters_says_their_names_like_words() -> None:
+    model = english().context
+    rows = [row for row, name in enumerate(model.features) if "+" not in name]
+    kept = tuple(model.features[row] for row in rows)
+    wordless = replace(
+        english(), context=replace(model, features=kept, coefficients=np.asarray(model.coefficients)[rows])
+    )
+    np.testing.assert_array_equal(poses_of_word("b iː", "b", wordless), poses_of_word("b iː", "", wordless))
+
+
+def poses_of_word(spelling: str, word: str, profile: Profile) -> np.ndarray:
+    spoken = PhoneTrack.of([replace(phone, word=word) for phone in track(spelling).phones if not phone.is_silence])
+    return weights_of(spoken, profile, np.arange(0.0, spoken.phones[-1].end_s, 0.02))
 
 
 def test_features_say_who_stands_where() -> None:
