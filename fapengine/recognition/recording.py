@@ -7,7 +7,7 @@ in a piece are compared with those of the next words by edit distance; the piece
 words are aligned, the fraction of their frames in which the loop finds the same kind shows whether they were said: .45
 to .9 of a sentence if so, 0 to .4 of another sentence. A telephone or noise deceives the loop more than the aligner.
 So a whole piece that fails is judged once more by the aligner: words that were said fit better in their order than in
-others, under the same noise (:meth:`.SphinxAligner.misfit`).
+others, under the same noise (:meth:`.sphinx_aligner.SphinxAligner.misfit`).
 
 Without a text, words are guessed. A phone loop mistakes p for k and m for n: it knows sequences of phones, but no
 words. A word decoder with a trigram model finds "people", but also finds English words in any audio. So both run. The

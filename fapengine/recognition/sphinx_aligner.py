@@ -127,7 +127,7 @@ class SphinxAligner:
     def misfit(self, samples: NDArray[np.int16], first: int, behind: int) -> float:
         """Compare how badly some words fit a piece of sound with how badly they do in other orders.
 
-        Noise and a telephone make both worse. Parameters are those of :meth:`align`.
+        Noise and a telephone make both worse. Parameters are those of :meth:`align`: mono samples, (N,) int16.
 
         Returns
         -------
