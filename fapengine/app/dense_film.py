@@ -111,8 +111,8 @@ def takes_on_heads(
         meshes.append(moved[name])
         columns.append(shown)
         rates.append(driven.rate_hz)
-    rate_hz, shown = on_one_axis(list(map(len, columns)), rates)
-    rows = [[column[row] for column, row in zip(columns, frame, strict=True)] for frame in zip(*shown, strict=True)]
+    rate_hz, sampled = on_one_axis(list(map(len, columns)), rates)
+    rows = [[column[row] for column, row in zip(columns, frame, strict=True)] for frame in zip(*sampled, strict=True)]
     return rate_hz, meshes, rows, notes
 
 
