@@ -8,6 +8,12 @@ export const HEAD = 4;
 const fapOf = (faps, number) => faps[number - 1];
 const clamp = (value, low, high) => Math.min(Math.max(value, low), high);
 
+// Share of the pose at rest, 0 to 1, of an attribute or a part of an address; 1 if it is missing or not a number.
+export function restShare(text) {
+  const share = Number.parseFloat(text);
+  return Number.isNaN(share) ? 1 : clamp(share, 0, 1);
+}
+
 // FAPs with the pose at rest (fapengine/mesh/resting.py) added: (68,). resting: rows of values, FAPs to which they
 // yield, and the limit of these, as in /setup.json.
 export function withRest(faps, resting, share, rested = new Float64Array(faps.length)) {

@@ -1,7 +1,7 @@
 // Draws the head with WebGL2 by the shaders of shaders/, as fapengine/render/renderer.py does. Edges are either fine,
 // four samples a pixel, or soft: drawn into a texture first, found and softened on the way to the canvas.
 
-import { boneMatrices, channelWeights, irisAndPupil, lidMargins, withRest } from "./deform.js";
+import { boneMatrices, channelWeights, irisAndPupil, lidMargins, restShare, withRest } from "./deform.js";
 import { cameraPosition, clipFromWorld, pixelsPerMm } from "./camera.js";
 
 const FLOAT_BYTES = 4;
@@ -10,13 +10,13 @@ const UNITS = { u_displacements: 0, u_normal_deltas: 1, u_skin: 2, u_picture: 0 
 
 export class FaceView {
   // setup: what /setup.json holds of the shaders and how they are used. wall: linear RGB, or null for a clear ground.
-  // rest: share of the pose at rest, 0 to 1.
+  // rest: share of the pose at rest, 0 to 1, as a number or as text.
   constructor(canvas, head, setup, wall, rest = 1) {
     this.canvas = canvas;
     this.head = head;
     this.setup = setup;
     this.wall = wall;
-    this.rest = rest;
+    this.rest = restShare(rest);
     const options = { alpha: wall === null, antialias: false, depth: true, powerPreference: "high-performance" };
     this.gl = canvas.getContext("webgl2", options);
     if (!this.gl) throw new Error("This browser has no WebGL2. Current browsers have it if hardware acceleration is enabled.");

@@ -113,7 +113,7 @@ export class FapFace extends HTMLElement {
     this.picture = new Picture(canvas, setup, parseHead(bytes), (now, faps) => this.source.sample(now, faps), this.steering, {
       wall: this.hasAttribute("transparent") ? null : setup.wall,
       edges: this.getAttribute("edges"),
-      rest: Number(this.getAttribute("rest") ?? 1),
+      rest: this.getAttribute("rest"),
       isBusy: () => this.source.isSpeaking,
       shown: () => this.tell("picture"),
     });

@@ -57,7 +57,7 @@ class Page {
     this.picture = new Picture(canvas, setup, head, (now, faps) => this.session.sample(now, faps), this.steering, {
       wall: isBroadcast ? null : setup.wall,
       edges: query.get("edges"),
-      rest: Number(query.get("rest") ?? 1),
+      rest: query.get("rest"),
       isBusy: () => this.session.isSpeaking || this.recorder.on,
       shown: (shown, now) => this.shown(shown, now),
     });

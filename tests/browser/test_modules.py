@@ -92,6 +92,12 @@ def test_the_expression_at_rest_is_python_s(modules: Page) -> None:
     assert found != pytest.approx(frames, abs=1.0)
 
 
+def test_the_share_of_the_expression_at_rest_is_from_0_to_1(modules: Page) -> None:
+    given = [None, "", "soft", "NaN", "-3", "0", "0.25", 0.25, "7", "Infinity"]
+    found = calculated(modules, "deform.js", "return given.texts.map(m.restShare);", texts=given)
+    assert found == [1, 1, 1, 1, 0, 0, 0.25, 0.25, 1, 1]
+
+
 def test_channels_are_mixed_as_python_mixes_them(modules: Page) -> None:
     rng = np.random.default_rng(2)
     spans = [(3, -np.inf, np.inf), (19, 0.0, 1100.0), (19, 0.0, -600.0), (47, 0.0, np.inf)]
