@@ -9,10 +9,13 @@ text: ``$3.50`` is one word with the phones of "three dollars fifty". Where seve
 once (``3,50 €``), they share the spoken ones in order.
 
 A table has ``[words]`` (abbreviations), ``[units]`` and ``[currencies]`` beside a number, each with one form, two
-(one, other) or three (one, few, many: Russian), ``[fractions]``, and ``[[rules]]``: a regular expression and what is
-said, in which ``{1}`` is its first group and ``{0}`` its group ``n`` in words. Its group ``x`` is replaced, or all.
+(one, other) or three (one, few, many: Russian), ``[cents]`` of currencies, ``[fractions]``, and ``[[rules]]``: a
+regular expression and what is said, in which ``{1}`` is its first group and ``{0}`` its group ``n`` in words. Its group
+``x`` is replaced, or all. ``scales`` are words between a number and its currency, ``of`` what stands after one,
+``[short_scales]`` letters for them (``$5k``). ``starters`` begin a sentence after an abbreviation, whose point is then a
+full stop too.
 
-Tags of SSML stay, and what stands in ``say-as``, ``sub`` and ``phoneme``.
+Tags of SSML stay, what stands in ``say-as``, ``sub`` and ``phoneme``, and addresses of the web and of mail.
 """
 
 import re
@@ -31,9 +34,17 @@ LANGUAGES = ("ar", "bn", "cmn", "de", "en", "es", "fr", "hi", "id", "ja", "pt", 
 """Languages with a table."""
 _OCCASION = re.compile(r"\d|\b\w{1,4}\.|[^\W\d_]\.\s*\w|[^\w\s.,;:!?'’\"<>/=-]|\bng['’]|\b[дг]-")
 """What a text contains that has an entry of a table: a digit, a sign, a point after four letters or within."""
-_NUMBER = r"(?P<n>\d+(?:[.,\u00a0\u202f ]\d{3})*(?:[.,]\d+)?)"
+_NUMBER = r"(?P<n>(?>\d+(?:[.,\u00a0\u202f]\d{3}(?!\d))*(?:[.,]\d+)?))"
+_SPACED_NUMBER = _NUMBER.replace("[.,", "[., ", 1)
+_NUMBER_BEFORE = re.compile(r"\d[ \u00a0\u202f]?$")
+_TO = r"(?P<to>[-–]\d+(?:[.,]\d+)*)"
+"""Second number of a range."""
 _GAP = r"[ \u00a0\u202f]?"
-_KEPT = re.compile(r"<(say-as|sub|phoneme)\b[^<>]*[^/<>]>.*?</\1\s*>|<[^<>]*>|\[\[.*?\]\]", re.DOTALL)
+_KEPT = re.compile(
+    r"<(say-as|sub|phoneme)\b[^<>]*[^/<>]>.*?</\1\s*>|<[^<>]*>|\[\[.*?\]\]"
+    r"|\b(?:https?://|www\.)[^\s<>]+|\b[\w.+-]+@[\w-]+\.\w[^\s<>]*",  # addresses
+    re.DOTALL,
+)
 _CENTS = re.compile(r"(.*)[.,](\d\d)")
 
 Edit = tuple[int, int, str]
@@ -125,7 +136,14 @@ def _rules(language: str) -> tuple[_Rule, ...]:
 
 def _edges(table: dict[str, Any]) -> tuple[str, str]:
     """Patterns of what stands before a number and after a word."""
-    return (r"(?<![\w.,/])", r"(?!\w)") if table.get("spaced", True) else (r"(?<![\d.,/])", "")
+    if table.get("spaced", True):
+        return r"(?<![\w.,/])", r"(?!\w|[.,]\d)"
+    return r"(?<![\d.,/])", r"(?<![A-Za-z](?=[A-Za-z²³]))"
+
+
+def _number(language: str) -> str:
+    """Pattern of a number; in some languages a space parts its thousands."""
+    return _SPACED_NUMBER if language in ("de", "es", "fr", "pt", "ru") else _NUMBER
 
 
 def _any_of(keys: dict[str, str]) -> str:
@@ -137,12 +155,14 @@ def _prices(table: dict[str, Any], language: str) -> Iterator[_Rule]:
     if not currencies:
         return
     scale = f"(?P<scale>{table['scales']})" if "scales" in table else "(?P<scale>(?!))"
+    short, of = table.get("short_scales", {"": ""}), table.get("of", "")
+    number = _number(language)
     symbol, (edge, end) = f"(?P<symbol>{_any_of(currencies)})", _edges(table)
 
     def amount(number: str, symbol: str) -> str:
         cents = _CENTS.fullmatch(number)
-        if cents and cents[1] in ("0", "٠") and "cents" in table:
-            return f"{int(cents[2])} {_form(table['cents'], str(int(cents[2])), language)}"
+        if cents and cents[1] in ("0", "٠") and symbol in table.get("cents", {}):
+            return f"{int(cents[2])} {_form(table['cents'][symbol], str(int(cents[2])), language)}"
         whole = cents[1] if cents else number
         unit = _form(currencies[symbol], whole, language)
         if cents and int(cents[2]):
@@ -150,18 +170,26 @@ def _prices(table: dict[str, Any], language: str) -> Iterator[_Rule]:
         return f"{whole} {unit}" if spaced else f"{whole}{unit}"
 
     def before(match: re.Match[str]) -> list[Edit]:
-        if match["scale"]:
-            many = _form(currencies[match["symbol"]], "5", language)
-            return [(*match.span("symbol"), ""), (*match.span("scale"), f"{match['scale']} {many}")]
+        if match.end("symbol") < match.start("n") and _NUMBER_BEFORE.search(match.string[: match.start()][-2:]):
+            return []  # 5 € 50
+        many = _form(currencies[match["symbol"]], "5", language)
+        for group, said in (("scale", match["scale"]), ("short", short.get(match["short"])), ("to", match["to"])):
+            if said:
+                gap = " " if group == "short" else ""
+                said += f" {of}" if group == "scale" and of and said != "mil" else ""
+                return [(*match.span("symbol"), ""), (*match.span(group), f"{gap}{said} {many}")]
         return [(*match.span(), amount(match["n"], match["symbol"]))]
 
     def after(match: re.Match[str]) -> list[Edit]:
         if match["scale"]:
-            return [(*match.span("symbol"), _form(currencies[match["symbol"]], "5", language))]
+            joint = f"{of} " if of and not match["of"] and match["scale"] != "mil" else ""
+            return [(*match.span("symbol"), joint + _form(currencies[match["symbol"]], "5", language))]
         return [(*match.span(), amount(match["n"], match["symbol"]))]
 
-    yield _Rule(re.compile(rf"{edge}{symbol}{_GAP}{_NUMBER}(?: {scale})?{end}"), before)
-    yield _Rule(re.compile(rf"{edge}{_NUMBER}(?:{_GAP}{scale})?{_GAP}{symbol}{end}"), after)
+    yield _Rule(
+        re.compile(rf"{edge}{symbol}{_GAP}{number}(?: {scale}|{_TO}|(?P<short>{_any_of(short)}))?{end}"), before
+    )
+    yield _Rule(re.compile(rf"{edge}{number}(?:{_GAP}{scale}(?P<of> {of})?)?{_GAP}{symbol}{end}"), after)
 
 
 def _fractions(table: dict[str, Any]) -> Iterator[_Rule]:
@@ -180,29 +208,34 @@ def _units(table: dict[str, Any], language: str) -> Iterator[_Rule]:
         return [(*match.span("x"), gap + _form(units[match["x"]], match["n"], language) + _full_stop(match))]
 
     edge, end = _edges(table)
-    yield _Rule(re.compile(rf"{edge}{_NUMBER}{_GAP}(?P<x>{_any_of(units)}){end}"), edits)
+    yield _Rule(re.compile(rf"{edge}{_number(language)}{_GAP}(?P<x>{_any_of(units)}){end}{_sentence(table)}"), edits)
 
 
 def _words(table: dict[str, Any]) -> Iterator[_Rule]:
     words, (edge, end) = table.get("words", {}), _edges(table)
     if words:
-        pattern = re.compile(f"{edge}(?:{_any_of(words)}){end}")
+        pattern = re.compile(f"{edge}(?:{_any_of(words)}){end}{_sentence(table)}")
         yield _Rule(pattern, lambda match: [(*match.span(), words[match[0]] + _full_stop(match))])
 
 
-def _full_stop(match: re.Match[str]) -> str:
-    """Stop of a text that ends with an abbreviation's."""
-    return "." if match[0].endswith(".") and not match.string[match.end() :].strip() else ""
+def _full_stop(match: re.Match[str], group: str | int = 0) -> str:
+    """Stop of a sentence that ends with an abbreviation's."""
+    return "." if match[group].endswith(".") and match["sentence"] is not None else ""
+
+
+def _sentence(table: dict[str, Any]) -> str:
+    """Pattern with a group that matches where a text ends or another sentence begins."""
+    return rf"(?=(?P<sentence>\s*\Z|\s+(?:{table.get('starters', '(?!)')})\b)?)"
 
 
 def _listed(table: dict[str, Any], language: str) -> Iterator[_Rule]:
     for each in table.get("rules", ()):
-        pattern = re.compile(each["find"])
+        pattern = re.compile(each["find"] + _sentence(table))
         group = "x" if "x" in pattern.groupindex else 0
 
         def edits(match: re.Match[str], each: dict[str, Any] = each, group: str | int = group) -> list[Edit]:
             number = _FORMS[each["form"]](match["n"], language) if "form" in each else ""
-            return [(*match.span(group), each["say"].format(number, *match.groups()))]
+            return [(*match.span(group), each["say"].format(number, *match.groups()) + _full_stop(match, group))]
 
         yield _Rule(pattern, edits)
 
@@ -212,14 +245,12 @@ def _form(forms: str, number: str, language: str) -> str:
     one, *more = forms.split("|")
     if not more:
         return one
-    whole, _, part = (
-        number.replace("\u00a0", "").replace("\u202f", "").replace(" ", "").replace(",", ".").partition(".")
-    )
+    whole, _, part = re.sub(r"[.,\s](?=\d{3}(?!\d))", "", number).replace(",", ".").partition(".")
     if len(more) == 1:
         return one if (whole == "1" and not part) or (language in ("fr", "pt") and whole in ("0", "1")) else more[0]
-    if part and len(part) != 3:
+    if part:
         return more[0]  # 2,5 километра
-    last_two = int((whole + part)[-2:])
+    last_two = int(whole[-2:])
     if last_two % 10 == 1 and last_two != 11:
         return one
     return more[0] if 2 <= last_two % 10 <= 4 and not 12 <= last_two <= 14 else more[1]

@@ -17,8 +17,24 @@ CASES = [
     ("en-us", "Chapter IV, fig. 2: 1/2 cup, 10°C, 5 km/h, 1990s, 50%.",
      "Chapter 4, figure 2: one half cup, 10 degrees Celsius, 5 kilometres per hour, nineteen nineties, 50%."),
     ("en-gb", "$3.5 million, $1, £0.99 in 1905, 5kg.",
-     "3.5 million dollars, 1 dollar, 99 cents in nineteen oh-five, 5 kilograms."),
+     "3.5 million dollars, 1 dollar, 99 pence in nineteen oh-five, 5 kilograms."),
     ("en-us", "Mail 192.168.1.1 on 3/4/2026.", "Mail 192.168.1.1 on 3/4/2026."),
+    ("en-us", "In 1990 sales rose, 1990 people, 1500 soldiers, a 1200 km road, 1800 555 0199, 1984a.",
+     "In nineteen ninety sales rose, 1990 people, 1500 soldiers, a 1200 kilometres road, 1800 555 0199, 1984a."),
+    ("en-us", "Mail a5m@5km.com or https://x.org/1990?x=5m, v1.5.3 km.",
+     "Mail a5m@5km.com or https://x.org/1990?x=5m, v1.5.3 km."),
+    ("en-us", "£1.5bn, $5M, $20-30, -$5.", "1.5 billion pounds, 5 million dollars, 20-30 dollars, -5 dollars."),
+    ("en-us", "To St. Petersburg on Elm St. The fig. It is the part I like. Is he? No. I am.",
+     "To Saint Petersburg on Elm Street. The fig. It is the part I like. Is he? No. I am."),
+    ("de", "Am 1. und 2. Mai, in der 2. Klasse um 8:00 Uhr. 5 Min. Dann 5 € 50, 0,50 CHF.",
+     "Am ersten und zweiten Mai, in der zweiten Klasse um 8 Uhr. 5 Minuten. Dann 5 Euro 50, 50 Rappen."),
+    ("de", "10-20 €, 1990 Leute, 1.2.3", "10-20 Euro, 1990 Leute, 1.2.3"),
+    ("fr-fr", "Mon vol. Il part à 8h00, vol. 3, $5-6, 100 av. J.-C., 06 12 34 56 78.",
+     "Mon vol. Il part à 8 heures, volume 3, 5-6 dollars, 100 avant Jésus-Christ, 06 12 34 56 78."),
+    ("es", "1° de mayo, 30° y 30 ºC, 5 millones €", "primero de mayo, 30° y 30 grados Celsius, 5 millones de euros"),
+    ("pt-br", "R$ 1.234,56; R$ 2 milhões; 1h30", "1.234 reais e 56;  2 milhões de reais; uma hora e 30"),
+    ("cmn", "下午3:30开会，5mg，1,000%，12:30:45", "下午3点30分开会，5mg，百分之1,000，12:30:45"),
+    ("ja", "3分の1、¥500 500円", "3ぶんの1、500えん  500えん "),
     ("en-us", "It is 5 ft.", "It is 5 feet."),
     ("de", "Dr. Müller wohnt ca. 3,5 km entfernt, z.B. in der Königstr. 12.",
      "Doktor Müller wohnt zirka 3,5 Kilometer entfernt, zum Beispiel in der Königstraße 12."),
@@ -48,7 +64,8 @@ def test_what_is_said(code: str, text: str, expected: str) -> None:
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_every_table_can_be_read_and_replaces_its_own_entries(language: str) -> None:
     table = tomllib.loads((files("fapengine.voices") / "spoken" / f"{language}.toml").read_text("utf-8"))
-    assert set(table) <= {"price", "scales", "cents", "spaced", "words", "units", "currencies", "fractions", "rules"}
+    texts, tables = {"price", "scales", "of", "starters", "spaced"}, {"short_scales", "cents", "words", "units"}
+    assert set(table) <= texts | tables | {"currencies", "fractions", "rules"}
     assert _rules(language)
     for key in table.get("words", {}):
         assert key not in spoken_form(f"5: {key} ", language).text.split()
