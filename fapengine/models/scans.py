@@ -46,7 +46,9 @@ MIN_LANDMARKS = 3
 LANDMARK_REACH_MM = 20.0
 """Distance in which the landmarks' residual falls to 1/e."""
 TUKEY = 4.685
-MAX_STEPS, SETTLED_MM = 40, 1e-4
+MAX_STEPS, LAST_STEP_MM = 40, 1e-4
+SETTLED_MM = 0.01
+"""Longest last step of a fit that has settled. A point at an edge may be paired with either facet in turn: 6 um."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -63,7 +65,7 @@ class ScanFit:
     landmark_rms_mm: float
     """Root mean square of the distances to the landmarks; it shows sliding too."""
     settled: bool
-    """True if the last step moved no point by more than 0.1 um; False if :data:`MAX_STEPS` came first."""
+    """True if the last step moved no point by :data:`SETTLED_MM`."""
 
     def __post_init__(self) -> None:
         freeze(self, scores=("K",), points_mm=("M", 3))
@@ -103,13 +105,13 @@ def fit_scan(
     noise = np.hypot(noise_mm, model.noise_mm)
     motion = fit_rigid(model.mean_mm[marks], mark_points)
     scores = np.zeros(len(model.modes_mm))
-    points, settled = motion.apply(model.mean_mm), False
+    points, step_mm = motion.apply(model.mean_mm), np.inf
     for _ in range(MAX_STEPS):
         pairs = _pair(points, scan, noise)
         motion, scores = _step(model, motion, scores, pairs, marks, mark_points, noise, landmark_noise_mm)
         before, points = points, motion.apply(model.rebuild(scores))
-        settled = bool(np.abs(points - before).max() < SETTLED_MM)
-        if settled:
+        step_mm = float(np.abs(points - before).max())
+        if step_mm < LAST_STEP_MM:
             break
     pairs = _pair(points, scan, noise)
     off = ((points - pairs.places) * pairs.normals).sum(-1)
@@ -122,7 +124,7 @@ def fit_scan(
         points_mm=motion.inverse().apply(points + moved),
         surface_rms_mm=float(np.sqrt((pairs.trust * off**2).sum() / pairs.trust.sum())),
         landmark_rms_mm=float(np.sqrt(square)),
-        settled=settled,
+        settled=step_mm < SETTLED_MM,
     )
 
 
