@@ -16,7 +16,7 @@ from fapengine.models.scans import ScanFit, fit_scan
 
 STRANGE_MM, UNSETTLED = 2.5, 0.2
 """Median distance from the landmarks, and fraction of unsettled fits, above which scans and markers are of two people:
-3.3 mm and 0.27 (with last steps longer than 0.1 um) with another person's scans, 1.8 mm and 0 with the speaker's own."""
+3.3 mm and 0.27 (last steps of more than 0.1 um) with another person's scans, 1.8 mm and 0 with the speaker's own."""
 MIN_SCANS, MIN_MARKERS, MIN_LANDMARKS = 3, 12, 3
 FRAMES = 4000
 """Frames of the session for the sparse model; more do not change eight modes."""

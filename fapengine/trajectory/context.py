@@ -121,6 +121,8 @@ NAMES = {
 }  # fmt: skip
 """Words that are names of letters, and their vowels in English: an m that is read as metres is no name. Names of vowels
 are not among them: they are common words of many languages."""
+AROUND = " .,;:!?…'\"‘’“”„«»()[]"
+"""What stands around a word where a sender's words have their punctuation."""
 IN_NAME = "+"
 """Before the name of a vowel in the name of a letter."""
 GESTURELESS = frozenset(letter for letter, row in ARTICULATIONS.items() if max(row.insists) <= 0.05)
@@ -183,7 +185,7 @@ def features(tokens: Sequence[Token], index: int) -> dict[str, float]:
 
 def names_vowels(phone: Phone) -> tuple[str, ...]:
     """Vowels of a phone's word if that is the name of a letter."""
-    return NAMES.get(phone.word.lower(), ())
+    return NAMES.get(phone.word.strip(AROUND).lower(), ())
 
 
 def alone(own: Part) -> dict[str, float]:

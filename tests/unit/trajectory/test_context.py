@@ -103,7 +103,8 @@ def test_tokens_share_a_strange_labels_time() -> None:
 @pytest.mark.parametrize(
     ("word", "spelling", "is_name"),
     [
-        ("B", "b iː", True), ("z", "z ɛ d", True), ("x", "ɛ k s", True), ("", "b iː", False), ("bee", "b iː", False),
+        ("B", "b iː", True), ("z", "z ɛ d", True), ("x", "ɛ k s", True), ("(C),", "s iː", True), ("’T’", "t iː", True),
+        ("", "b iː", False), ("bee", "b iː", False),
         ("m", "m iː t ə z", False), ("g", "ɡ ɹ a m z", False), ("B", "b eː", False), ("b", "%", False),
     ],
 )  # fmt: skip
