@@ -60,9 +60,12 @@ _CORRECTIONS: dict[str, dict[str, str]] = {
     "vi": {"y": "ɯ"},  # Kirby 2011, JIPA 41: ư, ươ, ưa
     "yue": _JYUTPING,  # Zee 1991, JIPA 21; names are Jyutping's
 }  # fmt: skip
-"""Parts of names by voice or language, and what they stand for, with the description of the language's sounds."""
+"""Parts of names by voice or language, and what they stand for, by words of the voice and their spelling.
+
+The works named describe the language's sounds and are the place to check a row; they were not opened for it.
+"""
 _NASAL_BEFORE = {"m": "pbm", "n": "tdnszɕɾɽlr", "ŋ": "kɡŋ"}
-"""Japanese ん by the consonant after it (Okada 1991, JIPA 21); else ɴ."""
+"""Japanese ん by the consonant after it; else ɴ. To be checked with Okada 1991, JIPA 21."""
 
 
 def language_after(name: bytes) -> str | None:

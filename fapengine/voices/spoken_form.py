@@ -2,18 +2,18 @@
 
 Theory of operation
 -------------------
-A language's table (``spoken/CODE.toml``) is read when a text of that language first has a digit or a sign in it. Its
-entries find stretches of the text; the first that finds a stretch has it. Each is replaced by words, and every
-character of the words has the place of what it stands for. So captions, marks and times of words have the caller's
-text: ``$3.50`` is one word with the phones of "three dollars fifty". Where several words of the text are replaced at
-once (``3,50 €``), they share the spoken ones in order.
+A language's table (``spoken/CODE.toml``) is read when a text of that language first has a digit, a sign or a short word
+with a point in it. Its entries find stretches of the text; the first that finds a stretch has it. Each is replaced by
+words, and every character of the words has the place of what it stands for. So captions, marks and times of words have
+the caller's text: ``$3.50`` is one word with the phones of "three dollars fifty". Where several words of the text are
+replaced at once (``3,50 €``), they share the spoken ones in order.
 
 A table has ``[words]`` (abbreviations), ``[units]`` and ``[currencies]`` beside a number, each with one form, two
 (one, other) or three (one, few, many: Russian), ``[cents]`` of currencies, ``[fractions]``, and ``[[rules]]``: a
 regular expression and what is said, in which ``{1}`` is its first group and ``{0}`` its group ``n`` in words. Its group
 ``x`` is replaced, or all. ``scales`` are words between a number and its currency, ``of`` what stands after one,
-``[short_scales]`` letters for them (``$5k``). ``starters`` begin a sentence after an abbreviation, whose point is then a
-full stop too.
+``[short_scales]`` letters for them (``$5k``). ``starters`` begin a sentence after an abbreviation, whose point is then
+a full stop too.
 
 Tags of SSML stay, what stands in ``say-as``, ``sub`` and ``phoneme``, and addresses of the web and of mail.
 """
