@@ -10,8 +10,8 @@ Language models are instructed to write how a sentence should be said. Four nota
 - emoji with a face;
 - ``<mark name="joy:0.6"/>``, and in SSML also ``break``, ``emphasis`` and ``prosody``.
 
-``[word]{IPA}`` gives the sounds of a word; for a voice it is SSML's ``phoneme``. Braces that hold anything but IPA, and
-arguments of a command of LaTeX, are text.
+``[word]{IPA}`` gives the sounds of a word; for a voice it is SSML's ``phoneme``. Braces that hold anything but IPA,
+arguments of a command of LaTeX, and an index after a name (``a[i]{x}``) are text.
 
 :func:`read_marks` removes them and keeps the character of the remaining text before which each stood. Once the words
 are spoken, :func:`timed_marks` finds the times. A delivery ("happy") lasts until the next one; a laugh, an emoji and a
@@ -84,8 +84,8 @@ _EMOJI: dict[str, tuple[Expression, float]] = {
 _TAG = r"<(?P<close>/?)(?P<tag>[A-Za-z][\w:-]*)(?P<rest>(?:[^<>\"']|\"[^\"<]*\"|'[^'<]*')*?)(?P<empty>/?)>"
 _GIVEN = r"\[(?P<said>[^\[\]{}<>]{1,80})\]\{(?P<ipa>[^{}<>]{0,200})\}"
 _MARKS = re.compile(rf"{_TAG}|{_GIVEN}|\[(?P<word>[A-Za-z][A-Za-z ,-]{{1,40}})\]|(?P<emoji>[{''.join(_EMOJI)}])\ufe0f?")
-_LATEX = re.compile(r"\\[A-Za-z]+\*?$")
-"""A command before its argument in brackets."""
+_CODE = re.compile(r"\\[A-Za-z]+\*?(?:\{[^{}]*\})?$|[A-Za-z0-9_)\]]$")
+"""A command of LaTeX before its argument in brackets; a name before an index."""
 _ATTRIBUTE = re.compile(r"([\w:-]+)\s*=\s*(?:\"([^\"]*)\"|'([^']*)')")
 _PLAIN_TAGS, _SSML_TAGS = ("expr", "mark"), ("expr", "mark", "emphasis", "prosody")
 
@@ -234,7 +234,7 @@ class _Reader:
             self._add(Feel(*_EMOJI[match["emoji"]], is_brief=True))
             return True
         if match["said"]:
-            if _LATEX.search(match.string, max(match.start() - 40, 0), match.start()):
+            if _CODE.search(match.string, max(match.start() - 40, 0), match.start()):
                 return False
             try:
                 sounds = check_sounds(match["said"], match["ipa"])
@@ -242,9 +242,10 @@ class _Reader:
                 self._remarks.append(f"{error}; it was spoken as it stands")
                 return False
             start = len(self._plain)
-            self._plain += match["said"]
+            self._plain += unescape(match["said"]) if self._is_ssml else match["said"]
             self._sounds.append((start, len(self._plain), sounds))
-            self._ssml += f'<phoneme alphabet="ipa" ph="{sounds}">{escape(match["said"], quote=False)}</phoneme>'
+            spoken = match["said"] if self._is_ssml else escape(match["said"], quote=False)
+            self._ssml += f'<phoneme alphabet="ipa" ph="{sounds}">{spoken}</phoneme>'
             return True
         if match["word"]:
             return self._describe(match["word"], is_strict=True)

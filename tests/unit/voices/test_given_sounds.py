@@ -71,8 +71,13 @@ def test_braces_without_ipa_are_text_and_remarked_on_and_an_error_in_ssml(sounds
         EspeakVoice("en-us", ssml=True).speak(f'<phoneme ph="{sounds}">Nguyen</phoneme>')
 
 
-def test_an_argument_of_latex_is_text() -> None:
-    assert read_marks(r"\sqrt[n]{x} [n]{x}").text == r"\sqrt[n]{x} n"
+def test_code_is_text() -> None:
+    code = r"\sqrt[n]{x} \begin{tabular}[t]{c} f(a)[i]{e} a[i]{e}"
+    assert read_marks(f"{code} [n]{{x}}").text == f"{code} n"
+
+
+def test_an_entity_in_a_word_with_sounds_is_one_character() -> None:
+    assert list(spoken("[R&amp;D]{ɑːɹ} is <s>here</s>.", ssml=True)) == ["R&D", "is", "here"]
 
 
 def test_a_word_and_its_sounds_are_not_cut() -> None:
