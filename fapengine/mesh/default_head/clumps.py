@@ -107,7 +107,7 @@ def _hanging_groups(end_mm: float) -> list[_Group]:
         middle = _line((176 * side, 104), (56 * side, 88), 9)
         # From the front of the parting to the crown, then down the back of the head.
         parting = np.array(
-            [[4, 95], [4, 104], [4, 112], [5, 120], [6, 128], [10, 135], [30, 140], [110, 141], [160, 138]]
+            [[1.5, 95], [2.5, 104], [4, 112], [5, 120], [6, 128], [10, 135], [30, 140], [110, 141], [160, 138]]
         )
         parting = parting * [side, 1.0]
         down = (0.0, -1.0, 0.0)
