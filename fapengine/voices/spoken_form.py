@@ -42,7 +42,7 @@ _TO = r"(?P<to>[-–]\d+(?:[.,]\d+)*)"
 _GAP = r"[ \u00a0\u202f]?"
 _KEPT = re.compile(
     r"<(say-as|sub|phoneme)\b[^<>]*[^/<>]>.*?</\1\s*>|<[^<>]*>|\[\[.*?\]\]"
-    r"|\b(?:https?://|www\.)[^\s<>]+|\b[\w.+-]+@[\w-]+\.\w[^\s<>]*",  # addresses
+    r"|\b(?:https?://|www\.)[^\s<>]+|\b[\w.+-]{1,64}@[\w-]{1,64}\.\w[^\s<>]*",  # addresses
     re.DOTALL,
 )
 _CENTS = re.compile(r"(.*)[.,](\d\d)")
@@ -170,7 +170,9 @@ def _prices(table: dict[str, Any], language: str) -> Iterator[_Rule]:
         return f"{whole} {unit}" if spaced else f"{whole}{unit}"
 
     def before(match: re.Match[str]) -> list[Edit]:
-        if match.end("symbol") < match.start("n") and _NUMBER_BEFORE.search(match.string[: match.start()][-2:]):
+        if match.end("symbol") < match.start("n") and _NUMBER_BEFORE.search(
+            match.string, max(match.start() - 2, 0), match.start()
+        ):
             return []  # 5 € 50
         many = _form(currencies[match["symbol"]], "5", language)
         for group, said in (("scale", match["scale"]), ("short", short.get(match["short"])), ("to", match["to"])):
@@ -187,7 +189,7 @@ def _prices(table: dict[str, Any], language: str) -> Iterator[_Rule]:
         return [(*match.span(), amount(match["n"], match["symbol"]))]
 
     yield _Rule(
-        re.compile(rf"{edge}{symbol}{_GAP}{number}(?: {scale}|{_TO}|(?P<short>{_any_of(short)}))?{end}"), before
+        re.compile(rf"{edge}{symbol}{_GAP}{number}(?:[ -]{scale}|{_TO}|(?P<short>{_any_of(short)}))?{end}"), before
     )
     yield _Rule(re.compile(rf"{edge}{number}(?:{_GAP}{scale}(?P<of> {of})?)?{_GAP}{symbol}{end}"), after)
 
