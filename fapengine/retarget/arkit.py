@@ -47,8 +47,9 @@ RELUCTANCE_MM = {
 STIFFNESS_MM = {
     "mouthLowerDown": 6.0, "mouthUpperUp": 7.0, "mouthShrugUpper": 4.0, "mouthShrugLower": 3.0, "mouthFunnel": 6.0,
     "mouthRollUpper": 3.0, "mouthRollLower": 3.0, "mouthPress": 3.0, "mouthStretch": 3.0, "mouthDimple": 3.0,
+    "mouthPucker": 4.5,
 }  # fmt: skip
-"""A shape at full weight counts as this error, so that it shares its work with others."""
+"""A shape at full weight counts as this error, so that it shares its work with others; less, and pucker jumps at w."""
 COUNTED = {
     (3,): 0.5, (4, 5, 8, 9, 10, 11, 51, 52, 55, 56, 57, 58): 0.8, (12, 13, 59, 60): 0.35, (14,): 0.7, (16, 17): 0.6,
     (18,): 0.3,

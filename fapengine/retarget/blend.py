@@ -9,7 +9,8 @@ product, ``faps = weights @ S``. Converting to weights is the box-constrained le
 
 with ``0 <= weights <= limit`` and lengths ``L`` in millimetres: by default each FAP on an adult's face, so that no unit
 counts more than another; further columns are sums of FAPs that count too, such as an opening. It is solved for all
-frames at once by accelerated projected gradients; the matrix is small, so a frame costs microseconds.
+frames at once by accelerated projected gradients, whose momentum begins again in a frame that goes past its minimum
+(O'Donoghue and Candes 2015, doi:10.1007/s10208-013-9150-3); the matrix is small, so a frame costs microseconds.
 
 A single frame is solved exactly instead: once it is known which weights are 0 and which are at the limit, the others
 solve a linear system. These sets are guessed, from the previous frame if there is one, and corrected by *block
@@ -55,7 +56,7 @@ EYE_RADIUS_MM = 12.0
 """Radius that converts an eye's angle to millimetres."""
 UNSHAPED = (1, 2, 43, 44, 46, 47, 48, 49, 50)
 """FAPs that no blendshape shows: visemes, expressions, tongue motion other than forward, and head rotation."""
-STEPS = 200
+STEPS = 140
 RIDGE = 1e-3
 """Ridge relative to the mean squared length of a blendshape; prefers small weights where blendshapes are alike."""
 BELOW, FREE, ABOVE = -1, 0, 1
@@ -69,13 +70,14 @@ LIPS = [fap.column(4), fap.column(5)]
 MEETING, SPEAKING = 200.0, 5.0
 """How much the square of the opening counts where lips meet, and where they are open by :data:`PARTED_MM`."""
 PARTED_MM = 6.0
-BITTEN_MM, LIFTED_MM = 0.5, 0.3
-"""Least opening of lips whose upper one is lifted by so much: it is f or v, where the lower lip meets the teeth."""
+BITTEN_MM, LIFTED_MM = 0.9, 0.3
+"""Least opening of lips whose upper one is lifted by so much: it is f or v, where the lower lip meets the teeth. Half
+of what FF opens, so that FF is seen; less than what counts as closed."""
 MAX_STEP = 0.27
 """Greatest change of a weight in 1/60 s, in maps with ``change_mm``."""
 SWEEPS = 2
 """How often all frames are solved again beside their neighbours."""
-FULL = 10_000.0
+FULL = 1e7
 """How much the square of what fractions add up to beyond their bounds counts."""
 
 
@@ -164,9 +166,11 @@ class BlendMap:
             return self._over_time(wanted, goal, rate_hz)
         most = self.limit * self._lengths
         here = ahead = np.clip(goal * self._rate, 0.0, most)
-        momentum = 1.0
+        momentum = np.ones((len(wanted), 1))
         for _ in range(STEPS):
             after = np.clip(ahead - self._rate * (ahead @ self._gram - goal), 0.0, most)
+            is_past = ((ahead - after) * (after - here)).sum(axis=1, keepdims=True) > 0.0
+            momentum = np.where(is_past, 1.0, momentum)
             faster = (1 + np.sqrt(1 + 4 * momentum**2)) / 2
             ahead = after + (momentum - 1) / faster * (after - here)
             here, momentum = after, faster

@@ -188,7 +188,7 @@ def _rows() -> Array:
 
 SHUT_MM = 0.7
 """Opening relative to the neutral face below which lips touch; closures of the planner leave 0.3 mm at most."""
-BITTEN_OPENING_MM, BITTEN_LOWER_MM, BITTEN_UPPER_MM = 2.5, -0.7, 0.0
+BITTEN_OPENING_MM, BITTEN_LOWER_MM, BITTEN_UPPER_MM = 2.8, -0.7, 0.0
 """Largest opening of G, least height of its lower lip, and lowest upper lip: on p b m it comes down."""
 NARROW_MM = 4.5
 """Narrowing from which lips are rounded."""

@@ -73,3 +73,11 @@ def test_a_live_face(key: str) -> None:
 @pytest.mark.parametrize("rate_hz", [25.0, 100.0])
 def test_other_rates(rate_hz: float) -> None:
     check("oculus", SHAPE_SETS["oculus"].from_faps(spoken(TEXTS[0], rate_hz), rate_hz), TEXTS[0], rate_hz)
+
+
+def test_a_mouth_that_leaps_changes_no_weight_faster() -> None:
+    leaps = np.random.default_rng(0).normal(0, 3000, (40, 68))
+    follower = VisemeFollower()
+    for weights in (SHAPE_SETS["oculus"].from_faps(leaps, 60.0), np.array([follower.follow(row) for row in leaps])):
+        np.testing.assert_allclose(weights.sum(axis=1), 1.0, atol=1e-9)
+        assert np.abs(np.diff(weights, axis=0)).max() < 0.3
