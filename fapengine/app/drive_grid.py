@@ -44,6 +44,8 @@ Array = NDArray[np.float64]
 
 HELD_OUT = 0.25
 """Fraction held out to be driven and scored if no other take is given: the last takes, or the end of a single one."""
+MIN_MARKERS = 4
+"""Least number of markers that span a surface."""
 MAX_DOTS = 400
 """Number of markers above which driven ones have no dot."""
 
@@ -170,6 +172,8 @@ def drive(session: LoadedSession, take: MarkerTrack | None = None, *, options: D
     if unknown:
         raise UsageError(f"skull: unknown marker {unknown[0]!r}; use some of {', '.join(tracks[0].labels[:12])}")
     labels = tuple(name for name in tracks[0].labels if name not in skull)
+    if len(labels) < MIN_MARKERS:
+        raise DataError(f"markers: got {len(labels)} on the face, a surface needs {MIN_MARKERS} or more")
     reference = _reference(tracks, skull)
     freed = [_freed(each.markers, labels, reference, each.name) for each in session.takes]
     rest, moved = freed[0][0], [each for _, each in freed]

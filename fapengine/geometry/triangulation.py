@@ -13,7 +13,7 @@ def triangulate(points_px: ArrayLike, cameras: ArrayLike) -> tuple[Array, Array]
     Parameters
     ----------
     points_px : (C, T, M, 2) array_like, pixels
-        Undistorted places in each of C cameras' images, NaN where one does not see a point.
+        Undistorted places in each of C cameras' images, NaN or infinite where one does not see a point.
     cameras : (C, 3, 4) array_like
         Projection matrices, world mm to homogeneous pixels.
 
@@ -38,7 +38,8 @@ def triangulate(points_px: ArrayLike, cameras: ArrayLike) -> tuple[Array, Array]
     matrices = frozen(cameras, "cameras", (len(images), 3, 4), np.float64)
     if len(images) < 2:
         raise UsageError(f"cameras: got {len(images)}, expected at least 2")
-    seen = ~np.isnan(images).any(axis=-1)
+    seen = np.isfinite(images).all(axis=-1)
+    images = np.where(seen[..., None], images, np.nan)
     if not seen.any(axis=(1, 2)).all():
         raise UsageError(f"points_px: camera {int(seen.any(axis=(1, 2)).argmin())} sees no point")
     rows = []

@@ -182,3 +182,5 @@ def test_what_cannot_drive_is_told(talk, tmp_path):
         output = () if "-o" in words else ("-o", tmp_path / "out.npz")
         with pytest.raises(kind, match=message):
             run("drive", talk, *words, *output)
+    with pytest.raises(DataError, match="got 2 on the face, a surface needs 4 or more"):
+        run("drive", tmp_path / "few.npz", *skull, "-o", tmp_path / "out.npz")
