@@ -387,7 +387,7 @@ def format_blend_csv(track: FapTrack, shapes: str = "arkit") -> bytes:
     weights = chosen.from_faps(track.values.astype(np.float64), track.rate_hz)
     turns = np.stack([track.values[:, fap.column(number)] * AU_RAD for number in HEAD.values()], axis=1)
     lines = [",".join(("Time", *chosen.names, "HeadYaw", "HeadPitch", "HeadRoll"))]
-    for time, row in zip(track.times_s - track.times_s[0], np.column_stack([weights, turns]), strict=True):
+    for time, row in zip(track.times_s - track.times_s[:1], np.column_stack([weights, turns]), strict=True):
         lines.append(f"{time:.6f}," + ",".join(f"{value:.5f}" for value in row))
     return ("\n".join(lines) + "\n").encode()
 

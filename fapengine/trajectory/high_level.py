@@ -214,10 +214,11 @@ def to_visemes(track: FapTrack, profile: Profile) -> FapTrack:
     opened = np.maximum(-wanted[:, INNER_LIPS].sum(axis=1), 0.0)[:, None]
     counted = np.interp(opened, (0.0, PARTED_MM), (MEETING, SPEAKING))
     cost = (shown**2).sum(axis=1) - 2 * wanted @ shown.T + counted * (-shown[:, INNER_LIPS].sum(axis=1) - opened) ** 2
+    most = max(MAX_STEP / pace, 1.01 / BLENDS)  # a blend changes by one step at least, at any rate
     change = np.zeros((len(shares), len(shares)))
     for share in shares.T:
         step = np.abs(share[:, None] - share)
-        change += (CHANGE_MM * pace * step) ** 2 + FORBIDDEN * (step > MAX_STEP / pace)
+        change += (CHANGE_MM * pace * step) ** 2 + FORBIDDEN * (step > most)
     best, before = cost[0], []
     for row in cost[1:]:
         kept = np.argpartition(best, KEPT)[:KEPT]

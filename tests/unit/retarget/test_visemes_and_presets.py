@@ -242,3 +242,8 @@ def test_refuses_what_is_no_set() -> None:
         shape_set("cubism")
     with pytest.raises(DataError, match="got 5 names of vrm0 in the header"):
         parse_blend_track(b"a,i,u,e,o\n0,0,0,0,0\n")
+
+
+@pytest.mark.parametrize("key", ["arkit", "oculus", "vrm0", "vrm1"])
+def test_a_track_without_frames_is_a_table_without_rows(key: str) -> None:
+    assert len(format_blend_csv(FapTrack.of(np.zeros((0, 68), np.int32), rate_hz=RATE_HZ), key).splitlines()) == 1

@@ -125,9 +125,10 @@ def test_visemes_follow_a_planned_sentence_to_less_than_a_millimetre(profile: Pr
     assert rms[0] < rms[1] / 3
 
 
-def test_visemes_close_lips_and_do_not_jump(profile: Profile) -> None:
+@pytest.mark.parametrize("rate_hz", [60.0, 240.0])
+def test_visemes_close_lips_and_do_not_jump(profile: Profile, rate_hz: float) -> None:
     phones = phones_of("m a p i b u m o _ b e m")
-    planned = plan(phones, profile, rng=np.random.default_rng(1), rate_hz=60.0).track
+    planned = plan(phones, profile, rng=np.random.default_rng(1), rate_hz=rate_hz).track
     visemes = to_visemes(planned, profile)
     closures = closures_of_truth(mouth_of(expand(visemes, profile)), mouth_of(planned), closed_mm=0.5)
     assert closures.met == closures.wanted >= 4  # 2 of 6 where each frame is chosen alone
