@@ -24,6 +24,7 @@ from fapengine.files.heads.load import load_head
 from fapengine.files.pictures import font
 from fapengine.files.profiles import load_profile
 from fapengine.mesh.default_head.head import build_head
+from fapengine.mesh.default_head.style import MEASURED
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mesh.rig.blendshape_mesh import BlendshapeMesh
 from fapengine.mesh.rig.import_head import import_head
@@ -168,7 +169,7 @@ def main() -> None:
         poses = {"neutral": still, "ɑ": pose(profile, "ɑ"), "joy": pose(profile, "joy")}
         turned = Camera(yaw_deg=35.0, pitch_deg=4.0, target_mm=(0.0, 8.0, 30.0), field_deg=14.5)
         tiles = {}
-        for whose, mesh in (("real", real_face(head)), ("ours", head)):
+        for whose, mesh in (("real", real_face(build_head(MEASURED))), ("ours", head)):
             for name, tile in zip(poses, draw(mesh, list(poses.values()), CLOSE, 300), strict=True):
                 tiles[f"{whose}: {name}"] = tile
             tiles[f"{whose}: from the side"] = draw(mesh, [still], turned, 300)[0]
