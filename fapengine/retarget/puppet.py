@@ -194,9 +194,9 @@ def _narrowed(mesh: FaceMesh) -> Array:
     vertices = mesh.vertices_mm.astype(np.float64)
     pairs = np.flatnonzero(mesh.material == Material.STRAND).reshape(-1, 2)
     middle = vertices[pairs].mean(axis=1, keepdims=True)
-    across, half = mesh.uv[pairs].astype(np.float64).transpose(2, 0, 1)
-    scale = half / np.maximum(np.abs(across), 1e-6)
-    vertices[pairs] = middle + scale[..., None] * (vertices[pairs] - middle)
+    off = vertices[pairs] - middle
+    scale = mesh.uv[pairs][..., 1:] / np.maximum(np.linalg.norm(off, axis=-1, keepdims=True), 1e-6)
+    vertices[pairs] = middle + scale * off
     return vertices
 
 
