@@ -23,6 +23,7 @@ from fapengine.files.heads.load import load_head, load_head_info, load_levels
 from fapengine.files.heads.meshes import load_neutral, load_rig
 from fapengine.files.motion import save_fap
 from fapengine.mesh.default_head.head import build_head
+from fapengine.mesh.default_head.style import MEASURED
 from fapengine.mesh.face_mesh import Material
 from fapengine.mesh.rig.blendshape_mesh import Blendshape
 from fapengine.mpeg4.track import FapTrack
@@ -41,7 +42,7 @@ def run(*arguments: object):
 @pytest.fixture(scope="module")
 def brought(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("mine")
-    head = build_head()
+    head = build_head(MEASURED)
     rgb = (np.clip(head.albedo, 0, 1) ** (1 / 2.2) * 255).astype(np.uint8)
     mesh = trimesh.Trimesh(head.vertices_mm / 1000, head.triangles, vertex_colors=rgb, process=False)
     mesh.export(folder / "face.ply")
@@ -287,7 +288,7 @@ def plain_square() -> Builder:
 
 def test_a_head_goes_there_and_back(imported):
     mesh = load_head(str(imported))
-    assert mesh.fapu.mw0_mm == pytest.approx(build_head().fapu.mw0_mm, rel=1e-3)
+    assert mesh.fapu.mw0_mm == pytest.approx(build_head(MEASURED).fapu.mw0_mm, rel=1e-3)
     assert np.ptp(mesh.albedo) > 0.5
     assert 'licence = "not stated"' in (imported / "head.toml").read_text()
 
