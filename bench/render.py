@@ -159,7 +159,7 @@ def cases(head: FaceMesh, coarse: FaceMesh, fine: FaceMesh) -> dict[str, Case]:
     made = {
         REFERENCE: Case(head),
         "undeformed": Case(only_faps(head, set())),
-        "26,000 vertices": Case(finer(fine, 26_000)),
+        "26,000 vertices": Case(finer(head, 26_000)),
         "71,000 vertices": Case(finer(fine, 71_000)),
         "720p": Case(head, replace(REFERENCE_DRAWING, size=HD)),
         "without a painting": Case(replace(head, texture=None)),

@@ -50,7 +50,8 @@ def test_only_some_faps(head: FaceMesh) -> None:
 
 
 def test_every_case_is_on_its_curve(head: FaceMesh) -> None:
-    made = cases(head, finer(head, 16_000), head)
+    made = cases(head, finer(head, 20_000), finer(head, 30_000))
+    assert len(made["26,000 vertices"].mesh.vertices_mm) == 26_000
     curves = growth(made, dict.fromkeys(made, 1.0))
     assert {kind: len(points) for kind, points in curves.items()} == {"vertices": 6, "faps": 7, "pixels": 7}
     assert [count for count, _ in curves["vertices"]][-1] == 71_000

@@ -85,4 +85,4 @@ def test_shoulders_and_wall_are_drawn_anew_where_they_change(head: FaceMesh, cha
 def test_what_stands_still_is_the_shirt(head: FaceMesh) -> None:
     still = still_vertices(pack(head))
     assert still[head.material == Material.CLOTH].all()
-    assert head.vertices_mm[still, 1].max() < -100  # and where the neck ends
+    assert head.vertices_mm[still, 1].max() < -97  # and where the neck ends, 2 mm higher with charm
