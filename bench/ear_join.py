@@ -25,12 +25,12 @@ STRUT = LABELS.index("ʌ")
 
 def heard(samples: np.ndarray) -> np.ndarray:
     """(T,): label that is heard in each frame when the small ear has scored it, -1 where none is known."""
-    ear = SphinxFrames(LABELS)
+    ear, numbers = SphinxFrames(), {label: number for number, label in enumerate(LABELS)}
     found, count = np.full(len(samples) // HOP, -1), 0
     for start in range(0, len(samples) - BLOCK + 1, BLOCK):
         ear.push(samples[start : start + BLOCK])
         now = max((start + BLOCK) // HOP - LATE, 0)
-        found[count:now] = ear.labels(count, now)
+        found[count:now] = ear.labels(count, now, numbers)
         count = now
     return found
 

@@ -1,6 +1,6 @@
 """Quality of the ears: lips by the phones that they hear, against lips by the true phones and against filmed lips.
 
-    python -m bench.ears [--filmed FOLDER] [--long MINUTES] [--languages]
+    python -m bench.ears [--filmed FOLDER] [--noise DB] [--long MINUTES] [--languages]
 
 Speech: ten sentences in each of flite's four voices, whose phones are known (Debian's flite). Figures: correlation of
 the planner's opening of the lips (60 Hz) over a sentence, median, lowest tenth and worst; the same while somebody
@@ -22,7 +22,7 @@ import argparse
 import os
 import resource
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -39,7 +39,7 @@ from fapengine.recognition.sphinx_aligner import SphinxAligner
 from fapengine.recognition.sphinx_recognizer import SphinxRecognizer
 from fapengine.speech.phone_track import PhoneTrack
 from fapengine.voices.espeak import EspeakVoice
-from tests.unit.recognition.speech import VOICES, Spoken, closures, met, opening_mm, spoken, spoken_by_espeak
+from tests.unit.recognition.speech import VOICES, Spoken, closures, in_noise, met, opening_mm, spoken, spoken_by_espeak
 
 SENTENCES = (
     "Bright sunshine shimmers on the ocean.", "My baby brother bumped the big blue bowl.",
@@ -95,10 +95,6 @@ def pronounce(word: str):
     return EspeakVoice("en-us").speak(word).phones.phones
 
 
-def loop_alone(speech: Spoken) -> PhoneTrack:
-    return listen([speech.samples], words=False).phones
-
-
 def aligned(speech: Spoken) -> PhoneTrack:
     return follow([speech.samples], SphinxAligner(words_of(speech.text), pronounce)).phones
 
@@ -122,7 +118,6 @@ class Streamed:
 EARS: dict[str, Callable[[Spoken], PhoneTrack]] = {
     "with the text": aligned,
     "sound alone": alone,
-    "sound alone, without guessed words": loop_alone,
     "sound alone, streamed: sphinx": Streamed(SphinxRecognizer(0.15)),
     "sound alone, streamed: small": Streamed(SmallRecognizer(0.15)),
     "sound alone, streamed: both": Streamed(JointRecognizer(0.15)),
@@ -234,6 +229,16 @@ def filmed_clips(folder: Path) -> list[Clip]:
     return clips
 
 
+def in_pink_noise(clips: Sequence[Clip], snr_db: float | None) -> list[Clip]:
+    """The same sentences beside noise, if a ratio is given."""
+    if snr_db is None:
+        return list(clips)
+    return [
+        replace(clip, speech=replace(clip.speech, samples=in_noise(clip.speech.samples, snr_db, seed)))
+        for seed, clip in enumerate(clips)
+    ]
+
+
 def language_clips(language: str) -> list[Clip]:
     clips = []
     for text, speaker in zip(OTHER_LANGUAGES[language], SPEAKERS, strict=True):
@@ -303,6 +308,7 @@ def resident_mib() -> float:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--filmed", type=Path, help="folder of sounds whose lips are filmed")
+    parser.add_argument("--noise", type=float, metavar="DB", help="beside pink noise of this ratio")
     parser.add_argument("--long", type=float, default=0.0, metavar="MINUTES")
     parser.add_argument("--languages", action="store_true", help="eight other languages as well")
     parser.add_argument("--weights", type=Path, help="other weights of the small ear, which alone is measured then")
@@ -317,9 +323,10 @@ def main() -> None:
         )
     if options.languages:
         languages()
-    table(f"flite, {', '.join(options.voices)}", spoken_clips(options.voices), phones=True)
+    flite = in_pink_noise(spoken_clips(options.voices), options.noise)
+    table(f"flite, {', '.join(options.voices)}", flite, phones=True)
     if options.filmed:
-        table("filmed lips", filmed_clips(options.filmed), phones=False)
+        table("filmed lips", in_pink_noise(filmed_clips(options.filmed), options.noise), phones=False)
     if options.long:
         long_recording(options.long)
 

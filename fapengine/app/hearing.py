@@ -81,13 +81,13 @@ def hear(
         Channel of the file, 1 for the first; by default the mean of all.
     recognizer : Path, optional
         Recognizer without a transcript: a name of :mod:`fapengine.recognition.choice`, or an ONNX model. Default:
-        PocketSphinx with guessed words, or the built-in network if PocketSphinx is not installed.
+        the built-in network and PocketSphinx together, or the network alone if PocketSphinx is not installed.
     trust_transcript : bool
         Align all words of the transcript, without a check that they are in the recording.
     on_heard : callable
         Called with the duration in s of each processed piece.
     """
-    from fapengine.recognition.choice import SPHINX, is_installed, new_recognizer
+    from fapengine.recognition.choice import BOTH, SPHINX, chosen, new_recognizer
     from fapengine.recognition.recording import follow, listen, listen_by
 
     def sound() -> Iterator[NDArray[np.int16]]:
@@ -105,11 +105,11 @@ def hear(
         raise UsageError(
             f"recognizer: cannot be combined with a transcript, which always uses PocketSphinx; got {recognizer}"
         )
-    if transcript is None and (str(recognizer or SPHINX) != SPHINX or not is_installed(Path(SPHINX))):
-        recording = listen_by(new_recognizer(recognizer), sound(), on_heard=on_heard)
-        return Hearing(recording.phones, recording.soundings, (), ())
     if transcript is None:
-        recording = listen(sound(), words=_is_english(language), on_heard=on_heard)
+        if str(chosen(recognizer)) == BOTH:
+            recording = listen(sound(), on_heard=on_heard)
+        else:
+            recording = listen_by(new_recognizer(recognizer), sound(), on_heard=on_heard)
         return Hearing(recording.phones, recording.soundings, (), ())
     pronouncer = _Pronouncer(language)
     aligner = _aligner(transcript, pronouncer)

@@ -9,10 +9,8 @@ to .9 of a sentence if so, 0 to .4 of another sentence. A telephone or noise dec
 So a whole piece that fails is judged once more by the aligner: words that were said fit better in their order than in
 others, under the same noise (:meth:`.sphinx_aligner.SphinxAligner.misfit`).
 
-Without a text, words are guessed. A phone loop mistakes p for k and m for n: it knows sequences of phones, but no
-words. A word decoder with a trigram model finds "people", but also finds English words in any audio. So both run. The
-guessed words are aligned as if they were the text; where they agree with the loop, their phones count, elsewhere the
-loop's.
+Without a text, the loop's phones of a piece are the second observation of :class:`.JointRecognizer`, as in live audio;
+but the loop knows the whole piece, and phones are final only after :data:`LOOK_AHEAD_S`.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -34,6 +32,7 @@ from fapengine.recognition.loudness import (
     spoken_frames,
 )
 from fapengine.recognition.protocol import RATE_HZ, UNSURE, Recognizer
+from fapengine.recognition.small_recognizer import JointRecognizer, KnownFrames
 from fapengine.recognition.sphinx import MODEL_PHONES, Frames
 from fapengine.recognition.sphinx_aligner import Aligned, SphinxAligner
 from fapengine.recognition.sphinx_recognizer import labelled
@@ -108,43 +107,6 @@ def same_kind(one: str, other: str) -> bool:
     return one in _KIND and _KIND.get(other) == _KIND[one]
 
 
-GUESSED = 0.3
-"""Least fraction of frames with a phone of one kind in both, in a word and with its neighbours. Chosen among 0.3 to
-0.7, for live audio, on 20 sentences of Festival's voice ked and 15 filmed ones; ten of the clips of
-``bench/ears.py`` were used as well, so that its figures are slightly too good."""
-
-
-def agreeing(phones: Sequence[Frames], words: Sequence[Sequence[Frames]], frames: int) -> list[Frames]:
-    """Phones of the words that agree with those of a loop, and between them the loop's.
-
-    Parameters
-    ----------
-    phones : sequence of Frames
-        Phones of the loop.
-    words : sequence of sequences of Frames
-        Phones of each word, one or more.
-    frames : int
-        Length of the sound.
-
-    Examples
-    --------
-    >>> heard = [("T", 0, 8), ("IY", 8, 20), ("M", 20, 30)]
-    >>> agreeing(heard, [[("P", 0, 8), ("IY", 8, 20)], [("S", 20, 30)]], 30)
-    [('P', 0, 8), ('IY', 8, 20), ('M', 20, 30)]
-    """
-    names = by_frame(phones, frames)
-    lengths = [word[-1][2] - word[0][1] for word in words]
-    agree = [sum(same_kind(name, other) for name, a, b in word for other in names[a:b]) for word in words]
-    found: list[Frames] = []
-    now = 0
-    for index, word in enumerate(words):
-        near = slice(max(index - 1, 0), index + 2)
-        if agree[index] >= GUESSED * lengths[index] and sum(agree[near]) >= GUESSED * sum(lengths[near]):
-            found += [*between(phones, now, word[0][1]), *word]
-            now = word[-1][2]
-    return found + between(phones, now, frames)
-
-
 def by_frame(phones: Sequence[Frames], frames: int) -> list[str]:
     """Name of the phone in each frame; empty between phones."""
     names = [""] * frames
@@ -158,6 +120,8 @@ def between(phones: Sequence[Frames], first: int, behind: int) -> list[Frames]:
     return [(name, max(a, first), min(b, behind)) for name, a, b in phones if min(b, behind) > max(a, first)]
 
 
+LOOK_AHEAD_S = 1.0
+"""Delay of phones of a recording without a text; the longest that the recognizers allow."""
 MIN_PIECE_S, MAX_PIECE_S = 6.0, 20.0
 """Lengths between which a piece is cut."""
 _PAUSE = 25
@@ -269,30 +233,26 @@ class _Judged:
     total: int
 
 
-def listen(sound: Iterable[NDArray[np.int16]], *, words: bool = True, on_heard: Progress = lambda _: None) -> Recording:
-    """Find the phones of a recording without its text; music and noise are silence (:func:`.loudness.spoken_frames`).
+def listen(sound: Iterable[NDArray[np.int16]], *, on_heard: Progress = lambda _: None) -> Recording:
+    """Find the phones of a recording without its text; music and noise are silence (:class:`.Voicing`).
 
     Parameters
     ----------
     sound : iterable of (N,) int16
         At :data:`.protocol.RATE_HZ`, in pieces of any length. Memory holds 20 s of it.
-    words : bool
-        Guess English words as well, and use their phones where they agree with the audio; takes four times as long.
     on_heard : callable
         Called with the length of each processed piece in s.
     """
-    loop = sphinx.new_phone_loop()
-    guesser = _Guesser() if words else None
-    gathered = _Gathered()
-    for piece, _ in in_pieces(sound):
-        if not len(piece):
-            continue
-        found, spoken = _hear(loop, piece)
-        if guesser and spoken.any():
-            found = guesser.improve(found, piece)
-        gathered.add([Phone(label, a / FRAME_HZ, b / FRAME_HZ) for label, a, b in labelled(found, spoken)], piece)
-        on_heard(len(piece) / RATE_HZ)
-    return gathered.done(())
+    loop, known = sphinx.new_phone_loop(), KnownFrames()
+
+    def decoded() -> Iterator[NDArray[np.int16]]:
+        for piece, _ in in_pieces(sound):
+            if len(piece):
+                found, spoken = _hear(loop, piece)
+                known.add(labelled(found, spoken))
+                yield piece
+
+    return listen_by(JointRecognizer(LOOK_AHEAD_S, other=known), decoded(), on_heard=on_heard)
 
 
 def listen_by(
@@ -379,27 +339,6 @@ def follow(
         unheard += len(aligner.words) - cursor
     recording = gathered.done(tuple(mismatches), min(unheard / len(aligner.words), 1.0))
     return replace(recording, doubted=tuple(doubted))
-
-
-class _Guesser:
-    """Guesses words, and aligns their phones. Stateful: it has loaded its models."""
-
-    def __init__(self) -> None:
-        self._words = sphinx.new_word_decoder()
-        self._aligner = SphinxAligner(("the",))
-
-    def improve(self, found: Sequence[Frames], piece: NDArray[np.int16]) -> list[Frames]:
-        """Phones of the model for a piece: those of guessed words where they agree with ``found``."""
-        sphinx.decode(self._words, piece)
-        frames = sphinx.frames_of(self._words.seg() or [])
-        said = [name for name, _, _ in frames if sphinx.pronounced(self._words, name)]
-        self._aligner.take([name.split("(")[0] for name in said])
-        aligned = [phone for phone in self._aligner.align(piece, 0, len(said)) if phone.behind > phone.first]
-        words = [
-            [(phone.model, phone.first, phone.behind) for phone in group]
-            for _, group in groupby(aligned, key=lambda phone: phone.word)
-        ]
-        return agreeing(found, words, -(-len(piece) // HOP))
 
 
 class _Gathered:

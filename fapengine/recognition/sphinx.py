@@ -45,10 +45,6 @@ _DICTIONARY = "cmudict-en-us.dict"
 _LOOP = {"lw": 2.0, "beam": 1e-20, "pbeam": 1e-20}
 """Weight of the phone language model and beams of the phone loop (``bench/ears.py``: 1 to 4 differ by .02 of r)."""
 
-_WORDS = {"fwdflat": False, "bestpath": False, "pl_window": 5, "maxhmmpf": 5000, "maxwpf": 10}
-"""One pass over the words, with phones looked at 50 ms ahead: 2.6 times quicker than the three passes by default, for
-169 instead of 171 right words of 205 (20 sentences of Festival's voice ked)."""
-
 
 def new_decoder(**options: Any) -> Any:
     """Make a decoder with the shipped acoustic model."""
@@ -71,23 +67,11 @@ def new_aligner(*, beam: float, silence: float, noise: float, is_comparable: boo
     return new_decoder(dict=_model(_DICTIONARY), lm=None, bestpath=False, compallsen=is_comparable, **words)
 
 
-def new_word_decoder() -> Any:
-    """Make a decoder of English words, by the shipped model of word triples. Raises as :func:`new_decoder`."""
-    return new_decoder(dict=_model(_DICTIONARY), lm=_model("en-us.lm.bin"), **_WORDS)
-
-
 def dictionary() -> Iterator[tuple[str, list[str]]]:
     """Words of the shipped dictionary, in lower case, with the model's phones."""
     for line in Path(_model(_DICTIONARY)).read_text().splitlines():
         word, *phones = line.split()
         yield word, phones
-
-
-def pronounced(decoder: Any, word: str) -> list[str]:
-    """Phones of the model for a word of a hypothesis; none for a silence or a noise."""
-    if word.startswith(("<", "[", "+")):
-        return []
-    return str(decoder.lookup_word(word) or "").split()
 
 
 def ipa_of(name: str) -> str:
