@@ -9,8 +9,9 @@ to .9 of a sentence if so, 0 to .4 of another sentence. A telephone or noise dec
 So a whole piece that fails is judged once more by the aligner: words that were said fit better in their order than in
 others, under the same noise (:meth:`.sphinx_aligner.SphinxAligner.misfit`).
 
-Without a text, the loop's phones of a piece are the second observation of :class:`.JointRecognizer`, as in live audio;
-but the loop knows the whole piece, and phones are final only after :data:`LOOK_AHEAD_S`.
+Without a text, the loop's phones of a piece are the second observation of
+:class:`.small_recognizer.JointRecognizer`, as in live audio; but the loop knows the whole piece, and phones are final
+only after :data:`LOOK_AHEAD_S`.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -234,7 +235,7 @@ class _Judged:
 
 
 def listen(sound: Iterable[NDArray[np.int16]], *, on_heard: Progress = lambda _: None) -> Recording:
-    """Find the phones of a recording without its text; music and noise are silence (:class:`.Voicing`).
+    """Find the phones of a recording without its text; music and noise are silence (:class:`.small_recognizer.Voicing`).
 
     Parameters
     ----------

@@ -342,12 +342,12 @@ class SphinxFrames(KnownFrames):
         self._recognizer.reset()
 
     def push(self, block: NDArray[np.int16]) -> None:
-        """Process a block."""
+        """Process a block, (N,) int16; N is :data:`.sphinx_recognizer.BLOCK`."""
         self._recognizer.push(block)
         self._found = self._recognizer.hypothesis()
 
     def end(self, rest: NDArray[np.int16]) -> None:
-        """Process the rest."""
+        """Process the rest, (N,) int16, shorter than a block."""
         phones = self._recognizer.push(rest) + self._recognizer.end()
         self._found += [(one.label, round(one.start_s * FRAME_HZ), round(one.end_s * FRAME_HZ)) for one in phones]
 
