@@ -235,7 +235,7 @@ class _Judged:
 
 
 def listen(sound: Iterable[NDArray[np.int16]], *, on_heard: Progress = lambda _: None) -> Recording:
-    """Find the phones of a recording without its text; music and noise are silence (:class:`.small_recognizer.Voicing`).
+    """Find the phones of a recording without its text; music and noise are silence.
 
     Parameters
     ----------
