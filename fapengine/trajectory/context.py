@@ -185,7 +185,7 @@ def features(tokens: Sequence[Token], index: int) -> dict[str, float]:
 
 def names_vowels(phone: Phone) -> tuple[str, ...]:
     """Vowels of a phone's word if that is the name of a letter."""
-    return NAMES.get(phone.word.strip(AROUND).lower(), ())
+    return NAMES.get(phone.word.strip(AROUND).lower(), ()) if phone.word else ()
 
 
 def alone(own: Part) -> dict[str, float]:

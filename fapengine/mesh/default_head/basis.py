@@ -30,7 +30,7 @@ from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD, Fapu
 
 UPPER_LID_KNOTS = (0.0, 280.0, 560.0, 820.0, 1080.0)
-LOWER_LID_KNOTS = (0.0, 200.0, 400.0)
+LOWER_LID_KNOTS = (0.0, 256.0, 512.0)
 WIDE_KNOTS = (0.0, -600.0)
 EASE, ROUND_TO_CORNER = 0.35, 0.35
 """Weight along the contour: fraction from middle to half way that is a cosine, the rest being a parabola; fraction from

@@ -13,6 +13,7 @@ from fapengine.files.gltf.document import parse_gltf
 from fapengine.files.gltf.scene import read_scene
 from fapengine.files.heads.import_file import crop_painting, import_head_file
 from fapengine.mesh.default_head.head import build_head
+from fapengine.mesh.default_head.style import MEASURED
 from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mesh.rig.blendshape_mesh import BlendshapeMesh
@@ -167,7 +168,7 @@ def test_a_head_without_shapes_nods_and_moves_its_jaw(jaw: bool, tmp_path: Path)
     assert (opened > 2).any() == jaw
     assert opened[head.bone_weight == 0].max(initial=0.0) == 0
     top_mm = head.vertices_mm[head.head_weight > 0.5, 1].max()
-    assert top_mm == pytest.approx(build_head().vertices_mm[:, 1].max(), abs=1)
+    assert top_mm == pytest.approx(build_head(MEASURED).vertices_mm[:, 1].max(), abs=1)
 
 
 def test_without_a_shape_for_the_jaw_visemes_open_the_mouth() -> None:

@@ -9,6 +9,7 @@ from design.speech_sample import load_statistics, make
 from fapengine.capture.landmarks import FEATURE_POINTS
 from fapengine.files.profiles import load_profile
 from fapengine.mesh.default_head.head import build_head
+from fapengine.mesh.default_head.style import MEASURED
 from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import Material
 from fapengine.trajectory.faps import displacements_to_faps
@@ -114,7 +115,7 @@ def made_speech(sentences=80):
     statistics = load_statistics()
     data = make(statistics, sentences)
     columns = {name.removeprefix("layout_"): row.tolist() for name, row in statistics.items() if "layout_" in name}
-    profile, head = load_profile("grid_s1_en"), build_head()
+    profile, head = load_profile("grid_s1_en"), build_head(MEASURED)
     at = {FEATURE_POINTS.get(int(number)): index for index, number in enumerate(data["marker_mediapipe"])}
     steps = data["marker_delta"].T.reshape(sentences, 75, -1).astype(np.int32)
     moved = np.cumsum(steps, axis=1).reshape(75 * sentences, -1, 3) * float(data["marker_step_mm"])
