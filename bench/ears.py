@@ -5,7 +5,7 @@
 Speech: ten sentences in each of flite's four voices, whose phones are known (Debian's flite). Figures: correlation of
 the planner's opening of the lips (60 Hz) over a sentence, median, lowest tenth and worst; the same while somebody
 speaks, all sentences in one, because a mouth that is shut in the silences is right there whatever else it does; p b m
-that have one within 80 ms, and those told that have none; distance of phones' starts from the true ones, median.
+that have one within 80 ms, and recognized ones without a true one; median error of the starts of phones.
 ``--filmed`` is a folder with ``sentences.tsv`` (id, text), the sounds, and ``../speech_train.npz``, whose lips are the
 truth. Speed is that of one core (processor time). ``--long`` also hears a recording of so many minutes, made of the
 sentences, with the text and without, and measures memory and speed.

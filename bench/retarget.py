@@ -171,7 +171,7 @@ def channels(weights: dict[str, Array], faps: Array) -> dict[str, float]:
 
 
 def of_a_set(name: str, sentences: list[Array]) -> dict[str, float]:
-    """What a set keeps of closures and openings, how its weights jump, and microseconds of one frame."""
+    """Closures and openings that a set keeps, steps of its weights, and microseconds per frame."""
     there, back = SETS[name]
     count = sum(len(faps) for faps in sentences)
     begin = time.process_time()

@@ -71,7 +71,7 @@ def _has_iris(mesh: PlacedMesh, eye: Eyeball) -> bool:
         height, width = source.texture.shape[:2]
         column, row = (source.uv[ball] * (width, height)).astype(int).clip(0, (width - 1, height - 1)).T
         colour = colour * source.texture[row, column, :3] / 255.0
-    # An eye drawn on a flat piece of skin, as VRoid's, turns about a joint far behind it: it has no sides to compare.
+    # An eye drawn on a flat piece of skin, as VRoid's, turns about a joint far away, so it has no sides to compare.
     if not iris.any() or not white.any() or np.median(radius) > MAX_BALL_MM:
         return bool(np.ptp(colour, axis=0).max(initial=0.0) > MIN_IRIS_CONTRAST)
     return bool(np.abs(colour[iris].mean(axis=0) - colour[white].mean(axis=0)).max() > MIN_IRIS_CONTRAST)
