@@ -1,7 +1,6 @@
 """A server with the page, and a browser to look at it: one of each for all tests here."""
 
 import asyncio
-import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -15,19 +14,13 @@ from fapengine.files.sound import save_wav
 from fapengine.recognition.protocol import RATE_HZ
 from tests.browser.chromium import Browser, find_chromium
 from tests.conftest import NO_BROWSER
-from tests.processes import start
+from tests.processes import free_port, start
 from tests.unit.recognition.speech import BABY, spoken
 
 SIZE = (900, 620)
 MICROPHONE = ("--use-fake-ui-for-media-stream", "--use-fake-device-for-media-stream")
 """Flags of a browser whose microphone is a file, over and over, and which asks nobody for leave."""
 PROGRAM, ROOT = "tests.browser.serve_page", Path(__file__).resolve().parents[2]
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 class Server:

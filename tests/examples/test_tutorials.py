@@ -4,7 +4,6 @@ import os
 import re
 import shlex
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -13,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.processes import start
+from tests.processes import free_port, start
 
 TUTORIALS = sorted((Path(__file__).resolve().parents[2] / "docs" / "tutorials").glob("*.md"))
 HOW_TO = TUTORIALS[0].parents[1] / "how-to"
@@ -88,12 +87,6 @@ class Reader:
         return code.replace(
             'fapengine.Client(session="anna")', f'fapengine.Client(port={self.ports[OSC_PORT]}, session="anna")'
         )
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def environment() -> dict[str, str]:

@@ -4,7 +4,6 @@ import os
 import random
 import re
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -17,6 +16,7 @@ from typing import Self
 from tests.browser.chromium import FLAGS, OWN, find_chromium
 from tests.faults.processes import Marked, becomes, command_of, left_over, pids
 from tests.live.stage import Ear, Sender
+from tests.processes import free_port
 
 PARTS = (
     "server", "voice", "ear", "guard", "sender", *(("browser",) if find_chromium() else ()), "worker", "parent",
@@ -188,9 +188,7 @@ class World:
         assert speaks, f"nobody speaks: {self._log.read_text()[-1500:]}"
 
     def _start_server(self) -> None:
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            self._page = probe.getsockname()[1]
+        self._page = free_port()
         self._log = self._folder / "server.log"
         command = [
             sys.executable, "-m", "fapengine", "serve", "--log", "json", "--port", "0", "--web-port", str(self._page),

@@ -21,7 +21,7 @@ from fapengine.speech.phone_track import Phone
 from fapengine.wire.fap_osc import FapFrame
 from tests.live.stage import JAW, Ear, Sender, Serve, wait
 from tests.live.test_workers import assert_in_one_place
-from tests.processes import start
+from tests.processes import free_port, start
 
 SESSIONS = tuple(f"s{number}" for number in range(12))
 LONG = [Phone(label, 0.12 * n, 0.12 * n + 0.12) for n, label in enumerate(["m", "a", "b", "a"] * 1000)]
@@ -34,9 +34,7 @@ class Nats:
     """A NATS server of its own. Stateful."""
 
     def __init__(self, folder: Path) -> None:
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            self.port = probe.getsockname()[1]
+        self.port = free_port()
         self.folder = folder
         self.process = self.start()
 

@@ -8,7 +8,6 @@ takes it.
 import asyncio
 import os
 import shutil
-import socket
 import subprocess
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from fapengine.server.config import Listen, ServeConfig
 from fapengine.server.server import Server
 from fapengine.trajectory.style import Style
 from tests.english import english
+from tests.processes import free_port
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples" / "receivers"
 DOUBLES = Path(__file__).resolve().parent / "receivers"
@@ -78,9 +78,7 @@ def _told(name: str, command: list[str]) -> None:
 
 
 async def _run(command: list[str]) -> tuple[list[float], bool]:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     address = f"ws://127.0.0.1:{port}/"
     listen = Listen(port=0, web_port=None)
     server = Server(ServeConfig(listen=listen, sinks=(f"ws-json://127.0.0.1:{port}",), style=Style.still()), english())

@@ -5,7 +5,6 @@ python -m tests.oracles.turn
 
 import asyncio
 import shutil
-import socket
 import subprocess
 import sys
 import tempfile
@@ -21,7 +20,7 @@ from fapengine.server.config import CallChoice, Listen, ServeConfig
 from fapengine.server.server import Server
 from tests.english import english
 from tests.live.caller import Caller, read_track
-from tests.processes import start
+from tests.processes import free_port, start
 
 USER, PASSWORD = "anna", "secret"
 LIMIT_S = 60.0
@@ -30,9 +29,7 @@ LIMIT_S = 60.0
 @contextmanager
 def coturn() -> Iterator[int]:
     """Run a TURN server on a port of this machine."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     with tempfile.TemporaryDirectory() as folder:
         process = start(
             [

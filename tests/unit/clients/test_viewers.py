@@ -29,7 +29,7 @@ from fapengine.mpeg4 import fap
 from fapengine.server.web.messages import pack_frame, text_of
 from fapengine.wire.fap_osc import FapFrame, SessionFrames, encode_frame
 from tests.patient import until_delivered
-from tests.processes import start
+from tests.processes import free_port, start
 
 
 def until(done: Callable[[], bool], seconds: float = 300.0) -> bool:
@@ -39,12 +39,6 @@ def until(done: Callable[[], bool], seconds: float = 300.0) -> bool:
             return True
         time.sleep(0.02)
     return False
-
-
-def free_port() -> int:
-    with socket.socket() as one:
-        one.bind(("127.0.0.1", 0))
-        return int(one.getsockname()[1])
 
 
 def serve(port: int, head: Path, *more: str) -> subprocess.Popen[bytes]:

@@ -29,6 +29,7 @@ from fapengine.server.sinks.opening import open_sink
 from fapengine.server.sinks.websockets import VtsSink, WeightStreams
 from fapengine.wire.shapes import VisemeFollower
 from fapengine.wire.vts import VtsDialog, vts_values
+from tests.processes import free_port
 from tests.unit.server.test_server_sinks import Stage, until
 
 DEGREE = np.pi / 180 / 1e-5
@@ -44,11 +45,6 @@ STANDARD = [
     "VoiceA",
 ]
 TOKEN = "adcd-123-ef09-some-token"
-
-
-def free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as one:
-        return int(one.getsockname()[1])
 
 
 async def streams(stage: Stage, session: str | None = None) -> WeightStreams:
