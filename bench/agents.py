@@ -156,7 +156,11 @@ def _listened(renderer: FaceRenderer) -> list[bytes]:
     actor.painter = _PainterHere(renderer)  # type: ignore[assignment]
 
     async def pictures() -> list[bytes]:
-        return [await actor.picture(actor.frame(number / RATE_HZ)[0].faps) for number in range(DRAWN)]
+        shown = []
+        for number in range(DRAWN):
+            actor.show(actor.frame(number / RATE_HZ)[0])
+            shown.append(await actor.drawn(60.0))
+        return [picture.pixels for picture in shown if picture is not None]
 
     return asyncio.run(pictures())
 

@@ -38,6 +38,8 @@ PIPE_BYTES = 1 << 20
 """Requested size of pipes; the usual 64 KiB cut an image into many small pieces."""
 LOOK_S = 0.5
 """Interval at which a child checks for its parent."""
+BACK_OFF_S = (0.0, 0.5)
+"""Times from the first and the second failure in a row to the next start; the third failure is the last."""
 
 Head = dict[str, Any]
 Message = tuple[Head, bytes]
@@ -224,6 +226,32 @@ class Child:
 
     def _ended(self) -> ResourceError:
         return ResourceError(f"{self.name}: its process has ended (code {self.process.poll()})")
+
+
+class Restarts:
+    """When a child that has ended is started again: at once, then later, after three failures in a row never. Stateful.
+
+    Examples
+    --------
+    >>> restarts = Restarts()
+    >>> restarts.failed(), restarts.failed(), restarts.failed()
+    (0.0, 0.5, None)
+    >>> restarts.worked()
+    >>> restarts.failed()
+    0.0
+    """
+
+    def __init__(self) -> None:
+        self._failures = 0
+
+    def failed(self) -> float | None:
+        """Count an end; return the time to the next start, s, or None."""
+        self._failures += 1
+        return BACK_OFF_S[self._failures - 1] if self._failures <= len(BACK_OFF_S) else None
+
+    def worked(self) -> None:
+        """Forget the failures: the child has done some work."""
+        self._failures = 0
 
 
 def _checked(message: Message) -> Message:

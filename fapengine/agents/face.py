@@ -3,27 +3,33 @@
 Theory of operation
 -------------------
 A plug-in passes on the events of its framework (:meth:`AgentFace.sound`, :meth:`AgentFace.word`, ...) and calls
-:meth:`AgentFace.wait_s` and :meth:`AgentFace.frame` in a loop. Frames are made in real time; during speech
+:meth:`AgentFace.wait_s` and :meth:`AgentFace.frame` in a loop. Frames are made in real time; during speech up to
 :data:`AHEAD_S` early, so that a late frame does not interrupt the audio. Time is an argument.
+
+The loop forwards a frame's audio by the clock alone: :meth:`AgentFace.show` begins its image (:mod:`.pictures`),
+:meth:`AgentFace.drawn` waits for it until the next frame at most. Painter and recognizer are started again when they
+end. An utterance that has lost its recognizer continues with its words; the next one is recognized again.
 """
 
 import asyncio
+import contextlib
+import logging
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from fapengine._child import Restarts
+from fapengine.agents.pictures import Picture, Pictures
 from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.files.profiles import load_profile
 from fapengine.host.stream import Pronounce, StreamEvent, StreamFrame, StreamHost
 from fapengine.host.words import MarkTimer, TimedWord
-from fapengine.mpeg4 import fap
 from fapengine.recognition.process import RecognizerProcess
-from fapengine.recognition.protocol import StreamRecognizer
 from fapengine.render.drawing import parse_edges
-from fapengine.server.film.painter import Painter
+from fapengine.server.film.painter import FilmCounts, Painter
 from fapengine.speaking import DEFAULT_PROFILE
 from fapengine.trajectory.style import Style
 from fapengine.voices.choice import VoiceChoice
@@ -33,12 +39,10 @@ AHEAD_S = 0.2
 """Time by which frames with audio are made early."""
 EAR_STARTS_S = 15.0
 """Time that a recognizer may take to start; after it the face begins without recognizer."""
-SMALL_FAPU = np.full(fap.FAP_COUNT, 30)
-"""(68,) FAPU: about one pixel of a 512 x 512 image, the motion of a listening face from one frame to the next."""
-SMALL_FAPU[[fap.column(number) for number in (23, 24, 25, 26)]] = 5000  # eyes, 1e-5 rad
-SMALL_FAPU[[fap.column(number) for number in (48, 49, 50)]] = 800  # the head, likewise
 MAX_LATE_S = 0.5
 """Lateness beyond which missed frames are skipped."""
+
+log = logging.getLogger("fapengine.agents")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,12 +84,20 @@ class AgentFace:
         self.host, self.dt_s = host, 1.0 / frame_rate_hz
         self.marks = MarkTimer()
         self.painter: Painter | None = None
-        self.recognizer: StreamRecognizer | None = None
+        self.recognizer: RecognizerProcess | None = None
+        self.pictures = Pictures(FilmCounts())
+        self._restarts = Restarts()
+        self._is_gone = False
+        """True if the recognizer has ended, and the next one is not started yet."""
+        self._retry_s = 0.0
+        """Time from which on the recognizer may be started again."""
         self._due_s: float | None = None
+        self._ahead_s = 0.0
+        """Time by which frames are early now: it grows during speech."""
         self._half = b""
         self._has_words = False
-        self._drawn: tuple[NDArray[np.int32], bytes] | None = None
-        """FAPs of the previous image, and that image; None if it was shown twice."""
+        self.plays_s = 0.0
+        """Time at which the audio of the last frame begins to be heard."""
         self._until_s = 0.0
         """Time until which the audio of past frames is played."""
 
@@ -107,21 +119,28 @@ class AgentFace:
             pronounce=_pronouncer(options.voice),
         )  # fmt: skip
         face = cls(host, options.frame_rate_hz)
-        face.recognizer, face.painter = recognizer, Painter(options.head, options.size, options.edges)
+        face.recognizer = recognizer
+        face.painter = Painter(options.head, options.size, options.edges, face.pictures.counts)
         return face
 
     async def ready(self) -> None:
         """Wait until painter and recognizer are ready. Raises ``ResourceError`` if nothing can be rendered."""
         if self.painter is not None:
             await self.painter.ready()
-        for _ in range(round(EAR_STARTS_S / self.dt_s)):
-            if self.recognizer is None or self.recognizer.is_ready:
-                return
-            self.recognizer.poll()
-            await asyncio.sleep(self.dt_s)
+        await self.hears()
+
+    async def hears(self) -> None:
+        """Wait until the recognizer is ready, :data:`EAR_STARTS_S` at most."""
+        with contextlib.suppress(ResourceError):  # it has ended, which the first frame notices
+            for _ in range(round(EAR_STARTS_S / self.dt_s)):
+                if self.recognizer is None or self.recognizer.is_ready:
+                    return
+                self.recognizer.poll()
+                await asyncio.sleep(self.dt_s)
 
     def close(self) -> None:
         """End the processes."""
+        self.pictures.close()
         if self.painter is not None:
             self.painter.close()
         if self.recognizer is not None:
@@ -185,20 +204,27 @@ class AgentFace:
 
     # Timing ----------------------------------------------------------------------------------------------------------
 
-    def wait_s(self, now_s: float) -> float:
-        """Return the time until the next frame is due, s."""
+    def wait_s(self, now_s: float, ahead_s: float = AHEAD_S) -> float:
+        """Return the time until the next frame is due, s; during speech it is early, by ``ahead_s`` at most."""
         if self._due_s is None or now_s > self._due_s + MAX_LATE_S:
-            self._due_s = now_s
-        ahead_s = AHEAD_S if self.host.is_speaking else 0.0
-        return max(self._due_s - ahead_s - now_s, 0.0)
+            self._due_s, self._ahead_s = now_s, 0.0
+        return max(self._due_s - min(self._ahead_s, ahead_s) - now_s, 0.0)
 
     def frame(self, now_s: float) -> tuple[StreamFrame, list[StreamEvent]]:
         """Make the next frame; return it, and the events of utterances."""
+        self._supervise(now_s)
         frame = self.host.next(self.dt_s)
         events = self.host.events()
-        self._due_s = (now_s if self._due_s is None else self._due_s) + self.dt_s
+        if self._due_s is None or (frame.sounds and self._until_s <= now_s):  # it is heard from now on
+            self._due_s, self._ahead_s = now_s, 0.0
+        self._due_s += self.dt_s
+        self.plays_s = now_s
         if frame.sounds:
-            self._until_s = max(self._until_s, now_s) + sum(sound.duration_s for sound in frame.sounds)
+            self._ahead_s = min(self._ahead_s + self.dt_s / 2, AHEAD_S)
+            self.plays_s = max(self._until_s, now_s)
+            self._until_s = self.plays_s + sum(sound.duration_s for sound in frame.sounds)
+        elif not self.host.is_speaking:
+            self._ahead_s = 0.0
         for event in events:
             if event.kind == "started" and not self._has_words:
                 for at_s, command in self.marks.estimated():
@@ -207,22 +233,39 @@ class AgentFace:
                 self._has_words = False
         return frame, events
 
-    async def picture(self, faps: NDArray[np.int32]) -> bytes:
-        """Render (68,) FAPU to RGB bytes. In silence, an image in which little would move is used twice.
+    def _supervise(self, now_s: float) -> None:
+        """Start a recognizer again that has ended; the host has it once it is ready."""
+        if self.recognizer is None or self.host.hears or now_s < self._retry_s:
+            return
+        try:
+            if self._is_gone:
+                self.recognizer, self._is_gone = RecognizerProcess.open(), False
+            self.recognizer.poll()
+        except ResourceError as error:
+            self.recognizer.close()
+            wait_s = self._restarts.failed()
+            if wait_s is None:
+                log.error("no more recognition, only words move the mouth: %s", error)
+                self.recognizer = None
+                return
+            log.warning("%s; a new one is started", error)
+            self._is_gone, self._retry_s = True, now_s + wait_s
+            return
+        if self.recognizer.is_ready:
+            self._restarts.worked()
+            self.host.listen_with(self.recognizer)
 
-        Raises
-        ------
-        ResourceError
-            If the painter has ended, or is missing.
-        """
-        if self.painter is None:
-            raise ResourceError("painter: got a face without one, expected AgentFace.open()")
-        before, self._drawn = self._drawn, None
-        if before is not None and not self.host.is_speaking and (np.abs(faps - before[0]) <= SMALL_FAPU).all():
-            return before[1]
-        drawn = await self.painter.picture(faps)
-        self._drawn = faps.copy(), drawn
-        return drawn
+    # Images ----------------------------------------------------------------------------------------------------------
+
+    def show(self, frame: StreamFrame) -> None:
+        """Begin to draw a frame, or skip it if an image is in flight; needs the event loop."""
+        if self.painter is not None:
+            self.pictures.show(frame.faps, self.plays_s, self.painter, is_still=not self.host.is_speaking)
+
+    async def drawn(self, most_s: float) -> Picture | None:
+        """Wait for the image in flight, ``most_s`` at most; return the newest finished image, once."""
+        await self.pictures.wait(most_s)
+        return self.pictures.take()
 
 
 @lru_cache(maxsize=8)

@@ -39,11 +39,14 @@ from fapengine.agents.face import AgentFace, AgentOptions
 from fapengine.render.drawing import EDGES
 
 SAMPLE_RATE_HZ = 24_000
+LIVEKIT_AHEAD_S = 0.06
+"""Time by which frames are early: with a frame of 0.04 s it fills the queue of LiveKit's runner, 0.1 s, so that the
+generator is never held up there, where an interruption would miss it."""
 _SENTENCE = re.compile(r"[.!?…]+[\"')\]]*\s+|\n+")
 
 
 class FaceGenerator(avatar.VideoGenerator):  # type: ignore[misc, unused-ignore]
-    """Turns the agent's audio into images; each image follows its audio.
+    """Turns the agent's audio into images; an image follows its audio, which does not wait for it.
 
     Parameters
     ----------
@@ -71,16 +74,18 @@ class FaceGenerator(avatar.VideoGenerator):  # type: ignore[misc, unused-ignore]
 
     async def __aiter__(self) -> AsyncIterator[rtc.VideoFrame | rtc.AudioFrame | avatar.AudioSegmentEnd]:
         """Yield audio and images in real time, and the end of each utterance when it has been played."""
-        await self.face.ready()
+        await self.face.hears()
         while True:
-            await asyncio.sleep(self.face.wait_s(time.monotonic()))
+            await asyncio.sleep(self.face.wait_s(time.monotonic(), LIVEKIT_AHEAD_S))
             now_s = time.monotonic()
             frame, events = self.face.frame(now_s)
+            self.face.show(frame)
             for sound in frame.sounds:
                 data = sound.samples.astype("<i2").tobytes()
                 yield rtc.AudioFrame(data, sound.rate_hz, 1, len(sound.samples))
-            picture = await self.face.picture(frame.faps)
-            yield rtc.VideoFrame(*self._size, rtc.VideoBufferType.RGB24, picture)
+            picture = await self.face.drawn(self.face.wait_s(time.monotonic(), LIVEKIT_AHEAD_S))
+            if picture is not None:
+                yield rtc.VideoFrame(*self._size, rtc.VideoBufferType.RGB24, picture.pixels)
             self._ends_s.extend(now_s + self.face.unplayed_s(now_s) for event in events if event.kind == "finished")
             while self._ends_s and self._ends_s[0] <= time.monotonic():
                 self._ends_s.popleft()

@@ -2,7 +2,9 @@
 
 It reads the audio, and the words with times if the TTS reports them. It pushes each image with ``sync_with_audio`` into
 its audio, so that the transport shows it when that audio is sent; set the transport to chunks of 10 ms
-(``audio_out_10ms_chunks=1``). The order of frames after the audio is kept. In silence the face looks around and blinks.
+(``audio_out_10ms_chunks=1``). Audio is pushed in real time, however long an image takes; an image that is not ready by
+then follows alone, when its audio is due. The order of frames after the audio is kept. In silence the face looks around
+and blinks.
 
 Examples
 --------
@@ -27,8 +29,8 @@ from pipecat.processors.frame_processor import FrameDirection, FrameProcessor
 from pipecat.utils.text.base_text_filter import BaseTextFilter
 
 from fapengine.agents.face import AgentFace, AgentOptions
+from fapengine.agents.pictures import Picture
 from fapengine.audio.sound_queue import Sound
-from fapengine.errors import FapEngineError
 from fapengine.host.words import MarkTimer
 
 PICTURE_AFTER_S = 0.01
@@ -87,6 +89,10 @@ class FapengineVideoService(FrameProcessor):  # type: ignore[misc, unused-ignore
         self._loop: asyncio.Task[None] | None = None
         self._cuts = 0
         """Number of interruptions."""
+        self._late: deque[Picture] = deque()
+        """Images that were not ready when their audio was pushed, up to 0.2 s before it is heard."""
+        self._is_blind = False
+        """True once it was reported that there are no more images."""
         self._is_silent = False
         """True from ``TTSStartedFrame`` to the first audio."""
         self._early: list[frames.TTSTextFrame] = []
@@ -166,6 +172,7 @@ class FapengineVideoService(FrameProcessor):  # type: ignore[misc, unused-ignore
 
     async def _interrupt(self, frame: frames.InterruptionFrame) -> None:
         self._cuts += 1
+        self._late.clear()
         self._face.interrupt(time.monotonic())
         self._words.clear()
         self._early.clear()
@@ -186,22 +193,44 @@ class FapengineVideoService(FrameProcessor):  # type: ignore[misc, unused-ignore
     async def _show(self) -> None:
         """Push images and audio in real time."""
         face = self._face
-        try:
-            await face.ready()
-            while True:
-                await asyncio.sleep(face.wait_s(time.monotonic()))
-                cuts = self._cuts
-                frame, events = face.frame(time.monotonic())
-                await self._tell(events)
-                picture = frames.OutputImageRawFrame(await face.picture(frame.faps), self._options.size, "RGB")
-                if cuts != self._cuts:
-                    continue  # interrupted while it was rendered
-                picture.sync_with_audio = bool(frame.sounds)
-                before, behind = around_picture(frame.sounds)
-                for each in (*before, picture, *behind):
-                    await self.push_frame(each)
-        except FapEngineError as error:
-            await self.push_error(error_msg=str(error), exception=error, fatal=True)
+        await face.hears()
+        while True:
+            await asyncio.sleep(face.wait_s(time.monotonic()))
+            cuts = self._cuts
+            frame, events = face.frame(time.monotonic())
+            await self._tell(events)
+            face.show(frame)
+            picture = await face.drawn(face.wait_s(time.monotonic()))
+            if cuts != self._cuts:
+                continue  # interrupted while it was rendered
+            is_own = picture is not None and picture.due_s == face.plays_s
+            if picture is not None and picture.due_s < face.plays_s:  # later ones are of audio that was interrupted
+                self._late.append(picture)
+            await self._push_late(time.monotonic() + face.dt_s / 2)
+            before, behind = around_picture(frame.sounds)
+            for each in before:
+                await self.push_frame(each)
+            if picture is not None and is_own:
+                await self._push_picture(picture, sync_with_audio=bool(frame.sounds))
+            for each in behind:
+                await self.push_frame(each)
+            if face.pictures.failure is not None and not self._is_blind:
+                self._is_blind = True
+                error = face.pictures.failure
+                await self.push_error(error_msg=str(error), exception=error)
+
+    async def _push_late(self, until_s: float) -> None:
+        """Push the newest image that was not ready for its own audio and is due."""
+        newest = None
+        while self._late and self._late[0].due_s <= until_s:
+            newest = self._late.popleft()
+        if newest is not None:
+            await self._push_picture(newest, sync_with_audio=False)
+
+    async def _push_picture(self, picture: Picture, *, sync_with_audio: bool) -> None:
+        image = frames.OutputImageRawFrame(picture.pixels, self._options.size, "RGB")
+        image.sync_with_audio = sync_with_audio
+        await self.push_frame(image)
 
     async def _tell(self, events: list[Any]) -> None:
         for event in events:

@@ -208,6 +208,18 @@ class StreamHost(Host, GestureMethods):
             self._queue[-1].is_ended = True
             self._queue[-1].sound.close()
 
+    @property
+    def hears(self) -> bool:
+        """Whether there is a recognizer; False once its process has ended."""
+        return self._recognizer is not None
+
+    def listen_with(self, recognizer: StreamRecognizer) -> None:
+        """Continue with another recognizer, in place of one that has ended; utterances that have begun do without."""
+        for utterance in self._queue:
+            if utterance.has_begun:
+                self._deafen(utterance)
+        self._recognizer, self._listening = recognizer, None
+
     def interrupt(self, unplayed_s: float = 0.0) -> None:
         """Stop speaking, and drop all audio that was not handed out.
 
@@ -369,6 +381,7 @@ class StreamHost(Host, GestureMethods):
                 waiting = ((each, run) for each in self._queue for run in each.sound.runs if not run.is_heard)
                 self._listening = next(waiting, None)
                 if self._listening is None:
+                    self._poll()  # notices that it has ended
                     return
                 self._recognizer.begin()
             utterance, run = self._listening
@@ -378,16 +391,20 @@ class StreamHost(Host, GestureMethods):
             if run.is_over and not run.is_end_told:
                 self._recognizer.end()
                 run.is_end_told = True
-            try:
-                told = self._recognizer.poll()
-            except ResourceError:
-                self._recognizer = self._listening = None
-                return
-            for heard in told:
+            for heard in self._poll():
                 self._take(heard, utterance, run)
             if not run.is_heard:
                 return
             self._listening = None
+
+    def _poll(self) -> list[RecognizedPhones]:
+        """Return the recognizer's news; if it has ended, continue without."""
+        assert self._recognizer is not None
+        try:
+            return self._recognizer.poll()
+        except ResourceError:
+            self._recognizer = self._listening = None
+            return []
 
     def _take(self, heard: RecognizedPhones, utterance: _Utterance, run: Run) -> None:
         for phone in heard.phones:

@@ -84,9 +84,10 @@ class FreshVoices:
 
 
 class VoiceProcess:
-    """A voice in a process, which is started with the first text, and again when it has ended.
+    """A voice in a process, which is started with the first text, and again when it has ended. Stateful.
 
-    Stateful. A text that is cancelled is spoken to its end, so that the next one need not wait for a new process.
+    A text whose process ends is spoken once more by a new one. A text that is cancelled is spoken to its end, so that
+    the next one need not wait for a new process.
     """
 
     def __init__(self) -> None:
@@ -121,18 +122,25 @@ class VoiceProcess:
     async def _ask(self, text: str, choice: VoiceChoice, most_s: float) -> Speech:
         async with self._turn:
             try:
-                if self._is_closed:
-                    raise EOFError
-                if self._child is None:
-                    self._child = _started("server")
-                async with asyncio.timeout(PIECE_LIMIT_S):
-                    return await asyncio.to_thread(_spoken, self._child, text, choice, most_s)
+                try:
+                    return await self._answer(text, choice, most_s)
+                except EOFError:  # once more, in a new process
+                    await self._end()
+                    return await self._answer(text, choice, most_s)
             except TimeoutError as error:
                 await self._end()
                 raise ResourceError(f"voice: no answer for {PIECE_LIMIT_S:.0f} s; its process was stopped") from error
             except EOFError as error:
                 await self._end()
                 raise ResourceError("voice: its process has ended; ask again") from error
+
+    async def _answer(self, text: str, choice: VoiceChoice, most_s: float) -> Speech:
+        if self._is_closed:
+            raise EOFError
+        if self._child is None:
+            self._child = _started("server")
+        async with asyncio.timeout(PIECE_LIMIT_S):
+            return await asyncio.to_thread(_spoken, self._child, text, choice, most_s)
 
     async def _end(self) -> None:
         child, self._child = self._child, None

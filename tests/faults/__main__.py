@@ -27,7 +27,7 @@ class Row:
 def inject(
     moments: int, seed: int, *, only: str = "", minutes: float = 60.0, tell: Callable[[str], None] = print
 ) -> dict[str, Row]:
-    """Kill at random moments: half of them verbs that write, half of them parts of running servers, side by side.
+    """Kill at random moments: verbs that write, parts of running servers, and parts of an agent, side by side.
 
     Parameters
     ----------
@@ -39,13 +39,14 @@ def inject(
     tell : callable
         Told each moment that went wrong.
     """
+    from tests.faults import agents
     from tests.faults.servers import PARTS, World
     from tests.faults.writers import JOBS, Writers
 
     until_s = time.monotonic() + 60 * minutes
     sides = [
         (kind, names)
-        for kind, those in (("verb", JOBS), ("server:", PARTS))
+        for kind, those in (("verb", JOBS), ("server:", PARTS), ("agent:", agents.PARTS))
         if (names := [name for name in those if f"{kind} {name}".startswith(only)])
     ]
 
@@ -53,7 +54,10 @@ def inject(
         rows, rng = defaultdict[str, Row](Row), random.Random(f"{seed} {kind}")
         with ExitStack() as all_:
             folder = Path(all_.enter_context(tempfile.TemporaryDirectory()))
-            once = Writers(folder, rng).once if kind == "verb" else all_.enter_context(World(folder, rng)).once
+            if kind == "verb":
+                once = Writers(folder, rng).once
+            else:
+                once = all_.enter_context(World(folder, rng) if kind == "server:" else agents.Agent(rng)).once
             for number in range(count):
                 if time.monotonic() > until_s:
                     break

@@ -2,6 +2,7 @@
 
 import asyncio
 import time
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -14,6 +15,7 @@ from livekit.agents.voice.avatar import AudioSegmentEnd, QueueAudioOutput
 from fapengine.agents.face import AgentFace, AgentOptions
 from fapengine.agents.livekit import SAMPLE_RATE_HZ, AvatarSession, FaceGenerator, runner_of
 from tests.frameworks.clock import in_time
+from tests.leaping import LeapingLoop
 
 OPTIONS = AgentOptions(size=(64, 64))
 
@@ -49,10 +51,27 @@ class Room(rtc.EventEmitter):  # type: ignore[type-arg]
         return True
 
 
-async def _generated() -> tuple[list[Any], np.ndarray]:
-    actor = AgentFace.open(OPTIONS)
-    generator, given, made = FaceGenerator(actor, OPTIONS.size), sound(1.0), []
-    await actor.ready()
+class StandInPainter:
+    """Takes a time for each image."""
+
+    def __init__(self, takes_s: float) -> None:
+        self.takes_s = takes_s
+
+    async def ready(self) -> None: ...
+
+    async def picture(self, faps: np.ndarray) -> bytes:
+        await asyncio.sleep(self.takes_s)
+        return bytes(64 * 64 * 3)
+
+    def close(self) -> None: ...
+
+
+async def _generated(length_s: float, takes_s: float) -> tuple[list[Any], np.ndarray]:
+    """Frames of a generator whose images take a time, each with the time at which it came."""
+    actor = AgentFace.open(replace(OPTIONS, hears=False))
+    actor.painter.close()
+    actor.painter = StandInPainter(takes_s)
+    generator, given, made = FaceGenerator(actor, OPTIONS.size), sound(length_s), []
     for frame in pieces(given):
         await generator.push_audio(frame)
     await generator.push_audio(AudioSegmentEnd())
@@ -64,8 +83,15 @@ async def _generated() -> tuple[list[Any], np.ndarray]:
     return made, given
 
 
-def test_the_generator_gives_all_sound_each_with_its_picture_then_the_end() -> None:
-    made, given = asyncio.run(_generated())
+def _in_virtual_time(monkeypatch: pytest.MonkeyPatch, *of: float) -> tuple[list[Any], np.ndarray]:
+    loop = LeapingLoop()
+    loop.lend(monkeypatch)
+    with asyncio.Runner(loop_factory=lambda: loop) as runner:
+        return runner.run(_generated(*of))
+
+
+def test_the_generator_gives_all_sound_each_with_its_picture_then_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    made, given = _in_virtual_time(monkeypatch, 1.0, 0.017)
     heard = [(at_s, frame) for at_s, frame in made if isinstance(frame, rtc.AudioFrame)]
     assert np.array_equal(np.concatenate([np.frombuffer(frame.data, np.int16) for _, frame in heard]), given)
     assert len(heard) == 25
@@ -74,6 +100,18 @@ def test_the_generator_gives_all_sound_each_with_its_picture_then_the_end() -> N
             assert isinstance(frame, rtc.VideoFrame)
     ended_s = made[-1][0]
     assert ended_s - heard[0][0] >= 1.0 - 0.02  # not before it was heard
+
+
+@pytest.mark.parametrize("takes_s", [0.005, 0.06, 0.1, 0.2, 1e6])
+def test_sound_never_waits_for_pictures(monkeypatch: pytest.MonkeyPatch, takes_s: float) -> None:
+    made, given = _in_virtual_time(monkeypatch, 4.0, takes_s)
+    heard = [(at_s, frame) for at_s, frame in made if isinstance(frame, rtc.AudioFrame)]
+    assert np.array_equal(np.concatenate([np.frombuffer(frame.data, np.int16) for _, frame in heard]), given)
+    for number, (at_s, _) in enumerate(heard):
+        assert at_s - heard[0][0] <= 0.04 * number + 1e-6
+    shown = sum(isinstance(frame, rtc.VideoFrame) for _, frame in made)
+    assert shown >= min(100, int(0.9 * 4.0 / takes_s))
+    print(f"a picture takes {takes_s:g} s: {shown} shown in {made[-1][0] - heard[0][0]:.2f} s")
 
 
 async def _played(interrupts: bool) -> list[Any]:
@@ -119,6 +157,38 @@ def _off_of_an_interruption() -> float:
     assert event.interrupted
     assert event.playback_position < 1.4
     return abs(float(event.playback_position) - (ended_s - began_s))
+
+
+async def _painter_dies() -> list[Any]:
+    actor, events = AgentFace.open(OPTIONS), []
+    output = QueueAudioOutput(sample_rate=SAMPLE_RATE_HZ, wait_playback_start=True)
+    await actor.ready()
+    output.on("playback_finished", events.append)
+    runner = runner_of(Room(), output, actor, OPTIONS)
+    await runner.start()
+    for _ in range(2):
+        for frame in pieces(sound(1.5)):
+            await output.capture_frame(frame)
+        output.flush()
+        await asyncio.sleep(0.5)
+        actor.painter._child.kill()
+        awaited = len(events) + 1
+        async with asyncio.timeout(60):
+            while len(events) < awaited:
+                await asyncio.sleep(0.02)
+    drawn = actor.pictures.counts.drawn
+    async with asyncio.timeout(60):
+        while actor.pictures.counts.drawn == drawn:
+            await asyncio.sleep(0.02)
+    await runner.aclose()
+    actor.close()
+    return events
+
+
+def test_the_runner_tells_the_end_of_utterances_whose_painter_died() -> None:
+    for event in asyncio.run(_painter_dies()):
+        assert not event.interrupted
+        assert event.playback_position == pytest.approx(1.5, abs=0.02)
 
 
 class Output:

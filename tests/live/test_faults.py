@@ -12,6 +12,7 @@ from tests.faults.__main__ import inject
         pytest.param("verb encode", 4, marks=pytest.mark.nightly),
         ("server: server", 1),
         ("server: voice", 1),
+        pytest.param("agent: painter", 1, marks=pytest.mark.nightly),
     ],
 )
 def test_what_is_killed_leaves_nothing_half_done(only: str, moments: int) -> None:

@@ -42,11 +42,16 @@ def test_it_speaks_as_a_voice_in_this_process_does_and_tells_what_is_wrong() -> 
     on_a_loop(main)
 
 
-def test_a_voice_that_is_ended_says_so_and_the_next_text_has_a_new_one(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_text_whose_voice_ends_is_spoken_once_more_and_the_next_one_has_a_new_voice(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     async def main() -> None:
         voice = VoiceProcess()
         asked = asyncio.create_task(voice.speak(ENDLESS, CHOICE, 1e9))
         await until(lambda: voice._child is not None)
+        first = voice._child
+        first.kill()
+        await until(lambda: voice._child not in (None, first))
         voice._child.kill()
         with pytest.raises(ResourceError, match="its process has ended"):
             await asked

@@ -18,12 +18,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine._counters import Counts
 from fapengine.errors import ResourceError
 from fapengine.host.hearing import Hearing
 from fapengine.host.hub import Hub
 from fapengine.host.listeners import HeardSound, HubFrame, Spoken, Unsubscribe
-from fapengine.server.film.painter import Painter
+from fapengine.server.film.painter import FilmCounts, Painter
 from fapengine.server.film.soundtrack import BLOCK_S, Samples, Soundtrack
 
 SHOW_AFTER_S = 0.1
@@ -60,19 +59,6 @@ class Watcher(Protocol):
         """Receive the reason why no more images come."""
 
 
-@dataclass(slots=True)
-class FilmCounts(Counts):
-    """Counts of all films together. Stateful."""
-
-    METRIC = "pictures", "Pictures for calls, cameras and streams, by kind."
-
-    drawn: int = 0
-    left_out: int = 0
-    """Images for which there was no time."""
-    faults: int = 0
-    """Films that ended because nothing could be rendered."""
-
-
 class Film:
     """One session in one form; open while it has watchers (:class:`Studio`). Stateful.
 
@@ -89,7 +75,7 @@ class Film:
         self.watchers: set[Watcher] = set()
         release = hub.hold(session)
         try:
-            self._painter = Painter(form.head, form.size)
+            self._painter = Painter(form.head, form.size, counts=counts)
         except ResourceError:
             release()
             raise

@@ -1,18 +1,42 @@
 """A face rendered by a child process (:mod:`fapengine._child`), so that audio and event loop do not wait for images.
 
 Rendering holds Python's lock for some 10 ms. FAPs go to the child (68 int32), RGB pixels come back.
-:meth:`Painter.draw` waits for the image, without the lock; :meth:`Painter.picture` does so in a thread.
+:meth:`Painter.draw` waits for the image, without the lock; :meth:`Painter.picture` does so in a thread. A child that
+ends is started again (:class:`fapengine._child.Restarts`), and then draws the image that was asked for: callers see an
+image that takes long.
 """
 
 import asyncio
+import contextlib
+import logging
+import threading
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine._child import NICENESS, Child, Parent, command
+from fapengine._child import NICENESS, Child, Parent, Restarts, command
+from fapengine._counters import Counts
 from fapengine.errors import FapEngineError, ResourceError
 from fapengine.mpeg4.fap import FAP_COUNT
+
+log = logging.getLogger("fapengine.server")
+
+
+@dataclass(slots=True)
+class FilmCounts(Counts):
+    """Counts of all images that are drawn for calls, cameras, streams or agents. Stateful."""
+
+    METRIC = "pictures", "Pictures for calls, cameras and streams, by kind."
+
+    drawn: int = 0
+    left_out: int = 0
+    """Images for which there was no time."""
+    faults: int = 0
+    """Films that ended because nothing could be rendered."""
+    restarts: int = 0
+    """Rendering processes that ended by themselves and were started again."""
 
 
 class Painter:
@@ -26,6 +50,8 @@ class Painter:
         Width and height in pixels.
     edges : str
         ``soft``, ``fine`` or ``none``: see :func:`fapengine.render.drawing.parse_edges`.
+    counts : FilmCounts, optional
+        Counts restarts.
 
     Raises
     ------
@@ -33,12 +59,21 @@ class Painter:
         If no process can be started.
     """
 
-    def __init__(self, head: str = "default", size: tuple[int, int] = (512, 512), edges: str = "soft") -> None:
-        self.size = size
+    def __init__(
+        self,
+        head: str = "default",
+        size: tuple[int, int] = (512, 512),
+        edges: str = "soft",
+        counts: FilmCounts | None = None,
+    ) -> None:
+        self.size, self.counts = size, counts or FilmCounts()
         self._thread = ThreadPoolExecutor(1, "painter")
-        self._child = Child(
-            "painter", command(__name__, head, *map(str, size), edges, niceness=NICENESS), is_quiet=True
-        )
+        self._command = command(__name__, head, *map(str, size), edges, niceness=NICENESS)
+        self._child = self._started()
+        self._restarts, self._is_over = Restarts(), threading.Event()
+
+    def _started(self) -> Child:
+        return Child("painter", self._command, is_quiet=True)
 
     async def ready(self) -> None:
         """Wait until it can render.
@@ -60,22 +95,40 @@ class Painter:
         Raises
         ------
         ResourceError
-            If the process has ended.
+            If it cannot render: unknown head, no OpenGL; or its process has ended three times without an image.
         """
-        try:
-            return self._child.ask({}, np.asarray(faps, np.int32).tobytes())[1]
-        except EOFError as error:
-            raise ResourceError("painter: its process has ended") from error
-        except FapEngineError as error:
-            raise ResourceError(f"painter: {error}") from error
+        data = np.asarray(faps, np.int32).tobytes()
+        while True:
+            try:
+                pixels = self._child.ask({}, data)[1]
+            except EOFError as error:
+                wait_s = None if self._is_over.is_set() else self._restarts.failed()
+                if wait_s is None or self._is_over.wait(wait_s):
+                    raise ResourceError("painter: its process has ended") from error
+                self._start_again()
+            except FapEngineError as error:
+                raise ResourceError(f"painter: {error}") from error
+            else:
+                self._restarts.worked()
+                return pixels
+
+    def _start_again(self) -> None:
+        log.warning("painter: its process has ended; a new one is started")
+        self.counts.restarts += 1
+        self._child.close()
+        with contextlib.suppress(ResourceError):  # none can be started now: the closed one counts as another failure
+            self._child = self._started()
+        if self._is_over.is_set():  # meanwhile
+            self._child.kill()
 
     def kill(self) -> None:
         """End the process at once, without waiting; :meth:`close` must follow."""
+        self._is_over.set()
         self._child.kill()
 
     def close(self) -> None:
         """End the process. Further calls do nothing."""
-        self._child.kill()
+        self.kill()
         self._thread.shutdown(wait=True)
         self._child.close()
 

@@ -4,7 +4,6 @@ import asyncio
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from fapengine.agents.face import AHEAD_S, AgentFace, AgentOptions
 from fapengine.engine.commands import Express, TurnHead
@@ -140,36 +139,6 @@ def test_a_painter_draws_in_a_process_of_its_own() -> None:
     shut, wide = asyncio.run(painted())
     assert len(shut) == len(wide) == 32 * 48 * 3
     assert shut != wide
-
-
-class CountingPainter:
-    """Draws nothing but the number of the picture."""
-
-    def __init__(self) -> None:
-        self.drawn = 0
-
-    async def picture(self, faps: NDArray[np.int32]) -> bytes:
-        self.drawn += 1
-        return bytes([self.drawn])
-
-
-def shown(actor: AgentFace, *poses: NDArray[np.int32]) -> list[int]:
-    async def pictures() -> list[int]:
-        return [(await actor.picture(pose))[0] for pose in poses]
-
-    return asyncio.run(pictures())
-
-
-def test_a_listening_face_that_hardly_moves_is_drawn_every_second_time() -> None:
-    actor = AgentFace(stage(), 25.0)
-    actor.painter = CountingPainter()  # type: ignore[assignment]
-    rest = np.zeros(68, np.int32)
-    breath, blink, glance = rest.copy(), rest.copy(), rest.copy()
-    breath[fap.column(48)], blink[fap.column(19)], glance[fap.column(23)] = 500, 200, 9000
-    assert shown(actor, rest, breath, rest, breath) == [1, 1, 2, 2]
-    assert shown(actor, rest, blink, rest, glance) == [3, 4, 5, 6]
-    actor.sound(noise(0.2).tobytes(), 24_000)
-    assert shown(actor, rest, rest) == [7, 8]
 
 
 def test_a_painter_that_cannot_says_why() -> None:

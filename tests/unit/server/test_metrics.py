@@ -26,7 +26,7 @@ misdirected
 packets_waiting
 page kind bad_messages connected frames_dropped lost messages refused too_fast unheard
 pages
-pictures kind drawn faults left_out
+pictures kind drawn faults left_out restarts
 sent sink osc://[::1]:9
 sessions state idle paused speaking waiting
 sessions_refused
