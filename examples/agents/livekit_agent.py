@@ -13,11 +13,12 @@ face speaks. To make it yours, give :class:`AgentSession` your STT and LLM, and 
 import asyncio
 import os
 from collections.abc import AsyncIterable
+from functools import partial
 
 from livekit.agents import Agent, AgentServer, AgentSession, JobContext, ModelSettings, cli, room_io, tts, utils
 from livekit.agents.types import DEFAULT_API_CONNECT_OPTIONS, APIConnectOptions, TimedString
 
-from fapengine.agents.livekit import AvatarSession
+from fapengine.agents.livekit import AvatarSession, prewarm_fnc
 from fapengine.speech.marks import words_of
 from fapengine.voices.espeak import EspeakVoice, sample_rate_hz
 
@@ -96,6 +97,7 @@ def session_of() -> AgentSession:
 
 
 server = AgentServer()
+server.setup_fnc = partial(prewarm_fnc, head="woman", size=(512, 512))  # the face shows at once in a room
 
 
 @server.rtc_session()

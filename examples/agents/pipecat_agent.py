@@ -31,6 +31,7 @@ from pipecat.transports.smallwebrtc.connection import SmallWebRTCConnection
 from pipecat.transports.smallwebrtc.transport import SmallWebRTCTransport
 from pipecat.workers.runner import WorkerRunner
 
+from fapengine.agents import prewarm
 from fapengine.agents.pipecat import FapengineVideoService
 from fapengine.speech.marks import words_of
 from fapengine.voices.espeak import EspeakVoice
@@ -153,4 +154,6 @@ def application(size: tuple[int, int] = SIZE) -> web.Application:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--port", type=int, default=7860)
-    web.run_app(application(), host="127.0.0.1", port=parser.parse_args().port)
+    given = parser.parse_args()
+    prewarm(1, head="woman", size=SIZE)  # a caller sees the face at once
+    web.run_app(application(), host="127.0.0.1", port=given.port)

@@ -7,6 +7,10 @@ In the agent's entry point, before ``session.start``::
     avatar = AvatarSession(head="woman", size=(512, 512))
     await avatar.start(session, room=ctx.room)
 
+It shows at once if its process was started before the job came::
+
+    server.setup_fnc = partial(prewarm_fnc, head="woman", size=(512, 512))  # of an older WorkerOptions: prewarm_fnc
+
 Words with times make better lip motion than audio alone, and inline cues such as ``[laughs]`` move the face::
 
     class Assistant(Agent):
@@ -36,6 +40,7 @@ from livekit.agents import voice
 from livekit.agents.voice import avatar
 
 from fapengine.agents.face import AgentFace, AgentOptions
+from fapengine.agents.warm import open_face, prewarm
 from fapengine.render.drawing import EDGES
 
 SAMPLE_RATE_HZ = 24_000
@@ -105,7 +110,7 @@ class AvatarSession(avatar.AvatarSession):  # type: ignore[misc, unused-ignore]
         super().__init__()
         self._room: rtc.Room | None = None
         self._options = AgentOptions(**options)
-        self._face = AgentFace.open(self._options)
+        self._face = open_face(self._options)
         self._runner: avatar.AvatarRunner | None = None
 
     @property
@@ -169,6 +174,11 @@ class AvatarSession(avatar.AvatarSession):  # type: ignore[misc, unused-ignore]
             yield self._face.marks.expect(waiting)
 
 
+def prewarm_fnc(_: object, **options: Any) -> None:
+    """Start a face for the next job of a LiveKit process; the options are those of :class:`AvatarSession`."""
+    prewarm(1, **options)
+
+
 def runner_of(
     room: rtc.Room, sound: avatar.AudioReceiver, face: AgentFace, options: AgentOptions
 ) -> avatar.AvatarRunner:
@@ -194,7 +204,7 @@ async def work(url: str, token: str, options: AgentOptions) -> None:
         Address of the LiveKit server, and access token of the room.
     options : AgentOptions
     """
-    face, room = AgentFace.open(options), rtc.Room()
+    face, room = open_face(options), rtc.Room()
     left = asyncio.Event()
     room.on("disconnected", lambda _: left.set())
     runner = None

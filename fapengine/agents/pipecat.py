@@ -30,6 +30,7 @@ from pipecat.utils.text.base_text_filter import BaseTextFilter
 
 from fapengine.agents.face import AgentFace, AgentOptions
 from fapengine.agents.pictures import Picture
+from fapengine.agents.warm import open_face
 from fapengine.audio.sound_queue import Sound
 from fapengine.host.words import MarkTimer
 
@@ -83,7 +84,7 @@ class FapengineVideoService(FrameProcessor):  # type: ignore[misc, unused-ignore
         processor = {name: given.pop(name) for name in tuple(given) if name not in names}
         super().__init__(**processor)
         self._options = options or AgentOptions(**given)
-        self._face = face or AgentFace.open(self._options)
+        self._face = face or open_face(self._options)
         self.marks = MarkFilter(self._face.marks)
         """Text transform for the TTS: ``text_transforms=[("*", face.marks)]``."""
         self._loop: asyncio.Task[None] | None = None
