@@ -1,32 +1,37 @@
-"""Checks of a head: a contact sheet of each FAP, phone and expression, and remarks on lips that do not open or meet."""
+"""Checks of a head: a self-test of lips and lids, and contact sheets of phones, expressions and each FAP."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine.app.inspection.faces import faps_of_weights
 from fapengine.errors import UsageError
-from fapengine.files.pictures import contact_sheet, save_png
+from fapengine.expressions import Expression
+from fapengine.files.pictures import Picture, contact_sheet, save_png
 from fapengine.files.profiles import load_profile
 from fapengine.mesh.deform import POSE_AU, POSE_FAPU, deform, single_fap
 from fapengine.mesh.face_mesh import FaceMesh
+from fapengine.mesh.rig.import_head import PLAUSIBLE_FAPU
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fap import VISEMES
 from fapengine.mpeg4.track import to_codable
 from fapengine.render.drawing import Drawing
 from fapengine.render.renderer import FaceRenderer
 from fapengine.speaking import DEFAULT_PROFILE
-from fapengine.trajectory.faps import displacements_to_faps
+from fapengine.trajectory.closures import CONTACTS, settle
+from fapengine.trajectory.gestures import LOWER_LID, UPPER_LID
 
 PICTURE_PX = 384
-LIPS = "2.2", "2.3"
-"""Feature points: the middle of the inner upper and lower lip."""
-AH = {3: 400.0, 4: -40.0, 5: -450.0}
-"""FAPs of a wide ah: jaw, upper and lower lip, FAPU."""
-OPENING_MM, APART_MM = (4.0, 30.0), 2.5
-"""Plausible openings of an ah, 8 to 20 mm for an adult, and gap of lips that do not meet at rest."""
-MNS_SHARE = 0.15, 0.6
-"""Plausible distance of mouth and nose (MNS0), as a share of that of the eyes (ES0)."""
+LIPS, LIDS = ("2.2", "2.3"), (("3.1", "3.3"), ("3.2", "3.4"))
+"""Feature points: the middle of the inner lips, and the middle of the lids of each eye."""
+OPENING_MM, MET_MM = (8.0, 20.0), 0.5
+"""Expected opening of the lips on an ah, as of adults, and gap of lips or lids that meet."""
+AH, CLOSED, BITTEN = "ɑ", "m", "f"
+BLINK = {19: UPPER_LID, 20: UPPER_LID, 21: LOWER_LID, 22: LOWER_LID}
+GAZE = {23: 25_000.0, 24: 25_000.0, 25: -10_000.0, 26: -10_000.0}
+"""FAPs of a blink, FAPU, and of a gaze to the subject's left, AU."""
 
 
 def draw_check(mesh: FaceMesh, path: Path, *, title: str) -> int:
@@ -49,27 +54,91 @@ def draw_check(mesh: FaceMesh, path: Path, *, title: str) -> int:
     return len(pictures)
 
 
-def lip_remarks(mesh: FaceMesh) -> tuple[str, ...]:
-    """Remark on a head whose lips do not open, do not meet, or are measured wrongly; none if it has no such points."""
-    if not set(LIPS) <= set(mesh.feature_points):
-        return ()
-    pose = np.zeros((2, fap.FAP_COUNT))
-    for number, value in AH.items():
-        pose[1, fap.column(number)] = value
-    upper, lower = (deform(mesh, pose)[:, mesh.feature_points[name]] for name in LIPS)
-    gap_mm = upper[:, 1] - lower[:, 1]
-    opening_mm, share = float(gap_mm[1] - gap_mm[0]), mesh.fapu.mns0_mm / mesh.fapu.es0_mm
-    remarks = []
-    if not OPENING_MM[0] <= opening_mm <= OPENING_MM[1]:
-        remarks.append(f"lips: they open by {opening_mm:.1f} mm on a wide ah, expected 8 to 20 mm")
-    if gap_mm[0] > APART_MM:
-        remarks.append(f"lips: they do not meet, and are {gap_mm[0]:.1f} mm apart at rest; close the mouth of the mesh")
-    if not MNS_SHARE[0] <= share <= MNS_SHARE[1]:
-        remarks.append(
-            f"lips: mouth and nose are {mesh.fapu.mns0_mm:.1f} mm apart, {share:.2f} of the eyes' distance, expected"
-            f" {MNS_SHARE[0]:g} to {MNS_SHARE[1]:g}; points=FILE sets 8.1 and 9.15"
-        )
-    return tuple(remarks)
+@dataclass(frozen=True, slots=True)
+class SelfTest:
+    """What a head does on a few phones and a blink, against what a face does."""
+
+    summary: str
+    """One line."""
+    remarks: tuple[str, ...]
+    """What is out of range, one sentence each."""
+    facts: dict[str, float | None]
+    """Gap of the lips at rest and on the phones, and of the lids of a blink, in mm; None without such points."""
+
+
+def draw_sheet(mesh: FaceMesh) -> Picture:
+    """Draw a head at rest, on five phones, in a blink, in joy, and with its eyes aside.
+
+    Raises
+    ------
+    ResourceError
+        If there is no OpenGL.
+    """
+    rows, labels = _tested()
+    with FaceRenderer(mesh, Drawing(size=(PICTURE_PX, PICTURE_PX), samples=0, rest=0.0)) as renderer:
+        pictures = list(renderer.frames(to_codable(rows)))
+    return contact_sheet(pictures, [(label, "") for label in labels], title=self_test(mesh).summary)
+
+
+def self_test(mesh: FaceMesh) -> SelfTest:
+    """Measure how far lips open and whether lips and lids close; a head without such points has no remarks."""
+    rows, labels = _tested()
+    moved = dict(zip(labels, deform(mesh, rows), strict=True))
+
+    def gap_mm(label: str, upper: str, lower: str) -> float | None:
+        if not {upper, lower} <= set(mesh.feature_points):
+            return None
+        points = moved[label][[mesh.feature_points[upper], mesh.feature_points[lower]], 1]
+        return round(float(points[0] - points[1]), 2)
+
+    facts = {f"lips_{label}_mm": gap_mm(label, *LIPS) for label in ("rest", AH, CLOSED, BITTEN)}
+    facts |= {f"{side}_lid_mm": gap_mm("blink", *lids) for side, lids in zip(("left", "right"), LIDS, strict=True)}
+    said, remarks = _judge_lips(facts), []
+    opening, closed = facts[f"lips_{AH}_mm"], facts[f"lips_{CLOSED}_mm"]
+    if opening is not None and not OPENING_MM[0] <= opening <= OPENING_MM[1]:
+        remarks.append(f"lips: they open {opening:.1f} mm on {AH}, expected {OPENING_MM[0]:g} to {OPENING_MM[1]:g} mm")
+    if closed is not None and closed > MET_MM:
+        remarks.append(f"lips: they are {closed:.1f} mm apart on {CLOSED}, expected at most {MET_MM:g} mm")
+    open_lids = [side for side in ("left", "right") if (facts[f"{side}_lid_mm"] or 0.0) > MET_MM]
+    remarks += [f"lids: the {side} eye stays {facts[f'{side}_lid_mm']:.1f} mm open in a blink" for side in open_lids]
+    for name, (low, high) in PLAUSIBLE_FAPU.items():
+        share = getattr(mesh.fapu, name) / mesh.fapu.es0_mm
+        if not low <= share <= high:
+            remarks.append(
+                f"FAPU: {name.removesuffix('_mm').upper()} is {getattr(mesh.fapu, name):.1f} mm, {share:.2f} of the"
+                f" eyes' distance, expected {low:g} to {high:g}; points=FILE sets its feature points"
+            )
+    if facts["left_lid_mm"] is None and facts["right_lid_mm"] is None:
+        said.append("lids unknown")
+    else:
+        said.append("lids stay open" if open_lids else "lids close")
+    return SelfTest(", ".join(said), tuple(remarks), facts)
+
+
+def _judge_lips(facts: dict[str, float | None]) -> list[str]:
+    opening, closed = facts[f"lips_{AH}_mm"], facts[f"lips_{CLOSED}_mm"]
+    if opening is None or closed is None:
+        return ["lips do not move"]
+    closes = "close" if closed <= MET_MM else f"stay {closed:.1f} mm open"
+    return [
+        f"lips open {opening:.0f} mm on {AH} (expected {OPENING_MM[0]:g} to {OPENING_MM[1]:g})",
+        f"{closes} on {CLOSED}",
+    ]
+
+
+def _tested() -> tuple[NDArray[np.float64], list[str]]:
+    """(N, 68) FAPU, and N names: rest, phones under their contacts, a blink, joy, a gaze."""
+    profile = load_profile(DEFAULT_PROFILE)
+    phones = {name: profile.phones[name] for name in (AH, "i", "u", CLOSED, BITTEN)}
+    spoken = np.concatenate([faps_of_weights(profile, phone.targets[:1]) for phone in phones.values()])
+    contacts = [phone.contact for phone in phones.values()]
+    spoken = settle(spoken, np.array([[float(contact == each) for contact in contacts] for each in CONTACTS]))
+    blink, gaze = np.zeros((2, fap.FAP_COUNT))
+    for row, values in ((blink, BLINK), (gaze, GAZE)):
+        row[[fap.column(number) for number in values]] = [*values.values()]
+    joy = profile.expressions[Expression.JOY]
+    rows = [np.zeros(fap.FAP_COUNT), *spoken, blink, faps_of_weights(profile, joy.target[None])[0] + joy.fap, gaze]
+    return np.stack(rows), ["rest", *phones, "blink", "joy", "gaze"]
 
 
 def poses() -> tuple[NDArray[np.float64], list[tuple[str, str]]]:
@@ -91,11 +160,9 @@ def poses() -> tuple[NDArray[np.float64], list[tuple[str, str]]]:
         phoneme.rstrip("ː").translate(spelling): f"viseme {row.number}" for row in VISEMES for phoneme in row.phonemes
     }
     for spoken, phone in profile.phones.items():
-        moved_mm = profile.space.to_points_mm(phone.targets[:1])
-        rows.append(displacements_to_faps(moved_mm, profile.space.points, profile.fapu)[0])
+        rows.append(faps_of_weights(profile, phone.targets[:1])[0])
         labels.append((spoken, visemes.get(spoken, "phone")))
     for expression, face in profile.expressions.items():
-        moved_mm = profile.space.to_points_mm(face.target[None])
-        rows.append(displacements_to_faps(moved_mm, profile.space.points, profile.fapu)[0] + face.fap)
+        rows.append(faps_of_weights(profile, face.target[None])[0] + face.fap)
         labels.append((expression.label, "expression"))
     return np.stack(rows), labels

@@ -62,16 +62,18 @@ def import_head(
     """
     from dataclasses import asdict, replace
 
-    from fapengine.app.head_check import lip_remarks
+    from fapengine.app.head_check import draw_sheet, self_test
     from fapengine.cli._printing import print_remarks, print_result, spell_nearness
     from fapengine.errors import UsageError
     from fapengine.files.heads.dense import is_profile, load_dense_head
     from fapengine.files.heads.folder import OWNED, save_head
     from fapengine.files.heads.import_file import adapt_head_file, import_head_file
     from fapengine.files.outputs import files_in
+    from fapengine.files.pictures import save_png
     from fapengine.speech.plausible import refuse
 
-    writing.check(files_in(output, OWNED), [mesh, points, mapping])
+    sheet = output.with_name(f"{output.name}.png")
+    writing.check([*files_in(output, OWNED), sheet], [mesh, points, mapping])
     rig = nearness = None
     if adapt:
         imported, info, nearness = adapt_head_file(mesh, points, mapping)
@@ -81,10 +83,12 @@ def import_head(
         imported, rig, info = load_dense_head(mesh, points)
     else:
         imported, info = import_head_file(mesh, points, mapping)
-    remarks = lip_remarks(imported.mesh)
+    tested = self_test(imported.mesh)
+    remarks = tested.remarks
     if strict:
         refuse(remarks, str(mesh))
     save_head(output, imported.mesh, replace(info, licence=licence or info.licence or "not stated"), rig)
+    save_png(sheet, draw_sheet(imported.mesh))
     shapes = f", {len(info.used)} shapes" if info.used else ""
     lines = [
         f"{output}: {len(imported.mesh.vertices_mm)} vertices,"
@@ -103,7 +107,9 @@ def import_head(
     for note in () if as_json else imported.notes:
         typer.echo(f"note: {note}", err=True)
     print_remarks(remarks)
+    lines += [f"{sheet}: rest, phones, blink, joy and gaze", tested.summary]
     facts = _describe(imported, info, output) | {"remarks": list(remarks)}
+    facts |= {"self_test": tested.facts, "contact_sheet": str(sheet)}
     facts |= {"nearness": asdict(nearness)} if nearness else {}
     print_result(facts, *lines, as_json=as_json)
 
@@ -175,7 +181,7 @@ def check(
 
     fapengine head check heads/mine -o out/mine.png
     """
-    from fapengine.app.head_check import draw_check, lip_remarks
+    from fapengine.app.head_check import draw_check, self_test
     from fapengine.cli._printing import print_remarks, print_result
     from fapengine.files.heads.load import load_head, load_head_info
     from fapengine.mesh.deform import still_faps
@@ -186,8 +192,8 @@ def check(
     facts = {
         "head": name, "source": info.source, "licence": info.licence, "picture": str(output), "pictures": count,
         "still_faps": list(still), "shapes": list(info.used), "lacking_shapes": list(info.lacking),
-        "remarks": list(lip_remarks(mesh)),
+        "remarks": list(self_test(mesh).remarks),
     }  # fmt: skip
-    print_remarks(lip_remarks(mesh))
+    print_remarks(self_test(mesh).remarks)
     without = [f"FAPs without motion: {_spell(still)}"] if still else []
     print_result(facts, f"{output}: {count} images", *without, *_missing_shapes(info), as_json=as_json)

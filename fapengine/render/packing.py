@@ -150,10 +150,10 @@ def pack(mesh: FaceMesh) -> PackedMesh:
     }
     skin = _with_alpha(mesh.texture)
     material = mesh.material[mesh.triangles[:, 0]]
-    special = {"eyeball": material == Material.BALL, "eye": material == Material.EYE}
-    special["strand"] = material == Material.STRAND
+    special = {"eye": material == Material.EYE, "strand": material == Material.STRAND}
+    holed = ~np.any(list(special.values()), axis=0) & _has_hole(mesh, skin)
+    special["eyeball"] = (material == Material.BALL) & ~holed
     other = ~np.any(list(special.values()), axis=0)
-    holed = other & _has_hole(mesh, skin)
     sorts = {"face": other & ~holed, "cutout": holed, **special}
     deltas = normal_deltas(mesh)
     if mesh.folds is not None:

@@ -45,11 +45,11 @@ def plain(name: str) -> str:
     >>> plain("browDown_L"), plain("Blink_L"), plain("MouthOpen"), plain("blendShape1.JawOpen")
     ('browdownleft', 'eyeblinkleft', 'jawopen', 'jawopen')
     """
-    bare = _bare(name)
-    return ALIASES.get(bare, bare)
+    return ALIASES.get(bare(name), bare(name))
 
 
-def _bare(name: str) -> str:
+def bare(name: str) -> str:
+    """Normalise a name without aliases."""
     for prefix in PREFIXES:
         name = name[len(prefix) :] if name.lower().startswith(prefix) else name
     side = re.fullmatch(r"(.*[a-z])[ ._-]([LlRr])", name) or re.fullmatch(r"(.*[a-z])([LR])", name)
@@ -76,14 +76,17 @@ class Role(Enum):
     VISEME = "it is a viseme of Oculus, or a vowel of VRM"
 
 
-_OCULUS = {start + plain_name: name for start in OCULUS_BEGINNINGS for plain_name, name in OCULUS_SPELLINGS.items()}
+OCULUS_PLAIN = {
+    start + plain_name: name for start in OCULUS_BEGINNINGS for plain_name, name in OCULUS_SPELLINGS.items()
+}
+"""Oculus' visemes by names as returned by :func:`plain`."""
 NAME_RULES: tuple[tuple[Role, dict[str, str]], ...] = (
     (Role.ARKIT, {plain(name): name for name in ARKIT_NAMES}),
     (Role.SUBSTITUTE, {"cheekraiserleft": "cheekSquintLeft", "cheekraiserright": "cheekSquintRight"}),  # ICT-FaceKit
     (Role.HALF, {plain(name + side): name + side for name in ARKIT_NAMES for side in SIDES.values()}),
     (Role.PAIR, {plain(name).removesuffix("left"): name for name in ARKIT_NAMES if name.endswith("Left")}),
     (Role.BLINK, {"blink": "blink"}),
-    (Role.VISEME, _OCULUS | VOWELS | {vowel: vowel for vowel in VOWELS.values()}),
+    (Role.VISEME, OCULUS_PLAIN | VOWELS | {vowel: vowel for vowel in VOWELS.values()}),
 )
 """Names as returned by :func:`plain`, and the meaning of each, by role; the first role with a name applies."""
 
@@ -169,10 +172,10 @@ def by_role(names: Iterable[str], words: Mapping[str, str]) -> dict[Role, dict[s
     """Names by role and meaning; mapped names take precedence, then ARKit's own."""
     arkit = dict(NAME_RULES)[Role.ARKIT]
     found: dict[Role, dict[str, str]] = {role: {} for role in Role}
-    for name in sorted(names, key=lambda name: (name not in words, _bare(name) not in arkit)):
-        bare = plain(words.get(name, name))
+    for name in sorted(names, key=lambda name: (name not in words, bare(name) not in arkit)):
+        meant = plain(words.get(name, name))
         for role, targets in NAME_RULES:
-            if bare in targets:
-                found[role].setdefault(targets[bare], name)
+            if meant in targets:
+                found[role].setdefault(targets[meant], name)
                 break
     return found

@@ -1,5 +1,7 @@
 """Profiles, heads, and avatars or scans that could become heads."""
 
+import re
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,16 +22,27 @@ from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mesh.rig.blendshape_mesh import BlendshapeMesh
 from fapengine.models.viseme_space import name_components
 from fapengine.mpeg4 import fap
+from fapengine.mpeg4.fap import VISEMES
 from fapengine.mpeg4.track import FapTrack, to_codable
 from fapengine.profiles import Profile
 from fapengine.render.camera import Camera
-from fapengine.retarget.blendshape_names import choose_blendshapes
+from fapengine.retarget.blend import ARKIT_NAMES
+from fapengine.retarget.blendshape_names import OCULUS, OCULUS_PLAIN, bare, choose_blendshapes, plain
+from fapengine.retarget.visemes import VRM0_NAMES, VRM1_NAMES
 from fapengine.trajectory.closures import CONTACTS, settle
 from fapengine.trajectory.faps import displacements_to_faps
 
 PICTURE_PX = 384
 LOWER_FACE = Camera(target_mm=(0.0, -44.0, 95.0), distance_mm=700.0, field_deg=8.5)
 MAX_NAMES_SHOWN = 60
+SHAPE_SETS: dict[str, Sequence[str]] = {
+    "ARKit": ARKIT_NAMES, "Oculus": OCULUS, "VRM": VRM1_NAMES,
+    "MPEG-4 visemes": tuple(f"viseme{row.number}" for row in VISEMES),
+}  # fmt: skip
+"""Shapes of each set that an avatar may have."""
+RESTS = {"sil", "neutral", "viseme0"}
+"""Shapes of these sets that move nothing."""
+MAX_SET_NAMES = 14
 CLIP_ENDING = ".vrma"
 """Ending of a motion for avatars, which has no mesh."""
 AVATAR_ENDINGS = (*RIG_ENDINGS, CLIP_ENDING, *MESHES)
@@ -208,8 +221,7 @@ def _avatar(source: Source) -> Report:
         text.append(f"{facts['vertices']} vertices, {facts['triangles']} triangles, {texture}")
         more = f", ... and {len(names) - MAX_NAMES_SHOWN} more" if len(names) > MAX_NAMES_SHOWN else ""
         text.append(f"{len(names)} shapes: {', '.join(names[:MAX_NAMES_SHOWN])}{more}" if names else "no shapes")
-        if names:
-            text.append(f"of ARKit's 52 it lacks: {', '.join(facts['lacking']) or 'none'}")
+        text += [_spell_set(name, one) for name, one in facts["shape_sets"].items() if names]
         text.append(f"bones: {', '.join(facts['bones']) or 'none'}")
     text += [
         f"animation {clip['name']!r}: {clip['seconds']:.2f} s, {clip['channels']} channels" for clip in facts["clips"]
@@ -243,7 +255,8 @@ def describe_avatar(source: Source) -> dict[str, Any]:
 
 
 def _mesh(mesh: BlendshapeMesh, path: Path) -> dict[str, Any]:
-    choice = choose_blendshapes(mesh.blendshapes)
+    moving = [name for name, shape in mesh.blendshapes.items() if len(shape.vertices)]
+    choice = choose_blendshapes(moving)
     if choice.blended or choice.own_faps:
         how, points = "make a head of it", ""
     elif mesh.bones:
@@ -253,9 +266,61 @@ def _mesh(mesh: BlendshapeMesh, path: Path) -> dict[str, Any]:
     size = None if mesh.texture is None else [mesh.texture.shape[1], mesh.texture.shape[0]]
     return {
         "vertices": len(mesh.vertices), "triangles": len(mesh.triangles), "texture": size,
-        "shapes": list(mesh.blendshapes), "lacking": list(choice.missing), "bones": list(mesh.bones),
+        "shapes": list(mesh.blendshapes), "shape_sets": shape_sets(mesh.blendshapes, moving),
+        "lacking": list(choice.missing), "bones": list(mesh.bones),
         "notes": list(mesh.notes), "next": f"{how}: fapengine head import {path}{points} -o heads/{path.stem}",
     }  # fmt: skip
+
+
+def shape_sets(names: Collection[str], moving: Collection[str]) -> dict[str, dict[str, Any]]:
+    """Say how complete the sets of shapes of a file are.
+
+    Parameters
+    ----------
+    names, moving : collection of str
+        Names in the file, and of those the shapes that move a vertex.
+
+    Returns
+    -------
+    dict
+        By set: ``state`` ("complete", "partial", "empty" or "missing"), ``count``, and names that are ``empty`` or
+        ``missing``.
+    """
+    present, full = _by_set(names), _by_set(moving)
+    sets = {}
+    for title, wanted in SHAPE_SETS.items():
+        moves = full[title] | RESTS if full[title] - RESTS else set()
+        missing = [name for name in wanted if name not in present[title]]
+        empty = [name for name in wanted if name in present[title] and name not in moves]
+        some = "partial" if moves else "empty" if empty else "missing"
+        state = some if missing or empty else "complete"
+        sets[title] = {"state": state, "count": len(wanted), "empty": empty, "missing": missing}
+    return sets
+
+
+def _by_set(names: Collection[str]) -> dict[str, set[str]]:
+    """Meanings of names by set; a blink of ARKit is not one of VRM, nor a vowel of VRM one of Oculus."""
+    arkit = {bare(name): name for name in ARKIT_NAMES}
+    meant = {plain(old): new for old, new in zip(VRM0_NAMES, VRM1_NAMES, strict=True)}
+    meant |= {plain(name): name for name in VRM1_NAMES}
+    numbers = (re.fullmatch(r"viseme(\d+)", bare(name)) for name in names)
+    return {
+        "ARKit": {arkit[bare(name)] for name in names if bare(name) in arkit},
+        "Oculus": {OCULUS_PLAIN[plain(name)] for name in names if plain(name) in OCULUS_PLAIN},
+        "VRM": {meant[plain(name)] for name in names if plain(name) in meant and bare(name) not in arkit},
+        "MPEG-4 visemes": {f"viseme{int(number[1])}" for number in numbers if number},
+    }
+
+
+def _spell_set(title: str, one: dict[str, Any]) -> str:
+    if one["state"] in ("complete", "missing"):
+        return f"{title}: {one['state']} ({one['count']} shapes)"
+    moving = one["count"] - len(one["empty"]) - len(one["missing"])
+    lacks = ""
+    for kind in ("empty", "missing"):
+        more = f" and {len(one[kind]) - MAX_SET_NAMES} more" if len(one[kind]) > MAX_SET_NAMES else ""
+        lacks += f"; {kind}: {', '.join(one[kind][:MAX_SET_NAMES])}{more}" if one[kind] else ""
+    return f"{title}: {one['state']}, {moving} of {one['count']} shapes move{lacks}"
 
 
 def _licence(gltf: Gltf) -> str:

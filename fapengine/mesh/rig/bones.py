@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from fapengine._arrays import Array, Indices
 from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh.face_mesh import Bone, FaceMesh
-from fapengine.mesh.rig.parts import MIN_SHARE, Eyes, PointFields, find_tongue, share_of_lower_jaw
+from fapengine.mesh.rig.parts import MIN_SHARE, Eyes, PointFields, find_tongue, share_of_lower_jaw, turning_share
 from fapengine.mesh.rig.placed_mesh import PlacedMesh
 
 BONE_FAPS = (3, 14, 15, 23, 24, 25, 26, 27, 28, 48, 49, 50)
@@ -112,7 +112,8 @@ def _nearest_bones(mesh: PlacedMesh, fields: PointFields, eyes: Eyes) -> tuple[N
     weight[fields.skin] = np.where(share > MIN_SHARE, share, 0.0)
     for pupil, side, _ in EYE_SIDES:
         if pupil in eyes:
-            bone[eyes[pupil].vertices], weight[eyes[pupil].vertices] = side, 1.0
+            ball = eyes[pupil].vertices
+            bone[ball], weight[ball] = side, turning_share(mesh, eyes[pupil])
     bone[fields.followers], weight[fields.followers] = bone[fields.nearest], weight[fields.nearest]
     return bone, weight
 

@@ -33,6 +33,8 @@ MIN_SEAM_TEAR = {"lids": (0.3, 0.1), "lips": (0.03, 0.06)}
 """Difference between the motions of the sides of a seam, relative to the extent, and more for each mm between them:
 skin stretches.
 """
+MIN_LIP_OPENING = 0.4
+"""Opening of the middle of the lips, and of their halves, relative to the widest."""
 SEAM_END_MM = 1.5
 """Distance from its last vertex within which a seam ends."""
 PROFILE_STEP_MM = 3.0
@@ -173,13 +175,15 @@ def _lips(face: _Face) -> dict[str, int]:
     if not len(lower):
         raise DataError("lips: no slit opens with the jaw; give the feature points instead")
     lean = vertices[lower] - vertices[upper]
-    upright = np.abs(lean[:, 0]) < MAX_SEAM_GAP_MM / 2
+    opening = np.linalg.norm(face.moves[JAW][lower] - face.moves[JAW][upper], axis=1)
+    upright = (np.abs(lean[:, 0]) < MAX_SEAM_GAP_MM / 2) & (opening > MIN_LIP_OPENING * opening.max())
     front = (vertices[lower, 2] + vertices[upper, 2]) / 2 - gap
     across = vertices[lower, 0]
 
     def foremost(x: float, width: float) -> int | None:
-        inside = np.flatnonzero(upright & (np.abs(across - x) < width))
-        return int(inside[front[inside].argmax()]) if len(inside) else None
+        off = np.abs(across - x)
+        inside = np.flatnonzero(upright & (off < width))
+        return int(inside[(front - off / 2)[inside].argmax()]) if len(inside) else None
 
     centres = (foremost(0.0, 3.0), foremost(float(np.median(across)), MAX_SEAM_GAP_MM), int(front.argmax()))
     centre = next(pair for pair in centres if pair is not None)

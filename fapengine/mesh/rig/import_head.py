@@ -86,11 +86,14 @@ def import_head(
     placed = place_mesh(mesh, points, standard)
     rig = _make_rig(placed, chosen)
     fapu, notes = _measure(placed, standard)
+    closing, closed = _close_mouth(rig)
     basis, moved = build_basis(rig, fapu)
     bones = bind_bones(placed, rig.fields, rig.eyes, rig.carried_mm, rig.opens_jaw, standard)
     reached = set(moved) | bones.reached(rig.eyes, rig.opens_jaw)
     blank = surfaces.blank_eyes(placed, rig.eyes)
-    return _head(_make_mesh(placed, rig.eyes, blank, bones, fapu, basis), placed, reached, notes, chosen)
+    head = _make_mesh(placed, rig.eyes, blank, bones, fapu, basis)
+    head = replace(head, vertices_mm=(placed.vertices_mm + closing).astype(np.float32))
+    return _head(head, placed, reached, [*notes, *closed], chosen)
 
 
 def _head(
@@ -123,14 +126,54 @@ def _make_rig(mesh: PlacedMesh, chosen: Mapping[str, Mapping[int, float] | None]
     return Rig(mesh=mesh, moves=moves, own_faps=tuple(chosen.values()), fields=fields, eyes=eyes)
 
 
+PLAUSIBLE_FAPU = {"ens0_mm": (0.4, 1.1), "mns0_mm": (0.22, 0.5), "mw0_mm": (0.4, 1.3)}
+"""Bounds of the neutral face's distances, relative to that of the eyes (ES0). Between mouth and nose our head has 0.34,
+four avatars of Ready Player Me 0.27 to 0.36, and one of VRoid, whose nose has no base, 0.20. The others are wide.
+"""
+
+
 def _measure(mesh: PlacedMesh, standard: FaceMesh) -> tuple[Fapu, list[str]]:
-    """Measure the units of the face; without their points it gets those of the standard, and a note."""
+    """Measure the units of the face; without their points, and out of bounds, it gets the standard's, and notes."""
     positions = mesh.positions
     try:
-        return Fapu.measure(positions), []
+        measured, notes = Fapu.measure(positions), []
     except UsageError as error:
         measured = replace(standard.fapu, mw0_mm=float(positions["8.3"][0] - positions["8.4"][0]))
-        return measured, [f"FAPU: {error}; used are those of the standard face with the width of this mouth"]
+        notes = [f"FAPU: {error}; used are those of the standard face with the width of this mouth"]
+    for name, (low, high) in PLAUSIBLE_FAPU.items():
+        length, eyes = getattr(measured, name), measured.es0_mm
+        if not low <= length / eyes <= high:
+            expected = eyes * getattr(standard.fapu, name) / standard.fapu.es0_mm
+            unit = name.removesuffix("_mm").upper()
+            notes.append(
+                f"FAPU: {unit} is {length:.1f} mm, expected {low * eyes:.0f} to {high * eyes:.0f} mm between eyes"
+                f" {eyes:.0f} mm apart; used is {expected:.1f} mm, as on the standard face"
+            )
+            measured = replace(measured, **{name: expected})
+    return measured, notes
+
+
+MAX_REST_GAP_MM = (0.3, 4.0)
+"""Gap between the inner lips at rest from which, and up to which, the mouth is closed."""
+LIP_PAIRS = (("2.2", "2.3"), ("2.6", "2.8"), ("2.7", "2.9"))
+"""Feature points of the inner upper and lower lip: middle, left and right."""
+
+
+def _close_mouth(rig: Rig) -> tuple[Array, list[str]]:
+    """(V, 3) mm, and a note: motion that joins lips apart at rest, because a neutral face has them closed."""
+    mesh, points, fields = rig.mesh, rig.mesh.points, rig.fields
+    moves = np.zeros((len(mesh.kept), 3))
+    gaps = [
+        float(mesh.vertices_mm[points[upper], 1] - mesh.vertices_mm[points[lower], 1])
+        if {upper, lower} <= set(fields.points) else 0.0
+        for upper, lower in LIP_PAIRS
+    ]  # fmt: skip
+    if not MAX_REST_GAP_MM[0] < gaps[0] < MAX_REST_GAP_MM[1]:
+        return moves, []
+    for (upper, lower), gap in zip(LIP_PAIRS, np.clip(gaps, 0.0, gaps[0]), strict=True):
+        if gap:
+            moves[fields.vertices, 1] += gap / 2 * (fields.shares[lower] - fields.shares[upper])
+    return moves, [f"mouth: the lips were {gaps[0]:.1f} mm apart at rest and are closed, as FAPs expect"]
 
 
 def _make_mesh(

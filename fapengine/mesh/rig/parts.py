@@ -29,6 +29,8 @@ EYE_BONES = {"3.5": "left eye", "3.6": "right eye"}
 """Name of each eye's bone, by its pupil."""
 EYE_DEPTH_MM = 11.0
 """Distance from the midpoint of the corners of the eye back to the centre of the ball."""
+MAX_BALL_MM = 25.0
+"""Radius beyond which an eye is not a ball."""
 MAX_SHELL_RATIO = 1.2
 """Radii of an eyeball within which a whole part (cornea, tear film, the ball itself) belongs to the eye."""
 MIN_BONE_WEIGHT = 0.5
@@ -89,6 +91,12 @@ def _sphere_centre(points: Array) -> Array:
     arm = points - middle
     solution, *_ = np.linalg.lstsq(np.column_stack([2 * arm, np.ones(len(arm))]), (arm**2).sum(axis=1), rcond=None)
     return middle + solution[:3]
+
+
+def turning_share(mesh: PlacedMesh, eye: Eyeball) -> float:
+    """Share of a gaze by which an eye turns; below 1 for a flat eye, as VRoid's, whose joint is far behind it."""
+    distance = np.linalg.norm(mesh.vertices_mm[eye.vertices] - eye.centre_mm, axis=1)
+    return MAX_BALL_MM / max(float(np.median(distance)), MAX_BALL_MM) if len(distance) else 1.0
 
 
 def find_followers(mesh: PlacedMesh, eyes: Eyes) -> tuple[Indices, Indices]:

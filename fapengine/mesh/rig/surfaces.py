@@ -10,7 +10,7 @@ from fapengine._arrays import Array, Indices
 from fapengine.geometry.surface import ambient_light, average_over_mesh, vertex_normals
 from fapengine.mesh import colours
 from fapengine.mesh.face_mesh import Material
-from fapengine.mesh.rig.parts import Eyeball, Eyes
+from fapengine.mesh.rig.parts import Eyeball, Eyes, turning_share
 from fapengine.mesh.rig.placed_mesh import PlacedMesh
 
 LIP_OUTLINE = ("8.3", "8.5", "8.1", "8.6", "8.4", "8.8", "8.2", "8.7")
@@ -18,8 +18,6 @@ LIP_DEPTH_MM = 6.0
 """Distance behind the outline of the lips within which skin is coloured as lip."""
 IRIS_COSINE, WHITE_COSINE = 0.93, 0.5
 """Cosines of the angles from the front, about 22 and 60 degrees, at which an iris and the white around it end."""
-MAX_BALL_MM = 25.0
-"""Radius beyond which an eye is not a ball."""
 BALL_TOLERANCE = 0.03
 """Difference of a vertex's distance from the centre of the eye, in radii, above which it is on a lid, a lash or a duct.
 """
@@ -72,7 +70,7 @@ def _has_iris(mesh: PlacedMesh, eye: Eyeball) -> bool:
         column, row = (source.uv[ball] * (width, height)).astype(int).clip(0, (width - 1, height - 1)).T
         colour = colour * source.texture[row, column, :3] / 255.0
     # An eye drawn on a flat piece of skin, as VRoid's, turns about a joint far away, so it has no sides to compare.
-    if not iris.any() or not white.any() or np.median(radius) > MAX_BALL_MM:
+    if not iris.any() or not white.any() or turning_share(mesh, eye) < 1.0:
         return bool(np.ptp(colour, axis=0).max(initial=0.0) > MIN_IRIS_CONTRAST)
     return bool(np.abs(colour[iris].mean(axis=0) - colour[white].mean(axis=0)).max() > MIN_IRIS_CONTRAST)
 
@@ -83,7 +81,10 @@ def choose_materials(mesh: PlacedMesh, eyes: Eyes, blank: Eyes) -> NDArray[np.ui
     for words, kind in SURFACE_MATERIALS:
         material[mesh.source.on_surfaces(words)[mesh.kept]] = kind
     for pupil, eye in eyes.items():
-        material[eye.vertices] = Material.EYE if pupil in blank else Material.BALL
+        if pupil in blank:
+            material[eye.vertices] = Material.EYE
+        elif turning_share(mesh, eye) == 1.0:  # a flat eye would be one large highlight
+            material[eye.vertices] = Material.BALL
     return material
 
 

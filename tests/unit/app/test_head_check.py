@@ -1,4 +1,4 @@
-"""Heads are held against what is plausible: lips that open, meet, and are measured as lips are."""
+"""The self-test of a head: lips that open, meet, and are measured as lips are; lids that close."""
 
 from dataclasses import replace
 
@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 import fapengine
-from fapengine.app.head_check import AH, lip_remarks
+from fapengine.app.head_check import draw_sheet, self_test
+from fapengine.files.pictures import GAP, LABEL_HEIGHT, MARGIN, TILE
 from fapengine.mesh.face_mesh import FaceMesh
 
 HEAD = "default:level=coarse"
+TITLE_HEIGHT = 40
 
 
 @pytest.fixture(scope="module")
@@ -19,28 +21,55 @@ def head() -> FaceMesh:
 
 @pytest.mark.parametrize("name", [HEAD, "woman", "child"])
 def test_our_heads_speak(name: str) -> None:
-    assert lip_remarks(fapengine.load_head(name)) == ()
+    tested = self_test(fapengine.load_head(name))
+    assert tested.remarks == ()
+    assert tested.summary.endswith("mm on ɑ (expected 8 to 20), close on m, lids close")
+    assert 8.0 < tested.facts["lips_ɑ_mm"] < 20.0
+    assert 1.0 < tested.facts["lips_f_mm"] < tested.facts["lips_ɑ_mm"]
 
 
 def test_a_mouth_that_is_too_near_to_the_nose(head: FaceMesh) -> None:
     """As of an avatar of VRoid whose point 9.15 lay at the lip."""
-    (remark,) = lip_remarks(replace(head, fapu=replace(head.fapu, mns0_mm=1.94)))
-    assert remark.startswith("lips: mouth and nose are 1.9 mm apart, 0.03 of the eyes' distance, expected 0.15 to")
+    (remark,) = self_test(replace(head, fapu=replace(head.fapu, mns0_mm=1.94))).remarks
+    assert remark.startswith("FAPU: MNS0 is 1.9 mm, 0.03 of the eyes' distance, expected 0.22 to 0.5; points=FILE sets")
 
 
-def test_a_mouth_that_hardly_opens(head: FaceMesh, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("fapengine.app.head_check.AH", {number: value / 9 for number, value in AH.items()})
-    (remark,) = lip_remarks(head)
-    assert remark.startswith("lips: they open by 1.2 mm on a wide ah, expected 8 to 20 mm")
+def test_a_mouth_that_hardly_opens(head: FaceMesh) -> None:
+    weak = replace(head.basis, entry_mm=head.basis.entry_mm / 5)
+    tested = self_test(replace(head, basis=weak))
+    assert "lips: they open 2.4 mm on ɑ, expected 8 to 20 mm" in tested.remarks
+    assert tested.summary.startswith("lips open 2 mm on ɑ (expected 8 to 20)")
 
 
 def test_lips_that_are_apart_at_rest(head: FaceMesh) -> None:
     vertices = np.array(head.vertices_mm)
     vertices[head.feature_points["2.3"], 1] -= 6.0
-    (remark,) = lip_remarks(replace(head, vertices_mm=vertices))
-    assert remark.startswith("lips: they do not meet, and are 6.0 mm apart at rest")
+    tested = self_test(replace(head, vertices_mm=vertices))
+    assert tested.remarks == ("lips: they are 6.0 mm apart on m, expected at most 0.5 mm",)
+    assert "stay 6.0 mm open on m" in tested.summary
 
 
-def test_a_mesh_without_points_on_the_lips_has_no_remarks(head: FaceMesh) -> None:
-    points = {name: vertex for name, vertex in head.feature_points.items() if name != "2.3"}
-    assert lip_remarks(replace(head, feature_points=points)) == ()
+def test_lids_that_stay_open(head: FaceMesh) -> None:
+    vertices = np.array(head.vertices_mm)
+    vertices[head.feature_points["3.4"], 1] -= 3.0
+    tested = self_test(replace(head, vertices_mm=vertices))
+    (remark,) = tested.remarks
+    assert remark.startswith("lids: the right eye stays 2.")
+    assert tested.summary.endswith("lids stay open")
+
+
+def test_a_mesh_without_points_says_that_nothing_is_known(head: FaceMesh) -> None:
+    tested = self_test(replace(head, feature_points={"2.1": head.feature_points["2.1"]}))
+    assert tested.remarks == ()
+    assert tested.summary == "lips do not move, lids unknown"
+    assert tested.facts["lips_ɑ_mm"] is None
+
+
+def test_the_contact_sheet_shows_nine_different_faces(head: FaceMesh) -> None:
+    sheet = draw_sheet(head)
+    tiles = [
+        sheet[top : top + TILE, left : left + TILE].tobytes()
+        for top in range(MARGIN + TITLE_HEIGHT, sheet.shape[0] - TILE, TILE + LABEL_HEIGHT + GAP)
+        for left in range(MARGIN, sheet.shape[1] - TILE, TILE + GAP)
+    ][:9]
+    assert len(set(tiles)) == 9

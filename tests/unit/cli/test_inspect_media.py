@@ -9,6 +9,7 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
+from fapengine.app.inspection.faces import shape_sets
 from fapengine.app.inspection.feature_points import MOVED, SIDE, TITLE_PX, VIEWS, _is_named
 from fapengine.cli.main import app
 from fapengine.errors import DataError, FapEngineError
@@ -20,7 +21,9 @@ from fapengine.files.sound import save_wav
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fap import FEATURE_POINT_NAMES
 from fapengine.mpeg4.track import FapTrack
+from fapengine.retarget.blend import ARKIT_NAMES
 from fapengine.retarget.blend_tracks import format_blend_csv
+from fapengine.retarget.blendshape_names import OCULUS
 from tests.projection import project
 from tests.unit.files.glb import Builder, square
 
@@ -138,10 +141,30 @@ def test_an_avatar(tmp_path: Path) -> None:
     assert (report["vertices"], report["triangles"], report["licence"]) == (4, 2, "Anna; CC0")
     assert report["shapes"] == ["jawOpen", "eyeBlinkLeft", "hat"]
     assert len(report["lacking"]) == 50
+    assert report["shape_sets"]["ARKit"]["state"] == "partial"
+    assert "ARKit: partial, 2 of 52 shapes move; missing: eyeLookDownLeft, " in inspected(path)
+    assert "VRM: missing (18 shapes)" in inspected(path)
     assert report["clips"] == [{"name": "hello", "seconds": 1.5, "channels": 1}]
     assert f"head import {path} -o heads/anna" in inspected(path)
     path.write_bytes(builder.glb()[:-9])
     assert str(path) in refused(path, where=True)
+
+
+def test_sets_of_shapes_are_complete_partial_empty_or_missing() -> None:
+    """VRoid names ARKit's shapes that move nothing; those of rest move nothing anywhere."""
+    oculus = [f"viseme_{name}" for name in OCULUS]
+    sets = shape_sets([*ARKIT_NAMES, *oculus, "A", "Blink_L", "happy"], [*ARKIT_NAMES[:50], *oculus[1:]])
+    assert {title: one["state"] for title, one in sets.items()} == {
+        "ARKit": "partial", "Oculus": "complete", "VRM": "empty", "MPEG-4 visemes": "missing",
+    }  # fmt: skip
+    assert sets["ARKit"]["empty"] == list(ARKIT_NAMES[50:])
+    assert sets["VRM"]["empty"] == ["happy", "aa", "blinkLeft"]
+    assert "neutral" in sets["VRM"]["missing"]
+    assert shape_sets(["viseme_0", "viseme 14"], ["viseme 14"])["MPEG-4 visemes"]["missing"] == [
+        f"viseme{number}" for number in range(1, 14)
+    ]
+    assert shape_sets(["sil"], [])["Oculus"]["state"] == "missing"
+    assert shape_sets(["viseme_sil"], [])["Oculus"]["state"] == "empty"
 
 
 def test_a_scan_says_what_it_needs(tmp_path: Path) -> None:

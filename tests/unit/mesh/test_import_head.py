@@ -110,6 +110,54 @@ def test_points_lie_on_the_outside_of_a_skin_that_has_an_inside(rig, standard):
     assert [name for name in bent if found[name] >= count] == []
 
 
+def test_skin_that_stretches_above_the_lips_is_not_a_slit(rig, standard):
+    """As of VRoid's vowels, which stretch the skin below the nose: it lies in front of the lips that open."""
+    here = locate(rig, roles(rig), standard)
+    tip = standard.point_mm("9.3")
+    above = (np.abs(rig.vertices[:, 0]) < 12) & (np.abs(rig.vertices[:, 1] - tip[1] + 12) < 3)
+    stretched = rig.dense("jawOpen") + np.where(above[:, None], [0.0, 12.0, 0.0], 0.0)
+    there = locate(rig, roles(rig) | {JAW: stretched}, standard)
+    assert [(name, there[name]) for name in ("2.2", "2.3")] == [(name, here[name]) for name in ("2.2", "2.3")]
+
+
+def test_units_that_no_face_has_are_replaced(rig, marked, standard):
+    """As of a VRoid avatar whose point 9.15 lay at its lip: FAPs of the mouth were a tenth of what they should be."""
+    above = standard.point_mm("8.1") + np.array([0.0, 2.0, 0.0])
+    free = np.setdiff1d(np.unique(rig.triangles), list(marked.values()))
+    at_lip = int(free[np.linalg.norm(rig.vertices[free] - above, axis=1).argmin()])
+    found = import_head(rig, ["jawOpen"], marked | {"9.15": at_lip}, standard)
+    expected = found.mesh.fapu.es0_mm * standard.fapu.mns0_mm / standard.fapu.es0_mm
+    assert found.mesh.fapu.mns0_mm == pytest.approx(expected)
+    (note,) = (note for note in found.notes if note.startswith("FAPU: MNS0 is"))
+    assert "as on the standard face" in note
+    assert not [note for note in import_head(rig, ["jawOpen"], marked, standard).notes if "FAPU" in note]
+
+
+def test_a_mouth_that_is_open_at_rest_is_closed(rig, marked, standard):
+    lower = np.abs(rig.dense("jawOpen")[:, 1]) > 5.0
+    lower &= rig.surface == 0
+    ajar = replace(rig, vertices=rig.vertices - np.where(lower[:, None], [0.0, 1.5, 0.0], 0.0))
+    head = import_head(ajar, ["jawOpen"], marked, standard)
+    for upper, under in (("2.2", "2.3"), ("2.6", "2.8"), ("2.7", "2.9")):
+        assert abs(head.mesh.point_mm(upper)[1] - head.mesh.point_mm(under)[1]) < 0.3, upper  # mm
+    assert [note for note in head.notes if "1.5 mm apart at rest" in note]
+    assert not [note for note in import_head(rig, ["jawOpen"], marked, standard).notes if "apart at rest" in note]
+
+
+def test_a_flat_eye_with_a_joint_far_away_stays_in_its_lids(rig, marked, standard):
+    """As VRoid's, 73 mm in front of their joint: they moved 18 mm in a glance."""
+    eye = (rig.surface == rig.surfaces.index("Eyeball")) & (rig.vertices[:, 0] > 0)
+    glance = np.zeros(68)
+    glance[fap.column(23)] = 25_000.0
+    for behind_mm in (0.0, 61.0):
+        joint = standard.eye_pivots_mm[0] - [0.0, 0.0, behind_mm]
+        mesh = import_head(
+            replace(rig, bones={"left eye": RigBone(eye.astype(float), joint)}), ["jawOpen"], marked, standard
+        ).mesh
+        gone = deform(mesh, glance)[mesh.feature_points["3.5"]] - mesh.point_mm("3.5")
+        assert 2.0 < np.linalg.norm(gone) < 8.0, behind_mm  # mm
+
+
 def test_a_blink_of_both_eyes_is_parted_at_the_nose(rig, standard):
     apart = locate(rig, roles(rig), standard)
     both = rig.dense("eyeBlinkLeft") + rig.dense("eyeBlinkRight")

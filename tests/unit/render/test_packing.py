@@ -208,6 +208,16 @@ def test_triangles_over_holes_are_cutouts(head: FaceMesh) -> None:
     assert not ((np.abs(middle[:, 0] - 20.5) < 0.5) & (np.abs(middle[:, 1] - 10.5) < 0.5)).any()
 
 
+def test_layers_of_an_eye_with_holes_are_cutouts(head: FaceMesh) -> None:
+    """As VRoid's highlights, which covered the iris with the colour that they have where they are transparent."""
+    eye = head.material == Material.EYE
+    picture = np.full((64, 64, 4), 255, dtype=np.uint8)
+    ball = replace(head, material=np.where(eye, Material.BALL, head.material), texture=picture)
+    assert set(pack(ball).parts) == {"face", "eyeball", "strand"}
+    picture[..., 3] = 0
+    assert set(pack(replace(ball, texture=picture)).parts) == {"cutout", "strand"}
+
+
 def test_a_painting_that_repeats_over_holes(head: FaceMesh) -> None:
     """Outside 0..1 nothing is known of where the hole is: a triangle there may have it."""
     picture = np.full((64, 64, 4), 255, dtype=np.uint8)
