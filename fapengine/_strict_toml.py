@@ -225,6 +225,7 @@ class _UnfitError(ValueError):
 
 def _converted(value: Any, kind: Any) -> Any:
     """Convert a value to the type of an annotation, such as a whole number to a float; raise _UnfitError otherwise."""
+    kind = _meant(kind)
     origin, parts = get_origin(kind) or kind, get_args(kind)
     if kind is Any or isinstance(kind, ForwardRef | TypeVar):
         return value
@@ -259,6 +260,13 @@ def _converted(value: Any, kind: Any) -> Any:
     ):
         return value
     raise _UnfitError
+
+
+def _meant(kind: Any) -> Any:
+    """Follow aliases: NumPy 2.5 declares its own by ``type`` (PEP 695) on Python 3.12 and later."""
+    while (value := getattr(get_origin(kind) or kind, "__value__", None)) is not None:
+        kind = value
+    return kind
 
 
 def _dataclass(table: dict[str, Any], kind: Any, path: tuple[str | int, ...], error: type[DataError]) -> Any:
@@ -297,6 +305,7 @@ def _complaint(value: object, kind: Any) -> str:
 
 def _spell(kind: Any) -> str:
     """Describe the values of a type."""
+    kind = _meant(kind)
     origin, parts = get_origin(kind), get_args(kind)
     if origin is Annotated:
         ranges = "".join(f", {part}" for part in parts[1:] if isinstance(part, Between))

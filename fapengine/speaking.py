@@ -25,7 +25,9 @@ Method = Literal["context", "paper", "published", "minimum-jerk", "dominance"]
 METHOD_NAMES: tuple[Method, ...] = get_args(Method)
 GENERATORS = ("blinks", "head_motion", "gaze", "idle", "emphasis")
 """Fields of :class:`fapengine.trajectory.style.Style` that switch gestures."""
-WITHOUT = (*(name.replace("_", "-") for name in GENERATORS), "all")
+PROVENANCE = "provenance"
+"""Value of ``--without`` that leaves out the mark of :mod:`fapengine.files.provenance`."""
+WITHOUT = (*(name.replace("_", "-") for name in GENERATORS), "all", PROVENANCE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +121,8 @@ MethodName = Annotated[
 Without = Annotated[
     tuple[str, ...],
     Described(
-        "Turn off automatic movement: {choices}. Repeatable.",
+        "Turn off automatic movement, or the mark that says that a file is synthetic (provenance): {choices}."
+        " Repeatable.",
         python="Style.without",
         config="style",  # a key of its own for each
         choices=WITHOUT,

@@ -17,6 +17,7 @@ from fapengine.files.landmarks import landmarks_of, landmarks_of_pictures
 from fapengine.files.motion import load_motion
 from fapengine.files.moving import is_moving, write_moving
 from fapengine.files.paths import read_bytes
+from fapengine.files.provenance import COMPOSITE
 from fapengine.files.recordings import save_markers
 from fapengine.files.sound import load_sound
 from fapengine.files.video import FILMS, camera_pictures, stream_pictures
@@ -185,4 +186,4 @@ def _overlay(job: CaptureJob, track: FapTrack) -> None:
     except DataError:  # a video without sound
         sound = None
     assert job.overlay is not None
-    write_moving(job.overlay, pairs(), rate_hz=track.rate_hz, sound=sound)
+    write_moving(job.overlay, pairs(), rate_hz=track.rate_hz, sound=sound, source=COMPOSITE)

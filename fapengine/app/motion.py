@@ -74,6 +74,7 @@ def save(
     kbit_s: float | None = None,
     encoding: EncoderOptions | None = None,
     into: str | Path | Into | None = None,
+    provenance: bool = True,
     on_frame: Callable[[], None] = lambda: None,
 ) -> Path:
     """Save face motion in the format that the file name asks for; missing folders are made.
@@ -108,6 +109,9 @@ def save(
         All options of ``.fba``.
     into : str, Path or Into, optional
         Avatar (.glb, .vrm, .gltf) that gets the motion as an animation, and how it is written.
+    provenance : bool
+        Whether images, films, avatars and VRM animations say, to programs, that they are synthetic (the IPTC's
+        ``digitalSourceType``).
     on_frame : callable
         Called after each frame that is drawn.
 
@@ -125,7 +129,7 @@ def save(
     """
     options = SaveOptions.of(
         sound=sound, head=head, drawing=drawing, size=size, at_s=at_s, shapes=shapes, kbit_s=kbit_s, encoding=encoding,
-        into=into, on_frame=on_frame,
+        into=into, provenance=provenance, on_frame=on_frame,
     )  # fmt: skip
     write_output(track, Path(path), options)
     return Path(path)

@@ -24,6 +24,7 @@ from fapengine.files.motion import as_visemes, save_fap, shown
 from fapengine.files.moving import FOLDER_PATTERN, check_moving, is_sequence, write_moving
 from fapengine.files.paths import write_bytes
 from fapengine.files.pictures import save_png, straight
+from fapengine.files.provenance import provenance
 from fapengine.files.sound import save_wav
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mpeg4.fap import FULL_WEIGHT
@@ -71,6 +72,8 @@ class SaveOptions:
     shapes: str | None = None
     encoding: EncoderOptions | None = None
     into: Into | None = None
+    provenance: bool = True
+    """Whether images, films and avatars say that they are synthetic: :mod:`fapengine.files.provenance`."""
     on_frame: Callable[[], None] = lambda: None
     on_image: Callable[[int, Picture], None] = lambda number, picture: None
     """Called with each image of a video, and its number."""
@@ -203,7 +206,8 @@ def write_output(track: FapTrack, path: Path, options: SaveOptions) -> None:
         If the file cannot be written, or there is no OpenGL.
     """
     kind = check_output(path, options, rate_hz=track.rate_hz)
-    kind.write(track if kind.keeps_visemes else shown(track), path, options)
+    with provenance(options.provenance):
+        kind.write(track if kind.keeps_visemes else shown(track), path, options)
 
 
 def _write_fap(track: FapTrack, path: Path, options: SaveOptions) -> None:

@@ -125,6 +125,7 @@ class Performance:
         kbit_s: float | None = None,
         encoding: EncoderOptions | None = None,
         into: str | Path | Into | None = None,
+        provenance: bool = True,
         on_frame: Callable[[], None] = lambda: None,
     ) -> Path:
         """Save it with its sound, in the format that the file name asks for: see :func:`fapengine.save`.
@@ -133,7 +134,7 @@ class Performance:
         """
         options = SaveOptions.of(
             sound=self.sound, phones=self.phones, head=head, drawing=drawing, size=size, at_s=at_s, shapes=shapes,
-            kbit_s=kbit_s, encoding=encoding, into=into, on_frame=on_frame,
+            kbit_s=kbit_s, encoding=encoding, into=into, provenance=provenance, on_frame=on_frame,
         )  # fmt: skip
         write_output(self.track, Path(path), options)
         return Path(path)

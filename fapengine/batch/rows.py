@@ -15,7 +15,7 @@ from fapengine.laboratory.fit import FitOptions
 from fapengine.models.via_points import STRAIGHT
 from fapengine.profiles import Profile
 from fapengine.render.drawing import Drawing
-from fapengine.speaking import DEFAULT_VOICE, SpeakingOptions
+from fapengine.speaking import DEFAULT_VOICE, PROVENANCE, SpeakingOptions
 from fapengine.speech.formats.registry import ParseOptions, check_options
 from fapengine.voices.choice import VoiceChoice, language_voice
 
@@ -81,6 +81,7 @@ class Options(SpeakingOptions):
             shapes=self.shapes,
             encoding=EncoderOptions(quant=self.quant, kbit_s=self.kbps) if kind == "fba" else None,
             into=into,
+            provenance=PROVENANCE not in self.without,
         )
 
     def fitting(self, session: Path, output: Path) -> FitJob:

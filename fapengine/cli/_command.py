@@ -19,7 +19,8 @@ import typer
 
 from fapengine._strict_toml import Between, check_value
 from fapengine.errors import DataError, FapEngineError, UsageError
-from fapengine.speaking import Described
+from fapengine.files.provenance import provenance
+from fapengine.speaking import PROVENANCE, Described
 
 MANNER = "Speech and motion"
 """Title of the options of :mod:`fapengine.speaking` in the help."""
@@ -53,12 +54,14 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
 
     def run(context: typer.Context, **values: Any) -> None:
         running.set(context)
+        is_marked = PROVENANCE not in values.get("without", ())
         try:
             for name, value in values.items():
                 values[name] = _checked(name, value, kinds[name])
             for name, group in groups.items():
                 values[name] = group(**{field.name: values.pop(field.name) for field in fields(group)})
-            function(**values)
+            with provenance(is_marked):
+                function(**values)
         except FapEngineError as error:
             raise _reworded(error, flags_of(context)) from error
 

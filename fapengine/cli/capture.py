@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from fapengine.cli.options import AsJson, HeadName, Sinks, WriteOptions, live
+from fapengine.cli.options import AsJson, HeadName, Sinks, WithoutMark, WriteOptions, live
 
 WINDOW = "512x512"
 
@@ -50,6 +50,7 @@ def capture(
         live(metavar="URL", help="Drive a session of `fapengine serve`: http://127.0.0.1:8110/?session=anna."),
     ] = None,
     head: HeadName = "default",
+    without: WithoutMark = [],  # noqa: B006
     as_json: AsJson = False,
     writing: WriteOptions = WriteOptions(),
 ) -> None:

@@ -19,6 +19,7 @@ def convert(
     output: shared.Output,
     shapes: shared.Shapes = None,
     avatar: shared.AvatarOptions = shared.AvatarOptions(),
+    without: shared.WithoutMark = [],  # noqa: B006
     strict: shared.Strict = False,
     as_json: shared.AsJson = False,
     writing: shared.WriteOptions = shared.WriteOptions(),

@@ -47,6 +47,7 @@ def drive(
         0.35, "--tolerance", min=0.0, max=100.0, help="Largest mean error for the chosen number of markers, in mm."
     ),
     fps: float | None = typer.Option(None, "--fps", min=1.0, max=1000.0, help="Frame rate of a folder of meshes."),
+    without: shared.WithoutMark = [],  # noqa: B006
     as_json: shared.AsJson = False,
     writing: shared.WriteOptions = shared.WriteOptions(),
 ) -> None:

@@ -66,7 +66,7 @@ def inspect(
             raise UsageError(f"--weights: {path} is not a profile")
         save_fap(pose, report.pose(weights))
     if plot is not None:
-        save_png(plot, report.draw(path))
+        save_png(plot, report.draw(path), source=None)
     if as_json:
         print_result(report.facts, as_json=True)
     else:

@@ -1,6 +1,7 @@
 """Options that several commands share: single ones as types, groups as dataclasses."""
 
 from dataclasses import asdict, dataclass, field
+from enum import StrEnum
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -9,6 +10,7 @@ import typer
 
 from fapengine.cli._command import MANNER
 from fapengine.server.sinks.kinds import SINK_KINDS
+from fapengine.speaking import PROVENANCE
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -71,6 +73,15 @@ WordsVoice = Annotated[
         "--voice", "-v", help="Voice that pronounces timings without phones. Default: the file's language, else en-us."
     ),
 ]
+class _Mark(StrEnum):
+    PROVENANCE = PROVENANCE
+
+
+WithoutMark = Annotated[
+    list[_Mark],
+    typer.Option("--without", help="provenance: do not write the mark that says that a file is synthetic."),
+]
+"""Where nothing else can be left out; :mod:`fapengine.cli._command` acts on it."""
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 Device = Annotated[str | None, live("--audio-device", help="Audio output device: its number, or part of its name.")]
 

@@ -64,6 +64,7 @@ def render(
     with_markers: Annotated[
         bool, typer.Option("--with-markers", help="For marker recordings: show the markers beside each face.")
     ] = False,
+    without: shared.WithoutMark = [],  # noqa: B006
     strict: shared.Strict = False,
     as_json: shared.AsJson = False,
     writing: shared.WriteOptions = shared.WriteOptions(),

@@ -165,7 +165,11 @@ def serve(
     if calls.on and (no_page or listen.web_port is None):
         raise UsageError("--webrtc: requires the web page; remove --no-page, or set --web-port")
     chosen = ServeConfig(
-        listen=replace(listen, web_port=None) if no_page else listen,
+        listen=replace(
+            listen,
+            web_port=None if no_page else listen.web_port,
+            provenance=listen.provenance and speaking.PROVENANCE not in without,
+        ),
         face=overridden(own.face, profile=profile, head=head, rate_hz=fps, seed=seed),
         style=style.without(without),
         voice=overridden(own.voice, name=voice, rate_wpm=wpm, ssml=ssml),

@@ -17,6 +17,7 @@ from fapengine._late import require
 from fapengine.errors import UsageError
 from fapengine.files.paths import refuse_standard_output, replacing_folder
 from fapengine.files.pictures import Picture, save_png
+from fapengine.files.provenance import SYNTHETIC
 from fapengine.files.video import av, mux, writing
 
 GIF_MAX_HZ = 50.0
@@ -140,6 +141,7 @@ def write_moving(
     rate_hz: float,
     sound: tuple[NDArray[np.int16], int] | None = None,
     on_frame: Callable[[], None] = lambda: None,
+    source: str = SYNTHETIC,
 ) -> int:
     """Write frames in the format that the name asks for: a video, an animation that loops, or numbered files.
 
@@ -157,6 +159,8 @@ def write_moving(
         Mono samples from time 0 and their rate; only videos have audio.
     on_frame : callable
         Called after each frame, for progress.
+    source : str
+        Where the images come from, which the file states: a term of :mod:`fapengine.files.provenance`.
 
     Returns
     -------
@@ -182,23 +186,23 @@ def write_moving(
             on_frame()
 
     if path.suffix in FORMATS:
-        _write_video(path, counted(), Fraction(rate_hz).limit_denominator(1001), sound)
+        _write_video(path, counted(), Fraction(rate_hz).limit_denominator(1001), sound, source)
     else:
-        _write_sequence(_pattern(path), counted())
+        _write_sequence(_pattern(path), counted(), source)
     return count
 
 
-def _write_sequence(pattern: Path, frames: Iterable[Picture]) -> None:
+def _write_sequence(pattern: Path, frames: Iterable[Picture], source: str) -> None:
     rest, numbers = NUMBER.subn("", pattern.name)
     if numbers != 1 or "%" in rest or pattern.suffix != ".png":
         raise UsageError(f"frames: got {pattern.name}, expected one number in a PNG's name, as frame_%04d.png")
     with replacing_folder(pattern.parent, owned=[NUMBER.sub("[0-9]*", pattern.name)]) as folder:
         for number, picture in enumerate(frames):
-            save_png(folder / (pattern.name % number), picture)
+            save_png(folder / (pattern.name % number), picture, source=source)
 
 
 def _write_video(
-    path: Path, frames: Iterator[Picture], rate: Fraction, sound: tuple[NDArray[np.int16], int] | None
+    path: Path, frames: Iterator[Picture], rate: Fraction, sound: tuple[NDArray[np.int16], int] | None, source: str
 ) -> None:
     kind, is_gif = FORMATS[path.suffix], path.suffix == ".gif"
     start = list(itertools.islice(frames, PALETTE_FRAMES if is_gif else 1))
@@ -206,7 +210,7 @@ def _write_video(
         raise UsageError(f"{path.name}: got no frame, expected one or more")
     height, width, components = start[0].shape
     check_moving(path, rate_hz=float(rate), size=(width, height), alpha=components == 4)
-    with writing(path, kind.muxer) as container:
+    with writing(path, kind.muxer, source=source) as container:
         stream: Any = container.add_stream(kind.codec, rate=rate)
         stream.height, stream.width = height, width
         stream.pix_fmt = kind.alpha_pixels if components == 4 else kind.pixels

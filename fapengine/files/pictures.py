@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from fapengine._late import Late
 from fapengine.errors import DataError, UnsupportedError, UsageError
 from fapengine.files.paths import read_bytes, replacing
+from fapengine.files.provenance import PNG_KEY, SYNTHETIC, xmp
 from fapengine.speech import ipa
 from fapengine.speech.phone_track import Phone, PhoneTrack
 
@@ -60,8 +61,10 @@ def straight(picture: Picture) -> Picture:
     return np.concatenate([np.round(colours).astype(np.uint8), picture[..., 3:]], axis=2)
 
 
-def save_png(path: Path, picture: Picture) -> None:
+def save_png(path: Path, picture: Picture, *, source: str | None = SYNTHETIC) -> None:
     """Write (height, width, 3 or 4) uint8, sRGB, with straight alpha; the file names fapengine as its software.
+
+    It also states its ``source``, a term of :mod:`fapengine.files.provenance`; None for diagrams.
 
     Raises
     ------
@@ -73,6 +76,8 @@ def save_png(path: Path, picture: Picture) -> None:
 
     metadata = PngInfo()
     metadata.add_text(*PNG_MARK)
+    if source and (packet := xmp(source)):
+        metadata.add_itxt(PNG_KEY, packet.decode())
     with replacing(path) as new:
         image.save(new, format="PNG", pnginfo=metadata)
 

@@ -7,12 +7,13 @@ name no further files.
 from __future__ import annotations
 
 import heapq
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, BinaryIO, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 from fapengine._late import Late
 from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.files.paths import open_file, replacing
+from fapengine.files.provenance import mark, mark_film
 
 if TYPE_CHECKING:
     import av as av
@@ -34,11 +36,49 @@ CONTAINERS = {"format_whitelist": "mov,matroska,avi,mpegts,mpeg,flv,asf,ogg,gif"
 """FFmpeg options that allow self-contained videos only."""
 MAX_PIXELS = 8192 * 4608
 """Largest frame that is decoded."""
+SAMPLES = {b"stsz": 16, b"trun": 12}
+"""Boxes of MP4 that state a number of samples, and where."""
+BOXES = frozenset({b"moov", b"trak", b"mdia", b"minf", b"stbl", b"moof", b"traf"})
+"""Boxes of MP4 that hold those."""
+MOST_BOXES = 100_000
+"""Boxes that are looked at."""
+TAGGED = (".webm", ".mkv")
+"""Matroska: tags, and no place for XMP."""
 SOUND_RATE_HZ = 48000
 """Audio sample rate that both AAC and Opus support."""
 
 Picture = NDArray[np.uint8]
 Packet: TypeAlias = "av.Packet[Any]"
+
+
+def check_samples(file: BinaryIO, path: Path) -> None:
+    """Reject an MP4 that states more samples than it has bytes: FFmpeg takes 24 bytes or more of memory for each.
+
+    Raises
+    ------
+    DataError
+        If a table of samples is a lie.
+    """
+    ends = [file.seek(0, os.SEEK_END)]
+    size, at = ends[0], 0
+    for _ in range(MOST_BOXES):
+        file.seek(at)
+        head = file.read(20)
+        length, kind, body = int.from_bytes(head[:4], "big"), head[4:8], 8
+        if length == 1:
+            length, body = int.from_bytes(head[8:16], "big"), 16
+        if kind in SAMPLES and int.from_bytes(head[SAMPLES[kind] :][:4], "big") > size:
+            raise DataError(f"{path}: states more samples than it has bytes")
+        if kind in BOXES and body <= length:
+            ends.append(min(at + length, ends[-1]))
+            at += body
+        else:
+            at = min(at + length, ends[-1]) if length >= body else ends[-1]
+        while at >= ends[-1]:
+            if not ends.pop() or not ends:
+                file.seek(0)
+                return
+    file.seek(0)
 
 
 def reason(error: Exception) -> str:
@@ -60,8 +100,10 @@ def reading(path: Path, purpose: str) -> Iterator[Any]:
         If it cannot be opened, and for errors of FFmpeg inside the block.
     """
     try:
-        with open_file(path) as file, av.open(file, mode="r", options=CONTAINERS) as container:
-            yield container
+        with open_file(path) as file:
+            check_samples(file, path)
+            with av.open(file, mode="r", options=CONTAINERS) as container:
+                yield container
     except (DataError, UsageError):
         raise
     except (av.FFmpegError, ValueError, OSError) as error:
@@ -69,8 +111,12 @@ def reading(path: Path, purpose: str) -> Iterator[Any]:
 
 
 @contextmanager
-def writing(path: Path, options: dict[str, str], file_format: str | None = None) -> Iterator[Any]:
+def writing(
+    path: Path, options: dict[str, str], file_format: str | None = None, *, source: str | None = None
+) -> Iterator[Any]:
     """Open a PyAV container that replaces a file when it is complete; ``options`` are those of the muxer.
+
+    With a ``source``, a term of :mod:`fapengine.files.provenance`, the file says where its images come from.
 
     Raises
     ------
@@ -78,8 +124,13 @@ def writing(path: Path, options: dict[str, str], file_format: str | None = None)
         If it cannot be written, and for errors of FFmpeg inside the block.
     """
     try:
-        with replacing(path) as new, av.open(str(new), "w", format=file_format, options=options) as container:
-            yield container
+        with replacing(path) as new:
+            with av.open(str(new), "w", format=file_format, options=options) as container:
+                if source and path.suffix in TAGGED:
+                    container.metadata.update(mark(source))
+                yield container
+            if source:
+                mark_film(new, path.suffix, source)
     except (av.FFmpegError, OSError) as error:
         raise ResourceError(f"{path}: cannot be written ({reason(error)})") from error
 

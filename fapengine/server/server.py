@@ -30,6 +30,7 @@ from fapengine.engine.session import Event
 from fapengine.errors import FapEngineError, ResourceError, UsageError
 from fapengine.files.heads.load import load_head
 from fapengine.files.profiles import load_profile
+from fapengine.files.provenance import provenance
 from fapengine.host.hearing import Hearing
 from fapengine.host.hub import Hub
 from fapengine.host.playback import Playback
@@ -203,7 +204,8 @@ class Server:
             If a sink's URL is not valid.
         """
         try:
-            await self._open()
+            with provenance(self.config.listen.provenance):
+                await self._open()
         except FapEngineError:
             await self._close()
             raise

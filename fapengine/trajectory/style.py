@@ -25,7 +25,7 @@ from fapengine._strict_toml import check_fields, checked
 from fapengine.errors import UsageError
 from fapengine.models.viseme_space import VisemeSpace
 from fapengine.profiles import PhoneTarget, Profile
-from fapengine.speaking import GENERATORS, LOUDNESS_DB, MAX_GAIN, METHOD_NAMES, WITHOUT, Method
+from fapengine.speaking import GENERATORS, LOUDNESS_DB, MAX_GAIN, METHOD_NAMES, PROVENANCE, WITHOUT, Method
 
 DB_PER_DOUBLE_DROP = 12.0
 """Loudness that opens the jaw twice as far: our choice, not a measurement. That loud speech opens it farther is in
@@ -76,7 +76,8 @@ class Style:
         Parameters
         ----------
         names : sequence of str
-            Of :data:`GENERATORS`, with ``-`` or ``_``; ``"all"`` is every one.
+            Of :data:`GENERATORS`, with ``-`` or ``_``; ``"all"`` is every one. ``"provenance"`` is about files, and
+            changes nothing here.
 
         Raises
         ------
@@ -90,9 +91,9 @@ class Style:
         """
         off = [name.replace("-", "_") for name in names]
         for name in off:
-            if name not in (*GENERATORS, "all"):
+            if name not in (*GENERATORS, "all", PROVENANCE):
                 raise UsageError(f"without: unknown value {name!r}; use one of {', '.join(WITHOUT)}")
-        switched: dict[str, Any] = dict.fromkeys(GENERATORS if "all" in off else off, False)
+        switched: dict[str, Any] = {name: False for name in GENERATORS if name in off or "all" in off}
         return replace(self, **switched)
 
     @property

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fapengine.files.gltf.document import BINARY_CHUNK, COMPONENTS, HEADER, JSON_CHUNK, MAGIC, VERSION, WIDTHS
+from fapengine.files.provenance import mark
 from fapengine.models.via_points import KeyedCurve, key_curve
 
 Row = dict[str, Any]
@@ -140,7 +141,8 @@ class Curves:
 
     def row(self, name: str) -> Row:
         """Return the animation's row."""
-        return {"name": name, "samplers": self.samplers, "channels": self.channels}
+        row: Row = {"name": name, "samplers": self.samplers, "channels": self.channels}
+        return row | ({"extras": marked} if (marked := mark()) else {})
 
     def add(self, node: int, path: str, values: Array) -> None:
         """Animate a property of a node: ``weights`` (T, targets), ``rotation`` (T, 4) or ``translation`` (T, 3)."""

@@ -35,6 +35,7 @@ from aiohttp import web
 from fapengine._counters import Counts, metric
 from fapengine._late import missing, needed
 from fapengine.errors import DataError, ResourceError, UsageError
+from fapengine.files.provenance import NAME, mark
 from fapengine.host.hearing import Hearing
 from fapengine.host.hub import Hub
 from fapengine.server.calls.offer import MAX_OFFER, Kind, Offer, answer_offer, read_offer
@@ -58,6 +59,8 @@ OFFERS_HZ, OFFERS = 2.0, 10
 MAX_CALLERS = 1000
 """Number of addresses whose offers are counted."""
 SDP = "application/sdp"
+MARK_HEADER = "Digital-Source-Type"
+"""Header of an answer that says that the caller will see a synthetic face."""
 OPEN = "calls", "Open calls by WebRTC, by what they do."
 MAX_REASONS = 64
 """Number of ended calls whose reason is kept."""
@@ -139,7 +142,7 @@ class Calls:
         need_aiortc()
         self.hub, self._studio, self._hearing = hub, studio, hearing
         self.form, self._most, self._host = form or FilmForm(), most, host
-        self.counts = CallCounts()
+        self.counts, self.marks = CallCounts(), mark()
         self._calls: dict[str, Call] = {}
         self._reasons: OrderedDict[str, str] = OrderedDict()
         self._offers: OrderedDict[str, TokenBucket] = OrderedDict()
@@ -401,6 +404,8 @@ class _Endpoints:
             raise web.HTTPServiceUnavailable(text=str(error), headers={"Retry-After": "5"}) from error
         query = urlencode({"session": session})
         headers = {"Location": f"{request.path}/{name}?{query}", "Access-Control-Expose-Headers": "Location"}
+        if source := self.calls.marks.get(NAME):
+            headers |= {MARK_HEADER: source, "Access-Control-Expose-Headers": f"Location, {MARK_HEADER}"}
         return web.Response(status=201, text=answer, content_type=SDP, headers=headers)
 
     async def end(self, request: web.Request) -> web.StreamResponse:

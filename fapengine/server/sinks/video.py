@@ -23,6 +23,7 @@ import numpy as np
 
 from fapengine._late import needed
 from fapengine.errors import ResourceError, UsageError
+from fapengine.files.provenance import mark
 from fapengine.server.film.film import FilmForm, Studio
 from fapengine.server.film.soundtrack import RATE_HZ, Samples
 from fapengine.server.sinks.kinds import SinkAddress, SinkCounts
@@ -127,6 +128,7 @@ class StreamSink:
         self._error: ResourceError | None = None
         """Why it cannot send at all."""
         self._ends = threading.Event()
+        self._marks = mark()
         self._thread = threading.Thread(target=self._run, name=address.kind, daemon=True)
         self._leave = studio.watch(address.session or SESSION, self._form, self)
         self._thread.start()
@@ -179,7 +181,7 @@ class StreamSink:
         trials = 0
         while not self._ends.is_set():
             try:
-                with _Encoder(self._url, CONTAINERS[self.address.kind], self._form, self._kbit_s) as encoder:
+                with _Encoder(self._url, CONTAINERS[self.address.kind], self._form, self._kbit_s, self._marks) as encoder:
                     self._tried.set()
                     log.info("%s is connected", self.address)
                     trials = 0
@@ -219,7 +221,7 @@ class StreamSink:
 class _Encoder:
     """H.264 and AAC into one container; on the stream's thread. Stateful; a context manager."""
 
-    def __init__(self, url: str, container: str, form: FilmForm, kbit_s: int) -> None:
+    def __init__(self, url: str, container: str, form: FilmForm, kbit_s: int, marks: dict[str, str]) -> None:
         self._size = form.size
         self._zero_s: float | None = None
         self._last = {"picture": -1, "sound": -1}
@@ -232,6 +234,7 @@ class _Encoder:
             self._video.pix_fmt, self._video.bit_rate = "yuv420p", 1000 * kbit_s
             self._video.codec_context.time_base = Fraction(1, 1000)
             self._audio: Any = self._out.add_stream("aac", rate=RATE_HZ, layout="mono")
+            self._out.metadata.update(marks)
             self._out.start_encoding()
         except BaseException:
             self._out.close()

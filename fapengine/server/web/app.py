@@ -16,6 +16,7 @@ from aiohttp import WSCloseCode, web
 
 from fapengine import _resources
 from fapengine.errors import ResourceError, UsageError
+from fapengine.files.provenance import mark
 from fapengine.host.hearing import Hearing
 from fapengine.host.hub import Hub
 from fapengine.mesh.default_head.style import PEOPLE
@@ -219,7 +220,7 @@ def make_app(
         voices = {}
     hello = {
         "protocol": PROTOCOL, "rate_hz": hub.pacer.rate_hz, "profile": profile, "voice": bool(voices),
-        "ear": hearing is not None and hearing.is_possible,
+        "ear": hearing is not None and hearing.is_possible, **mark(),
     }  # fmt: skip
     access = access or Access()
     handlers = _Handlers(hub, access, hello, heard_here, voice, hearing)

@@ -8,11 +8,13 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
+import fapengine
 from fapengine.cli.main import app
 from fapengine.codec.encoder import encode
 from fapengine.errors import UsageError
 from fapengine.files.motion import save_fap
 from fapengine.files.pictures import load_picture
+from fapengine.files.provenance import SYNTHETIC
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack
 from tests.videos import load_video
@@ -59,6 +61,14 @@ def test_pictures_of_one_track_agree_in_every_form(fap_file: Path, tmp_path: Pat
             assert np.abs(frame.astype(int) - picture).mean() < tolerance
     assert "one frame" in run(fap_file, "-o", tmp_path / "one.png", "--at", 0.08)
     assert np.array_equal(load_picture(tmp_path / "one.png"), pictures[2])
+
+
+def test_the_mark_of_synthetic_images_can_be_left_out(fap_file: Path, tmp_path: Path) -> None:
+    run(fap_file, "-o", tmp_path / "on.png")
+    run(fap_file, "--without", "provenance", "-o", tmp_path / "off.png")
+    fapengine.save(fapengine.load(fap_file), tmp_path / "saved.png", size=(64, 64), provenance=False)
+    marked = {path.name for path in tmp_path.iterdir() if SYNTHETIC.encode() in path.read_bytes()}
+    assert marked == {"on.png"}
 
 
 def _at(image: Image.Image, number: int) -> Image.Image:

@@ -72,6 +72,9 @@ def test_every_option_arrives(monkeypatch: pytest.MonkeyPatch) -> None:
     assert (config.sound.session, config.sound.device) == ("face", "USB")
     assert not any((config.style.blinks, config.style.gaze, config.style.emphasis))
     assert configured(monkeypatch, "--web-port", 3, "--no-page").listen.web_port is None
+    assert listen.provenance
+    unmarked = configured(monkeypatch, "--without", "provenance")
+    assert (unmarked.listen.provenance, unmarked.style) == (False, ServeConfig().style)
     assert configured(monkeypatch, "--token", "", "--play", "", "--audio-device", "") == ServeConfig()
 
 

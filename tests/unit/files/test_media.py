@@ -58,6 +58,25 @@ def test_a_video_of_an_unknown_codec_holds_no_picture(tmp_path: Path) -> None:
         decode_all(path)
 
 
+@pytest.mark.parametrize("box", ["stsz", "trun"])
+def test_a_video_that_states_more_samples_than_bytes_is_refused(tmp_path: Path, box: str) -> None:
+    """55 million of them in 1.7 kB took 914 MB."""
+    path = tmp_path / "video.mp4"
+    write_moving(path, frames(3), rate_hz=25.0)
+    data = path.read_bytes()
+    at = data.index(b"stsz")
+    decode_all(path)
+    if box == "stsz":
+        path.write_bytes(data[: at + 8] + bytes.fromhex("00000001034c6d6f") + data[at + 16 :])
+    else:
+        moof = bytes.fromhex("00000024 6d6f6f66 0000001c 74726166 00000014 7472756e 00000000 034c6d6f 00000000")
+        path.write_bytes(data + moof)
+    with pytest.raises(DataError, match="states more samples than it has bytes"):
+        decode_all(path)
+    path.write_bytes(data[: at - 4] + b"\0\0\0\1" + data[at:])  # a box of a wrong length ends the walk
+    inspect_film(path)
+
+
 def test_a_video_of_huge_frames_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "film.gif"
     write_moving(path, frames(3), rate_hz=25.0)

@@ -296,3 +296,15 @@ def test_outputs_that_differ_only_in_case_are_refused(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="which are one file; expected"):
         check_outputs([tmp_path / "x.npz", tmp_path / "a" / ".." / "x.npz"])
     assert check_outputs([tmp_path / "x.npz", tmp_path / "y.npz"]) == ()
+
+
+def test_an_input_under_a_name_of_other_case_is_not_written_over(tmp_path: Path) -> None:
+    """exFAT of FUSE ignores case and numbers each name: two files that only that makes one."""
+    read, written = tmp_path / "Talk.fap", tmp_path / "talk.fap"
+    for path in (read, written):
+        path.write_bytes(b"the same")
+        os.utime(path, ns=(1, 1))
+    with pytest.raises(UsageError, match=r"got .*talk\.fap, which is read, and would be written over"):
+        check_outputs([written], [read])
+    os.utime(written, ns=(1, 2))
+    assert check_outputs([written], [read]) == (written,)  # another file after all

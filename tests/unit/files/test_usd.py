@@ -13,6 +13,7 @@ from fapengine.app.scene_files import Into, check_avatar, export_head, face_moti
 from fapengine.cli.main import app
 from fapengine.errors import UsageError
 from fapengine.files.heads.load import load_head
+from fapengine.files.provenance import SYNTHETIC, provenance
 from fapengine.mpeg4.track import FapTrack
 from fapengine.retarget.arkit import approximate_arkit
 from fapengine.retarget.blend import ARKIT_NAMES
@@ -100,8 +101,13 @@ def test_a_head_alone_is_text_too(tmp_path: Path) -> None:
     assert "Apache-2.0" in text
     assert ICT_COPYRIGHT in text
     assert "Permission is hereby granted" in text
+    assert SYNTHETIC in text
+    with provenance(False):
+        export_head(HEAD, tmp_path / "plain.usda")
+    plain = (tmp_path / "plain.usda").read_text().splitlines()
+    assert [line for line in text.splitlines() if SYNTHETIC not in line] == plain
     assert "SkelAnimation" not in text
-    with pytest.raises(UsageError, match=r"ends with \.glb or \.usda"):
+    with pytest.raises(UsageError, match=r"ends with \.glb, \.vrm, \.usda"):
         export_head(HEAD, tmp_path / "head.fbx")
 
 
@@ -109,3 +115,14 @@ def test_a_head_alone_is_text_too(tmp_path: Path) -> None:
 def test_foreign_avatars_are_refused(into: Into) -> None:
     with pytest.raises(UsageError, match="USD needs the name of a head"):
         check_avatar(Path("a.usda"), into)
+
+
+@pytest.mark.parametrize(
+    ("name", "rig", "match"),
+    [("head.glb", "unity", "expected head or mixamo"), ("head.vrm", "mixamo", r"ends with \.glb"),
+     ("head.usda", "mixamo", r"ends with \.glb")],
+)  # fmt: skip
+def test_a_rig_is_for_a_glb(tmp_path: Path, name: str, rig: str, match: str) -> None:
+    with pytest.raises(UsageError, match=match):
+        export_head(HEAD, tmp_path / name, rig)
+    assert not list(tmp_path.iterdir())

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from fapengine.files.gltf.clip import BONES, EXTENSION, format_vrma
 from fapengine.files.gltf.document import parse_gltf
+from fapengine.files.provenance import SYNTHETIC
 from fapengine.mpeg4 import fap
 from fapengine.retarget.arkit import approximate_arkit
 from fapengine.retarget.blend import ARKIT_NAMES
@@ -31,6 +32,8 @@ def test_weights_are_places_of_nodes(
     expressions = told.item("expressions").item(kind)
     wanted, found = weights(speech()), curves(data, tmp_path)
     assert one in expressions
+    (animation,) = parse_gltf(data, lambda _: b"").root.items("animations")
+    assert animation.extras().string("digitalSourceType") == SYNTHETIC
     assert not set(expressions) & {"lookUp", "lookDown", "lookLeft", "lookRight"}  # the gaze does that
     for name in expressions:
         times, places, _ = found[expressions.item(name).index("node", 100), "translation"]

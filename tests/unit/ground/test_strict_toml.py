@@ -2,13 +2,15 @@
 
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from typing_extensions import TypeAliasType
 
-from fapengine._strict_toml import Between, Checked, parse_toml, quoted
+from fapengine._strict_toml import Between, Checked, check_value, parse_toml, quoted
 from fapengine.errors import DataError, ProfileError, UsageError
 
 
@@ -102,6 +104,16 @@ def test_what_does_not_fit_is_named(text: str, where: str, message: str) -> None
         parse_toml(text.encode(), Room, "room.toml", ProfileError, schema=1)
     assert caught.value.where == where
     assert message in str(caught.value)
+
+
+def test_an_alias_allows_what_its_type_allows() -> None:
+    """NumPy 2.5 declares ArrayLike and NDArray so, on Python 3.12 and later: every array was refused."""
+    item = TypeVar("item", bound=np.generic)
+    arrays = TypeAliasType("arrays", np.ndarray[Any, np.dtype[item]], type_params=(item,))
+    check_value("values", np.zeros(2), arrays[np.float64])
+    check_value("values", np.zeros(2), TypeAliasType("inner", arrays[np.float64]) | None)
+    with pytest.raises(UsageError, match=r"^values: got 'no', expected ndarray or a whole number$"):
+        check_value("values", "no", TypeAliasType("either", arrays[np.float64] | int))
 
 
 def test_a_checked_value_cannot_be_wrong_in_python_either() -> None:

@@ -1,16 +1,18 @@
 """A head for other programs: its shapes and joints move it as FAPs do."""
 
 import io
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
 
-from fapengine.files.gltf.document import parse_gltf
+from fapengine.files.gltf.document import JSON_CHUNK, parse_gltf, split_glb
 from fapengine.files.gltf.head_file import format_head
-from fapengine.files.gltf.scene import read_scene
+from fapengine.files.gltf.scene import bindings, read_scene
 from fapengine.files.heads.built import load_built
+from fapengine.files.provenance import SYNTHETIC
 from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import FaceMesh, Material
@@ -18,8 +20,11 @@ from fapengine.mpeg4 import fap
 from fapengine.retarget.arkit import arkit_map
 from fapengine.retarget.blend import ARKIT_NAMES
 from fapengine.retarget.blendshape_names import OCULUS
+from fapengine.retarget.moods import MOODS
 from fapengine.retarget.notice import ICT_COPYRIGHT
 from fapengine.retarget.puppet import EYE_TEXELS, HEAD, JAW, JOINTS, Puppet, eye_texture, make_puppet
+from fapengine.retarget.skeleton import CHEST, EXTRAS, extra_shapes, mood_shapes
+from fapengine.retarget.visemes import VRM1_NAMES, presets_to_faps
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -127,7 +132,113 @@ def test_the_licences_stand_in_the_file(glb: bytes) -> None:
     told = asset.extras().string("notice")
     assert told.split("MIT License")[1] in (ROOT / "NOTICE").read_text()
     assert "USC Institute" in told
+    assert asset.extras().string("digitalSourceType") == SYNTHETIC
 
 
 def test_joints_have_the_names_that_others_look_for() -> None:
     assert JOINTS == ("Neck", "Head", "Jaw", "LeftEye", "RightEye")
+
+
+# What TalkingHead 1.7.0 turns: `posePropNames` of its `talkinghead.mjs`, without "Head" and "Neck" of the head itself.
+SPINE = ("Hips", "Spine", "Spine1", "Spine2")
+LIMBS = ("Shoulder", "Arm", "ForeArm", "Hand", "UpLeg", "Leg", "Foot", "ToeBase")
+FINGERS = tuple(
+    f"Hand{finger}{number}" for finger in ("Thumb", "Index", "Middle", "Ring", "Pinky") for number in (1, 2, 3)
+)
+VRM_REQUIRED = {
+    "hips", "spine", "head", *(f"{side}{bone}" for side in ("left", "right") for bone in (
+        "UpperArm", "LowerArm", "Hand", "UpperLeg", "LowerLeg", "Foot")),
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def standing(head: FaceMesh) -> Puppet:
+    return make_puppet(head, shape_faps=extra_shapes() | mood_shapes()).on_body()
+
+
+def test_a_body_has_the_joints_of_mixamo(standing: Puppet) -> None:
+    names = {joint.name for joint in standing.skeleton}
+    limbs = {side + bone for side in ("Left", "Right") for bone in (*LIMBS, *FINGERS)}
+    assert names == {*JOINTS, *SPINE, *limbs}
+    assert len(names - {"Jaw", "LeftEye", "RightEye"}) == 52
+
+
+def test_a_body_stands_in_a_t_and_its_right_side_mirrors_its_left(standing: Puppet) -> None:
+    at = {joint.name: place for joint, place in zip(standing.skeleton, standing.joints, strict=True)}
+    for name, place in at.items():
+        if name.startswith("Left"):
+            np.testing.assert_allclose(at[name.replace("Left", "Right")], place * (-1, 1, 1), atol=1e-9)
+    for far, near in (("LeftHandMiddle3", "LeftHand"), ("LeftHand", "LeftForeArm"), ("LeftForeArm", "LeftArm")):
+        np.testing.assert_allclose((at[far] - at[near])[1], 0.0, atol=1e-9)  # level
+        assert at[far][0] > at[near][0] + 0.05
+    assert at["LeftHandThumb3"][2] > at["LeftHand"][2] + 0.05  # thumbs to the front
+    assert at["Hips"][1] > at["LeftLeg"][1] > at["LeftFoot"][1] > at["LeftToeBase"][1] > 0.0
+    assert at["LeftToeBase"][2] > at["LeftFoot"][2] + 0.1
+    assert 1.5 < at["LeftEye"][1] < 1.7
+
+
+def test_a_head_on_a_body_keeps_its_form(puppet: Puppet, standing: Puppet) -> None:
+    up = standing.joints[HEAD] - puppet.joints[HEAD]
+    np.testing.assert_allclose(standing.joints[: len(JOINTS)] - puppet.joints, np.tile(up, (5, 1)), atol=1e-9)
+    for part, same in zip(puppet.parts, standing.parts, strict=False):
+        np.testing.assert_allclose(same.vertices - part.vertices, np.tile(up, (len(part.vertices), 1)), atol=1e-6)
+        np.testing.assert_allclose(same.weights[:, HEAD:5], part.weights[:, HEAD:], atol=1e-6)
+        np.testing.assert_allclose(same.weights.sum(axis=1), 1.0, atol=1e-6)
+    clothes = next(part for part in standing.parts if part.name == "Clothes")
+    chest = [joint.name for joint in standing.skeleton].index(CHEST)
+    assert clothes.weights[clothes.vertices[:, 1].argmin(), chest] == 1.0
+    feet = standing.parts[-1]
+    assert np.abs(feet.vertices[:, 1]).max() == 0.0  # TalkingHead puts the lowest point on the ground
+    assert [standing.skeleton[joint].name for joint in feet.weights.argmax(axis=1)[::3]] == [
+        "LeftToeBase", "RightToeBase",
+    ]  # fmt: skip
+
+
+def test_a_skin_on_a_body_leaves_the_head_at_rest_where_it_is(standing: Puppet) -> None:
+    data = format_head(standing, licence="Apache-2.0", source="fapengine")
+    back = read_scene(parse_gltf(data, lambda _: b""))
+    np.testing.assert_allclose(back.vertices, np.concatenate([part.vertices for part in standing.parts]), atol=2e-6)
+    assert set(EXTRAS) <= set(back.blendshapes)
+
+
+def test_extra_shapes_are_their_mixtures(standing: Puppet) -> None:
+    face = standing.parts[0].shapes
+    mixed = 0.8 * (face["mouthSmileLeft"].moves + face["mouthSmileRight"].moves)
+    np.testing.assert_allclose(face["mouthSmile"].moves, mixed, atol=5e-4)  # skin over lips and lids bends
+    assert np.abs(mixed).max() > 2e-3
+
+
+def test_a_vrm_has_bones_expressions_gaze_and_licences(standing: Puppet) -> None:
+    data = format_head(standing, licence="Apache-2.0", source="fapengine", vrm="ada")
+    document = json.loads(dict(split_glb(data))[JSON_CHUNK])
+    vrm = document["extensions"]["VRMC_vrm"]
+    assert document["extensionsUsed"] == ["VRMC_vrm"]
+    bones = {name: document["nodes"][bone["node"]]["name"] for name, bone in vrm["humanoid"]["humanBones"].items()}
+    assert set(bones) > VRM_REQUIRED
+    assert (bones["leftEye"], bones["upperChest"], bones["leftLittleProximal"]) == (
+        "LeftEye", "Spine2", "LeftHandPinky1",
+    )  # fmt: skip
+    assert set(vrm["expressions"]["preset"]) == set(VRM1_NAMES)
+    assert set(vrm["expressions"]["custom"]) == set(ARKIT_NAMES)
+    assert vrm["lookAt"]["type"] == "bone"
+    assert vrm["meta"]["commercialUsage"] == "corporation"
+    assert ICT_COPYRIGHT in vrm["meta"]["thirdPartyLicenses"]
+    other = format_head(standing, licence="not stated", source="x.glb", vrm="ada")
+    meta = json.loads(dict(split_glb(other))[JSON_CHUNK])["extensions"]["VRMC_vrm"]["meta"]
+    assert "commercialUsage" not in meta  # VRM's defaults: the author alone, not for sale
+
+
+def test_presets_of_a_vrm_move_what_they_stand_for(head: FaceMesh, standing: Puppet) -> None:
+    gltf = parse_gltf(format_head(standing, licence="x", source="x", vrm="ada"), lambda _: b"")
+    bound = bindings(gltf)
+    rows = dict(zip(VRM1_NAMES, presets_to_faps(np.eye(len(VRM1_NAMES))), strict=True))
+    face = standing.parts[0]
+    used = rows_of(head, Material.SKIN, Material.LIP)
+    for name in (*MOODS, "relaxed", "aa", "ih", "ou", "ee", "oh", "blink", "blinkLeft"):
+        shown = face.vertices.astype(np.float64)
+        for bind in bound[name]:
+            if bind.mesh == 0:
+                shown = shown + bind.weight * list(face.shapes.values())[bind.target].moves
+        wanted = (deform(head, rows[name]) - head.vertices_mm)[used] / 1000
+        np.testing.assert_allclose(shown - face.vertices, wanted, atol=6e-5, err_msg=name)
+        assert np.abs(wanted).max() > 1e-3, name

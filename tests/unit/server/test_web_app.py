@@ -17,6 +17,7 @@ from yarl import URL
 from fapengine.engine.engine import Engine
 from fapengine.engine.session import Limits
 from fapengine.errors import ElsewhereError
+from fapengine.files.provenance import SYNTHETIC
 from fapengine.host.hearing import Hearing
 from fapengine.host.hub import Hub
 from fapengine.host.speaker import ThreadVoice
@@ -230,7 +231,7 @@ def test_hello_comes_first_then_frames_at_the_rate(head: FaceMesh) -> None:
             hello = await socket.receive_json()
             assert hello.items() >= {
                 "type": "hello", "protocol": "fapengine-web/1", "session": "anna", "rate_hz": 100.0,
-                "profile": "grid_s1_en", "sound": "page", "paused": False,
+                "profile": "grid_s1_en", "sound": "page", "paused": False, "digitalSourceType": SYNTHETIC,
             }.items()  # fmt: skip
             frames = [await frame_from(socket) for _ in range(20)]
             numbers, times = [frame[0] for frame in frames], np.array([frame[1] for frame in frames])
