@@ -14,6 +14,12 @@ const [face, callButton, microphoneButton, soundButton] = ["face", "call", "micr
 one("session").textContent = session;
 
 const GATHER_MS = 2000;
+const LOOK_MS = 1000;
+const SILENT_MS = 1500; // a server sends sound at any time: without it, it is gone
+const CONNECT_MS = 15000; // until the first sound
+const POST_MS = 10000;
+const DELETE_MS = 2000;
+const [FIRST_WAIT_MS, MAX_WAIT_MS] = [250, 3000];
 
 const tell = (text) => (one("state").textContent = text);
 function complain(text) {
@@ -21,11 +27,14 @@ function complain(text) {
   one("trouble").hidden = !text;
 }
 
+// What is not better a second later: no calls there, no permission, a wrong offer.
+class Refused extends Error {}
+
 // One offer to the server and its answer.
 class Call {
-  constructor(path, lost) {
+  constructor(path, on) {
     this.path = path;
-    this.lost = lost; // told why, once, if the call ends by itself
+    this.on = on; // { lost(why): once, if the call ends by itself; media(): when media comes }
     this.peer = new RTCPeerConnection({ iceServers: [] });
     this.peer.onconnectionstatechange = () => this.peer.connectionState === "failed" && this.fail();
   }
@@ -33,17 +42,19 @@ class Call {
   async begin() {
     await this.peer.setLocalDescription();
     await this.gathered();
-    const response = await this.ask("POST", `${this.path}?${new URLSearchParams({ session })}`, {
+    const response = await this.ask("POST", `${this.path}?${new URLSearchParams({ session })}`, POST_MS, {
       body: this.peer.localDescription.sdp,
       headers: { "Content-Type": "application/sdp" },
     });
     const text = await response.text();
-    if (response.status === 404) throw new Error("Calls are not enabled on this server: start it with fapengine serve --webrtc.");
-    if (response.status !== 201) throw new Error(text || `The server answered ${response.status}.`);
+    if (response.status === 404) throw new Refused("Calls are not enabled on this server: start it with fapengine serve --webrtc.");
+    if (response.status !== 201) throw new (response.status < 500 ? Refused : Error)(text || `The server answered ${response.status}.`);
     this.place = response.headers.get("Location");
     if (this.over) return this.end(); // hung up meanwhile
     await this.peer.setRemoteDescription({ type: "answer", sdp: text });
-    this.watch = setInterval(() => this.look(), 1000);
+    this.count = 0;
+    this.moved = performance.now();
+    this.watch = setInterval(() => this.look(), LOOK_MS);
   }
 
   // All addresses at once, for the server takes no later ones; it needs none of them to answer, so this may give up.
@@ -55,22 +66,33 @@ class Call {
     });
   }
 
-  ask(method, url, more = {}) {
+  ask(method, url, limit, more = {}) {
     const headers = { ...more.headers, ...(token ? { Authorization: `Bearer ${token}` } : {}) };
-    return fetch(url, { ...more, method, headers, keepalive: method === "DELETE" }).catch(() => {
+    const signal = AbortSignal.timeout(limit);
+    return fetch(url, { ...more, method, headers, signal, keepalive: method === "DELETE" }).catch(() => {
       throw new Error("The server does not answer.");
     });
   }
 
-  // A server that hangs up sends a goodbye that the browser tells only by tracks that fall silent.
+  // Once a second: a server that is killed says no goodbye, and the browser waits long for one.
   async look() {
-    if (this.peer.connectionState === "disconnected" || this.peer.connectionState === "closed") await this.fail();
+    if (["disconnected", "closed"].includes(this.peer.connectionState)) return this.fail();
+    if (this.path !== "whep") return; // nothing comes
+    let count = 0;
+    for (const one of (await this.peer.getStats()).values())
+      if (one.type === "inbound-rtp") count += (one.framesDecoded ?? 0) + (one.packetsReceived ?? 0);
+    const now = performance.now();
+    if (count !== this.count) {
+      if (count) this.on.media();
+      this.moved = now;
+    } else if (now - this.moved > (count ? SILENT_MS : CONNECT_MS)) return this.fail();
+    this.count = count;
   }
 
   async fail() {
     if (this.over) return;
     const reason = await this.end().catch((error) => error.message);
-    this.lost(reason || "The connection was lost.");
+    this.on.lost(reason || "The connection was lost.");
   }
 
   // Hangs up. Resolves to why the call was over before, if it was.
@@ -79,11 +101,56 @@ class Call {
     clearInterval(this.watch);
     try {
       if (!this.place) return "";
-      const response = await this.ask("DELETE", this.place);
+      const response = await this.ask("DELETE", this.place, DELETE_MS);
       return response.status === 410 ? await response.text() : "";
     } finally {
       this.peer.close(); // not before: the server would see the connection end, and count it as lost
     }
+  }
+}
+
+// Calls until it is ended: where a call is lost it calls again, later and later up to three seconds.
+class Line {
+  constructor(path, prepare, on) {
+    this.path = path;
+    this.prepare = prepare; // adds media to a peer
+    this.on = on; // { lost(why), answered(), over(why) }
+    this.wait = FIRST_WAIT_MS;
+  }
+
+  // The first call: throws if it cannot be made.
+  async dial() {
+    const on = { lost: (why) => this.lost(why), media: () => (this.wait = FIRST_WAIT_MS) };
+    this.call = new Call(this.path, on);
+    try {
+      this.prepare(this.call.peer);
+      await this.call.begin();
+    } catch (error) {
+      await this.call.end().catch(() => "");
+      throw error;
+    }
+    if (!this.over) this.on.answered();
+  }
+
+  lost(why) {
+    if (this.over) return;
+    this.on.lost(why);
+    this.timer = setTimeout(() => this.again(), this.wait * (0.75 + 0.5 * Math.random()));
+    this.wait = Math.min(this.wait * 1.7, MAX_WAIT_MS);
+  }
+
+  again() {
+    return this.dial().catch((error) => {
+      if (this.over) return;
+      if (error instanceof Refused) this.on.over(error.message);
+      else this.lost(error.message);
+    });
+  }
+
+  end() {
+    this.over = true;
+    clearTimeout(this.timer);
+    return this.call.over ? "" : this.call.end().catch(() => "");
   }
 }
 
@@ -101,27 +168,39 @@ function show() {
   document.body.dataset.speaking = String(Boolean(speaking));
 }
 
+function receive(peer) {
+  peer.addTransceiver("video", { direction: "recvonly" });
+  peer.addTransceiver("audio", { direction: "recvonly" });
+  const media = new MediaStream();
+  peer.ontrack = ({ track }) => {
+    media.addTrack(track);
+    track.onunmute = () => play(media); // until media comes, the last picture of the call before stays
+    if (!track.muted) play(media);
+  };
+}
+
+function play(media) {
+  if (!watching || face.srcObject === media) return;
+  face.srcObject = media;
+  face.play().catch(() => {
+    face.muted = true; // a browser that wants a click first
+    face.play();
+    show();
+  });
+}
+
 async function call() {
   complain("");
   tell("Calling …");
-  const own = (watching = new Call("whep", (reason) => hangUp(reason)));
+  const own = (watching = new Line("whep", receive, {
+    lost: () => tell("The connection was lost; calling again …"),
+    answered: () => tell("Answered; the face is being drawn."),
+    over: hangUp,
+  }));
   show();
-  own.peer.addTransceiver("video", { direction: "recvonly" });
-  own.peer.addTransceiver("audio", { direction: "recvonly" });
-  const media = new MediaStream();
-  own.peer.ontrack = ({ track }) => {
-    media.addTrack(track);
-    face.srcObject = media;
-    face.play().catch(() => {
-      face.muted = true; // a browser that wants a click first
-      face.play();
-      show();
-    });
-  };
   face.onplaying = () => watching && tell("You see the face.");
   try {
-    await own.begin();
-    if (watching === own) tell("Answered; the face is being drawn.");
+    await own.dial();
   } catch (error) {
     if (watching === own) await hangUp(error.message);
   }
@@ -134,7 +213,7 @@ async function hangUp(reason = "") {
   show();
   tell("Not connected.");
   complain(reason);
-  if (own && !own.over) await own.end().catch(() => "");
+  await own?.end();
 }
 
 async function speak() {
@@ -146,12 +225,12 @@ async function speak() {
   microphoneButton.disabled = true;
   try {
     stream = await navigator.mediaDevices.getUserMedia({ audio: { channelCount: 1, echoCancellation: true, noiseSuppression: true } });
-    const own = (speaking = new Call("whip", (reason) => silence(reason)));
-    for (const track of stream.getAudioTracks()) {
-      own.peer.addTransceiver(track, { direction: "sendonly", streams: [stream] });
-      track.onended = () => speaking === own && silence("The microphone was disconnected.");
-    }
-    await own.begin();
+    const send = (peer) => {
+      for (const track of stream.getAudioTracks()) peer.addTransceiver(track, { direction: "sendonly", streams: [stream] });
+    };
+    const own = (speaking = new Line("whip", send, { lost: complain, answered: () => complain(""), over: silence }));
+    for (const track of stream.getAudioTracks()) track.onended = () => speaking === own && silence("The microphone was disconnected.");
+    await own.dial();
     face.muted = true; // or you would hear yourself
   } catch (error) {
     const refused = error.name === "NotAllowedError" ? "The microphone was not allowed." : null;
@@ -170,7 +249,7 @@ async function silence(reason = "") {
   stream = null;
   show();
   complain(reason);
-  if (own && !own.over) await own.end().catch(() => "");
+  await own?.end();
 }
 
 callButton.onclick = () => (watching ? hangUp() : call());
@@ -180,7 +259,7 @@ soundButton.onclick = () => {
   show();
 };
 addEventListener("pagehide", () => {
-  watching?.end().catch(() => "");
-  speaking?.end().catch(() => "");
+  watching?.end();
+  speaking?.end();
 });
 show();

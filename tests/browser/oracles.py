@@ -127,6 +127,21 @@ async def firefox_package(server: Server) -> None:
         print(f"Firefox, the package: {len(labels)} phones told, and it speaks again after a restart")
 
 
+async def firefox_call(server: Server) -> None:
+    """The call page shows the face in Firefox on this machine, and again after a restart of the server."""
+    seen = "document.getElementById('state').textContent === 'You see the face.'"
+    async with Firefox() as browser:
+        await browser.open(f"{server.url}call.html?session=frieda")
+        await browser.until("document.body?.dataset.watching === 'false'")
+        await browser.run("document.getElementById('call').click()")
+        await browser.until(f"{seen} && document.getElementById('face').videoWidth === 256", 180)
+        server.kill()
+        await browser.until(f"!({seen})")
+        server.start()
+        await browser.until(seen, 180)
+        print("Firefox, a call: the face is seen, and again after a restart")
+
+
 def typescript(folder: Path) -> None:
     """What TypeScript is told of the package holds together, and refuses what is wrong."""
     (folder / "node_modules").mkdir()
@@ -148,7 +163,7 @@ async def main() -> int:
         stack.enter_context(open_site(server, folder))
         judges: dict[str, Callable[[Server], Awaitable[None]]] = {"axe-core": axe}
         if find_firefox():
-            judges |= {"Firefox": firefox_page, "Firefox, package": firefox_package}
+            judges |= {"Firefox": firefox_page, "Firefox, package": firefox_package, "Firefox, a call": firefox_call}
         else:
             print("Firefox or Xvfb: not on this machine; Debian has them as firefox-esr and xvfb")
         failed = 0

@@ -69,3 +69,23 @@ def test_what_goes_wrong_is_told_in_words(page: Page) -> None:
     press(page, "call")
     page.until(f"{TROUBLE}.textContent === 'The server does not answer.'")
     assert page.run("document.body.dataset.watching") == "false"
+
+
+def test_a_call_comes_back_after_its_server(page: Page) -> None:
+    dial(page, "rita")
+    press(page, "call")
+    page.until("document.getElementById('state').textContent === 'You see the face.'")
+    page.server.kill()
+    page.until("document.getElementById('state').textContent.includes('calling again')")
+    assert page.run("document.body.dataset.watching") == "true"
+    assert page.run(f"{FACE}.videoWidth") == 256  # the last picture stays
+    page.server.start()
+    page.until("document.getElementById('state').textContent === 'You see the face.'")
+    page.server.kill()
+    page.until("document.getElementById('state').textContent.includes('calling again')")
+    press(page, "call")  # hangs up while it calls
+    page.until("document.body.dataset.watching === 'false'")
+    assert page.run("document.getElementById('state').textContent") == "Not connected."
+    page.server.start()
+    excused = ("ERR_CONNECTION_REFUSED", "ERR_CONNECTION_RESET")  # what a browser says of a server that is away
+    page.complaints[:] = [one for one in page.complaints if not any(reason in one for reason in excused)]

@@ -3,8 +3,9 @@
 Theory of operation
 -------------------
 An offer is answered at once, with the address and the UDP port at which the caller's connectivity checks are expected:
-the address that the caller used, or the one in the configuration, and no other. Addresses in an offer are not used
-(:mod:`fapengine.server.calls.offer`). Data is sent only to addresses that the caller has proven to receive.
+the address that the caller used, or the one in the configuration; on the loopback the machine's own as well, because
+Firefox does not check from the loopback. Addresses in an offer are not used (:mod:`fapengine.server.calls.offer`).
+Data is sent only to addresses that the caller has proven to receive.
 
 A call that is not connected :data:`CONNECT_S` later ends, and so does one whose caller no longer answers (consent, RFC
 7675) or disconnects. One address may have :data:`MAX_WAITING` calls that are not connected; one more ends its oldest.

@@ -1,13 +1,13 @@
 """Limits of a call's UDP port, which the library does not have: whose datagrams count, how many, from how many sources.
 
 The library opens ports at all addresses but loopback, sends checks to every address that it learns, and processes
-datagrams of any sender: a datagram without a byte would end a call. Here a port is opened at one address. Whoever has
-proven its address by a check is a caller; of all others only checks are read (RFC 7983: a first byte below 4).
+datagrams of any sender: a datagram without a byte would end a call. Here ports are opened at chosen addresses. Whoever
+has proven its address by a check is a caller; of all others only checks are read (RFC 7983: a first byte below 4).
 """
 
 import contextlib
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -26,15 +26,15 @@ Address = tuple[str, int]
 Receive = Callable[[bytes, Address], None]
 
 
-def guard(transport: Any, address: str, now_s: Callable[[], float]) -> None:
+def guard(transport: Any, addresses: Sequence[str], now_s: Callable[[], float]) -> None:
     """Limit a call's transport.
 
     Parameters
     ----------
     transport : RTCDtlsTransport
         Before its ports are opened.
-    address : str
-        The only address of this machine at which a port is opened.
+    addresses : sequence of str
+        The addresses of this machine at which a port is opened.
     now_s : callable
         Any clock.
     """
@@ -46,7 +46,7 @@ def guard(transport: Any, address: str, now_s: Callable[[], float]) -> None:
         return [(candidate.host, candidate.port) for candidate in connection.remote_candidates]
 
     async def gathered(component: int, **_: object) -> Any:
-        found = await gather(component=component, addresses=[address])
+        found = await gather(component=component, addresses=list(addresses))
         for protocol in connection._protocols:
             protocol.datagram_received = partial(received, protocol.datagram_received)
         return found

@@ -7,8 +7,10 @@ because a caller's own checks come from its real address, and prove it (peer-ref
 import asyncio
 import logging
 import re
+import socket
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
+from ipaddress import ip_address
 from typing import TYPE_CHECKING, Any, Literal, cast
 
 from fapengine.errors import DataError, ResourceError
@@ -23,6 +25,8 @@ MAX_OFFER = 64 << 10
 MAX_LINE, MAX_LINES = 2048, 500
 FEEDBACK = ("nack", None), ("nack", "pli"), ("goog-remb", None)
 """The RTCP feedback that the library knows."""
+ELSEWHERE = ("192.0.2.1", 9)
+"""An address that is nobody's (RFC 5737), to find the way to others; nothing is sent to it."""
 CREDENTIAL = re.compile(r"[A-Za-z0-9+/=_-]{4,256}")
 """An ICE user name or password (RFC 8839, 5.4), and three more characters that some clients use."""
 
@@ -104,9 +108,28 @@ def _reduce(description: "SessionDescription") -> None:
         media.host, media.rtcp_host, media.rtcp_port = None, None, 9
         media.ice_candidates, media.ice_candidates_complete = [], False
         media.direction = media.direction or "sendrecv"
+        media.rtp.codecs.sort(key=lambda codec: codec.name.upper() != "VP8")  # H.264 takes four times as long to encode
         for codec in media.rtp.codecs:
             given = {(entry.type, entry.parameter): entry for entry in codec.rtcpFeedback}
             codec.rtcpFeedback = [given[known] for known in FEEDBACK if known in given]
+
+
+def addresses_for(address: str) -> tuple[str, ...]:
+    """Return the addresses at which ports are opened for a caller that used an address of this machine.
+
+    On the loopback that is the machine's address in its network, too: Firefox sends no checks from the loopback.
+    """
+    try:
+        if not ip_address(address).is_loopback:
+            return (address,)
+    except ValueError:  # a name
+        return (address,)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(ELSEWHERE)
+        except OSError:  # there is no network
+            return (address,)
+        return tuple(dict.fromkeys((address, probe.getsockname()[0])))
 
 
 async def answer_offer(peer: "RTCPeerConnection", offer: Offer, address: str, prepare: Callable[[], None]) -> str:
@@ -117,7 +140,7 @@ async def answer_offer(peer: "RTCPeerConnection", offer: Offer, address: str, pr
     peer : RTCPeerConnection
     offer : Offer
     address : str
-        The only address of this machine at which a port is opened.
+        Address of this machine at which a port is opened: see :func:`addresses_for`.
     prepare : callable
         Sets tracks and directions; called when the offer has been read.
 
@@ -140,7 +163,7 @@ async def answer_offer(peer: "RTCPeerConnection", offer: Offer, address: str, pr
     for transceiver in peer.getTransceivers():  # nobody sends images; it has 1000 objects
         cast("Any", transceiver.receiver)._RTCRtpReceiver__remote_bitrate_estimator = None
     for transport in {transceiver.receiver.transport for transceiver in peer.getTransceivers()}:
-        guard(transport, address, asyncio.get_running_loop().time)
+        guard(transport, addresses_for(address), asyncio.get_running_loop().time)
     answer = await _asked(peer.createAnswer(), "answered")
     await _asked(peer.setLocalDescription(answer), "answered")
     if "a=candidate:" not in peer.localDescription.sdp:

@@ -60,8 +60,8 @@ def run(attack: Attack) -> list[str]:
 
 def port_of(own: RTCPeerConnection) -> int:
     (transceiver,) = own.getTransceivers()
-    (candidate,) = transceiver.receiver.transport.transport.iceGatherer.getLocalCandidates()
-    return int(candidate.port)
+    candidates = transceiver.receiver.transport.transport.iceGatherer.getLocalCandidates()
+    return next(int(candidate.port) for candidate in candidates if candidate.ip == "127.0.0.1")
 
 
 async def send_rtp(peer: RTCPeerConnection, number: int, ssrc: int) -> None:

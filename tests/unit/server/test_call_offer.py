@@ -13,8 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fapengine.errors import DataError
+from fapengine.server.calls import offer as module
 from fapengine.server.calls.guard import MAX_ADDRESSES
-from fapengine.server.calls.offer import MAX_OFFER, answer_offer, read_offer
+from fapengine.server.calls.offer import MAX_OFFER, addresses_for, answer_offer, read_offer
 from tests.leaping import LeapingLoop
 
 SOUND, PICTURE = "m=audio 9 UDP/TLS/RTP/SAVPF 111", "m=video 9 UDP/TLS/RTP/SAVPF 96"
@@ -195,3 +196,48 @@ def test_checks_are_sent_to_few_addresses() -> None:
 
     run(answer)
     assert len(set(checked)) == MAX_ADDRESSES
+
+
+def test_vp8_is_answered_where_h264_is_offered_first() -> None:
+    both = honest("audio", "video")
+    lines = both.split("\r\n")
+    vp8 = next(line.split()[0].split(":")[1] for line in lines if line.endswith("VP8/90000"))
+    place = next(number for number, line in enumerate(lines) if line == f"a=rtpmap:{vp8} VP8/90000")
+    lines.append(lines.pop(place))  # the last codec of the offer
+    lines.append(lines.pop(-2))
+
+    async def answered() -> str:
+        peer = RTCPeerConnection(RTCConfiguration(iceServers=[]))
+        try:
+            return await answer_offer(peer, read_offer("\r\n".join(lines).encode()), "127.0.0.1", lambda: None)
+        finally:
+            await peer.close()
+            await asyncio.sleep(1.0)
+
+    video = next(line for line in run(answered).split("\r\n") if line.startswith("m=video"))
+    assert "H264/90000" in both
+    assert video.split()[3] == vp8
+
+
+def test_a_caller_on_this_machine_gets_its_own_address_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    class StandInSocket:
+        has_network = True
+
+        def __enter__(self) -> "StandInSocket":
+            return self
+
+        def __exit__(self, *_: object) -> None: ...
+
+        def connect(self, address: tuple[str, int]) -> None:
+            if not self.has_network:
+                raise OSError("Network is unreachable")
+
+        def getsockname(self) -> tuple[str, int]:
+            return "198.51.100.7", 4242
+
+    monkeypatch.setattr(module.socket, "socket", lambda *_: StandInSocket())
+    assert addresses_for("127.0.0.1") == ("127.0.0.1", "198.51.100.7")
+    assert addresses_for("203.0.113.9") == ("203.0.113.9",)
+    assert addresses_for("host.example") == ("host.example",)
+    StandInSocket.has_network = False
+    assert addresses_for("127.0.0.1") == ("127.0.0.1",)
