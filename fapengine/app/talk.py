@@ -10,6 +10,7 @@ from fapengine.app.outputs import OutputKind, SaveOptions, find_kind
 from fapengine.app.performance import Performance
 from fapengine.app.report import Report
 from fapengine.files.moving import beside, moving_files
+from fapengine.files.outputs import identities
 from fapengine.files.paths import is_standard
 from fapengine.files.pictures import contact_sheet, save_png
 from fapengine.mpeg4.track import FapTrack
@@ -113,7 +114,8 @@ def write_talk(performance: Performance, path: Path, options: SaveOptions, *, in
 
 def _is_among(path: Path, files: Collection[Path]) -> bool:
     """Whether a path is one of these files, under any name."""
-    return path.exists() and any(file.exists() and path.samefile(file) for file in files)
+    keys = {*identities(path)} if path.exists() else set()
+    return any(file.exists() and keys.intersection(identities(file)) for file in files)
 
 
 def _sheet_phones(phones: PhoneTrack, track: FapTrack) -> dict[int, Phone]:

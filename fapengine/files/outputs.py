@@ -40,7 +40,7 @@ def check_outputs(outputs: Iterable[Path], inputs: Iterable[Path] = (), *, overw
     ResourceError
         If the folder of an output is not writable.
     """
-    read = {_identity(file) for path in inputs for file in _files_of(path)}
+    read = {key for path in inputs for file in _files_of(path) for key in identities(file)}
     seen: dict[str, Path] = {}
     replaced = []
     for output in outputs:
@@ -55,7 +55,7 @@ def check_outputs(outputs: Iterable[Path], inputs: Iterable[Path] = (), *, overw
         seen[place] = output
         there = sequence_files(output) if is_sequence(output) else [output] * output.exists()
         for path in there:
-            if _identity(path) in read:
+            if read.intersection(identities(path)):
                 raise UsageError(f"path: got {path}, which is read, and would be written over; expected another name")
             if path.is_dir():
                 raise UsageError(f"path: got {path}, which is a folder; expected the name of a file")
@@ -120,9 +120,13 @@ def listed(paths: Collection[Path], most: int = 6) -> str:
     return ", ".join(str(path) for path in list(paths)[:most]) + more
 
 
-def _identity(path: Path) -> tuple[int, int]:
+def identities(path: Path) -> tuple[tuple[int, int], tuple[str, int, int]]:
+    """Two keys of a file of which all its names share one.
+
+    Its number; and, for file systems that ignore case but number each name (exFAT of FUSE), its name, size and time.
+    """
     found = path.stat()
-    return found.st_dev, found.st_ino
+    return (found.st_dev, found.st_ino), (str(resolved(path)).casefold(), found.st_size, found.st_mtime_ns)
 
 
 def _files_of(path: Path) -> Iterator[Path]:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from fapengine._late import Late
 from fapengine.errors import DataError, UsageError
 from fapengine.files.paths import open_file, replacing
-from fapengine.files.video import reason
+from fapengine.files.video import check_samples, reason
 
 if TYPE_CHECKING:
     import av
@@ -223,6 +223,7 @@ def _recorded(path: Path) -> BinaryIO:
 def _opened(path: Path) -> Iterator[Any]:
     """Open a container with decodable audio; it is closed at the end."""
     with _recorded(path) if path.suffix.lower() in RECORDED else open_file(path) as file:
+        check_samples(file, path)
         try:
             options = {"format_whitelist": ",".join(CONTAINERS), "protocol_whitelist": "none"}
             container = av.open(file, mode="r", options=options, metadata_errors="ignore")

@@ -2,17 +2,16 @@
 
     python -m tests.fuzz.verbs [--seconds 600] [--count 1000] [--seed 1] [--only encode]
 
-Commands run one after the other in a child of a process that has everything imported, in a folder with good and spoiled
-files of every kind. Arguments are mostly files of that folder, options those of the verb, values mostly what people
-write. The law: exit code 0 to 3, no traceback, a line of words where it is not 0, no more than :data:`MOST_S` of
-processor and :data:`MOST_MB`, no input changed that was not named as the output, no hidden file left, nothing written
-beside the folder that was not named, nothing left in the folder for temporary files. What breaks it is printed as a
-command line; a command that ends its process costs itself alone.
+Commands run one after the other in a child of a process that has everything imported: :data:`TOGETHER` in each of
+:data:`FOLDERS` folders with good and spoiled files of every kind. Arguments are mostly files of that folder, options
+those of the verb, values mostly what people write. The law: exit code 0 to 3, no traceback, a line of words where it is
+not 0, no more than :data:`MOST_S` of processor and :data:`MOST_MB`, no input changed that was not named as the output,
+no hidden file left, nothing written beside the folder that was not named, nothing left in the folder for temporary
+files. What breaks it is printed as a command line; a command that ends its process costs itself alone.
 """
 
 import argparse
 import json
-import math
 import os
 import random
 import resource
@@ -23,16 +22,18 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
+from functools import cache, partial
 from importlib import import_module
-from itertools import count
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import typer
 
-from fapengine.cli.main import COMMANDS, app, main
+from fapengine.cli.main import COMMANDS, Commands, app, main
 from tests.fuzz.mutated import mutated
 from tests.fuzz.readers import readers
 
@@ -68,19 +69,19 @@ OUTPUTS = (
 FITS = {
     "animate": (".wav", ".mp3", *TIMINGS),
     "align": (".wav", ".mp3"),
-    "batch": (".csv", ".json"),
+    "batch": ("rows.csv",),
     "render": (".fap", ".csv"),
     "encode": (".fap",),
     "decode": (".fba",),
     "convert": (".fap", ".fba", ".csv", ".osc"),
-    "capture": (".json", ".csv"),
-    "reduce": (".c3d", ".trc", ".csv", ".npz"),
-    "drive": (".c3d", ".trc", ".csv", ".npz"),
+    "capture": ("landmarks.json",),
+    "reduce": (".c3d", ".trc", "markertable.csv", ".npz"),
+    "drive": (".c3d", ".trc", "markertable.csv", ".npz"),
     "fit": (".toml",),
     "score": (".fap", ".csv"),
     "head import": (".glb", ".obj"),
 }
-"""Endings that a verb's argument mostly has."""
+"""How the name of a verb's argument mostly ends."""
 SAID = {
     "say": ("Hello.", "Ja, gut!"),
     "head check": ("default:level=coarse",),
@@ -91,15 +92,23 @@ OUTPUT_FITS = {
     "encode": ".fba", "decode": ".fap", "align": ".TextGrid", "score": ".html", "animate": ".fap", "say": ".fap",
     "render": ".gif", "convert": ".csv", "batch": "", "capture": ".fap", "reduce": ".npz", "drive": ".npz",
 }  # fmt: skip
-ENDLESS = {"serve": ("--config", "missing.toml"), "view": ("missing.fap",)}
+MISSING = "missing.fap"
+ENDLESS = {"serve": ("--config", "missing.toml"), "view": (MISSING,)}
 """Verbs that wait for somebody, and what they always refuse."""
 WAITS = {"--live", "--mic", "--help", "--scheduler", "--window"}
 """Options that wait for somebody, and ``--help``."""
-SELDOM = {"doctor": 0.1}
-"""Share of a verb that has little to be told and takes long."""
+SELDOM = {
+    "doctor": 0.01, "batch": 0.03, "head check": 0.05, "head export": 0.1, "say": 0.2, "align": 0.2, "animate": 0.4,
+    "convert": 0.4,
+}  # fmt: skip
+"""Shares of verbs that take long: fewer of them let all the others be tried more often in the same time."""
+SMALL = 0.97
+"""Share of the commands that draw which say how large."""
 MOST_S, MOST_MB = 60, 4000
 TOGETHER = 40
 """Commands in one folder."""
+FOLDERS = 10
+"""Folders of one child, which builds heads and voices once."""
 
 
 def fill(folder: Path, chance: random.Random) -> list[str]:
@@ -115,11 +124,16 @@ def fill(folder: Path, chance: random.Random) -> list[str]:
         (folder / name).write_bytes(data)
         names.append(name)
     (folder / "folder").mkdir()
-    return [*names, "folder", "missing.fap"]
+    rows = [f"row{number},{chance.choice(names)}" for number in range(2)]
+    (folder / "rows.csv").write_text("\n".join([chance.choice(("id,timings", "id,recording")), *rows]))
+    return [*names, "rows.csv", "folder", MISSING]
 
 
 def verbs() -> dict[str, Any]:
-    """Every command by its name, those of ``head`` with both words."""
+    """Every command by its name, those of ``head`` with both words. What is built here, every run of a command uses."""
+    typer.main.get_command = cache(typer.main.get_command)
+    named = cache(partial(Commands.get_command, None, None))
+    Commands.get_command = lambda _, __, name: named(name)  # type: ignore[method-assign]
     group: Any = typer.main.get_command(app)
     known = {name: group.get_command(None, name) for name in COMMANDS}
     known |= {f"head {name}": verb for name, verb in known.pop("head").commands.items()}
@@ -132,13 +146,14 @@ def command_line(chance: random.Random, known: dict[str, Any], names: Sequence[s
     words = name.split()
     for parameter in known[name].params:
         if parameter.param_type_name == "argument":
-            fitting = SAID.get(name) or [each for each in names if each.endswith(FITS.get(name, ("",)))]
+            there = [each for each in names if each.endswith(FITS.get(name, ("",))) and each != MISSING]
+            fitting = SAID.get(name) or there
             if name not in ENDLESS:
                 words.append(chance.choice(fitting) if fitting and chance.random() < 0.85 else _value(chance, names))
             continue
         if WAITS & set(parameter.opts):
             continue
-        if chance.random() < (0.9 if "--output" in parameter.opts else 0.4 if "--size" in parameter.opts else 0.015):
+        if chance.random() < (0.9 if "--output" in parameter.opts else SMALL if "--size" in parameter.opts else 0.015):
             words.append(chance.choice([*parameter.opts, *parameter.secondary_opts]))
             if "--output" in parameter.opts:
                 ending = OUTPUT_FITS.get(name) if chance.random() < 0.6 else None
@@ -179,21 +194,52 @@ def run(words: Sequence[str], folder: Path, printed: BinaryIO) -> tuple[int, str
     return code, printed.read().decode(errors="replace")
 
 
-def broken(words: Sequence[str], folder: Path, names: Sequence[str], printed: BinaryIO) -> tuple[int, str | None]:
+class Inputs:
+    """Files of a folder as they were before a command.
+
+    Stateful.
+    """
+
+    def __init__(self, folder: Path, names: Sequence[str]) -> None:
+        self._folder = folder
+        self._data = {name: (folder / name).read_bytes() for name in names if (folder / name).is_file()}
+        self._seen = {name: self._stamp(name) for name in self._data}
+
+    def _stamp(self, name: str) -> tuple[int, ...]:
+        try:
+            status = (self._folder / name).stat()
+        except OSError:
+            return ()
+        return status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns
+
+    def changed(self) -> list[str]:
+        """Names of files that are not what they were at the last call."""
+        found = []
+        for name, stamp in self._seen.items():
+            if (now := self._stamp(name)) == stamp:
+                continue
+            self._seen[name] = now
+            data = (self._folder / name).read_bytes() if now else b""
+            if data != self._data[name] or not now:
+                found.append(name)
+            self._data[name] = data
+        return found
+
+
+def broken(words: Sequence[str], folder: Path, inputs: Inputs, printed: BinaryIO) -> tuple[int, str | None]:
     """Run a command, and tell how it ended and what law it broke."""
-    before = {name: (folder / name).read_bytes() for name in names if (folder / name).is_file()}
     code, told = run(words, folder, printed)
+    changed = inputs.changed()
     if "Traceback" in told or "this is a bug" in told:
         return code, told[-300:]
     if code not in (0, 1, 2, 3):
         return code, f"exit code {code}: {told[-200:]}"
     if code and not told.strip():
         return code, f"exit code {code} without a word"
-    for name, data in before.items():
-        if name not in words[1:] or code:
-            now = (folder / name).read_bytes() if (folder / name).exists() else None
-            if now != data and f"-o {name}" not in " ".join(words) and f"--output {name}" not in " ".join(words):
-                return code, f"{name} was changed"
+    outputs = {output for option, output in pairwise(words) if option in ("-o", "--output")}
+    for name in changed:
+        if name not in outputs and (name not in words[1:] or code):
+            return code, f"{name} was changed"
     hidden = [path.name for path in folder.rglob(".*")]
     if hidden:
         return code, f"left {hidden}"
@@ -209,8 +255,8 @@ def broken(words: Sequence[str], folder: Path, names: Sequence[str], printed: Bi
 
 
 TEMPORARY = "temporary"
-FOREIGN = (".ses", "pulse-")
-"""Names that libraries of others leave in the folder for temporary files: onnxruntime, libpulse."""
+FOREIGN = "pulse-"
+"""Beginning of names that libpulse leaves in the folder for temporary files."""
 
 
 def clear(paths: Iterable[Path]) -> None:
@@ -219,13 +265,18 @@ def clear(paths: Iterable[Path]) -> None:
         shutil.rmtree(path) if path.is_dir() else path.unlink()
 
 
-def run_all(
-    commands: Sequence[Sequence[str]], folder: Path, names: Sequence[str]
-) -> tuple[list[tuple[int, str | None]], list[str]]:
-    """Run commands in a child until one ends it: how they ended, what law they broke; and the modules they imported.
+@dataclass
+class Child:
+    """What a child did: commands with their ends, the modules it imported, and the command that ended it."""
 
-    The last of fewer answers than commands is that of the one that ended the child.
-    """
+    ends: list[tuple[int, list[str], int, str | None]]
+    """Number of the folder, the words, the exit code, what law it broke."""
+    modules: list[str]
+    alive: bool
+
+
+def run_child(work: Callable[[Callable[[object], None]], None]) -> Child:
+    """Do work in a child: commands, of which each is told before and after it runs."""
     reads, writes = os.pipe()
     child = os.fork()
     if not child:
@@ -234,29 +285,58 @@ def run_all(
             resource.setrlimit(resource.RLIMIT_AS, (MOST_MB << 20, MOST_MB << 20))
             resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
             known = set(sys.modules)
-            with tempfile.TemporaryFile() as printed:
-                for words in commands:
-                    os.write(writes, json.dumps(broken(words, folder, names, printed)).encode() + b"\n")
-            os.write(writes, json.dumps([name for name in sys.modules if name not in known]).encode() + b"\n")
+
+            def tell(what: object) -> None:
+                os.write(writes, json.dumps(what).encode() + b"\n")
+
+            work(tell)
+            tell([name for name in sys.modules if name not in known])
         finally:
             os._exit(0)
     os.close(writes)
     with os.fdopen(reads, "rb") as pipe:
-        answers = [json.loads(line) for line in pipe if line.endswith(b"\n")]
+        told = [json.loads(line) for line in pipe if line.endswith(b"\n")]
     code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-    if len(answers) > len(commands):
-        return [(code, wrong) for code, wrong in answers[:-1]], answers[-1]
-    clear((folder.parent / TEMPORARY).iterdir())
-    return [*((code, wrong) for code, wrong in answers), (code, f"the process ended with {code}")], []
+    alive = bool(told) and isinstance(told[-1], list)
+    modules = told.pop() if alive else []
+    ends = [(*begun.values(), *end.values()) for begun, end in zip(told[::2], told[1::2], strict=False)]
+    if len(told) % 2:
+        ends.append((*told[-1].values(), code, f"the process ended with {code}"))
+    return Child(ends, modules, alive)
+
+
+@dataclass(frozen=True)
+class Search:
+    """The same seed and number of a folder make the same files and commands."""
+
+    root: Path
+    seed: int
+    known: dict[str, Any]
+    until_s: float
+
+    def run(self, first: int, skipped: int, most: int, tell: Callable[[object], None]) -> None:
+        """Run so many commands of a child's folders, from a command of the first one on."""
+        folder = self.root / "here"
+        with tempfile.TemporaryFile() as printed:
+            for number in range(first, first + FOLDERS):
+                if most <= 0 or time.monotonic() > self.until_s:
+                    return
+                chance = random.Random(f"{self.seed} {number}")
+                shutil.rmtree(folder, ignore_errors=True)
+                folder.mkdir()
+                names = fill(folder, chance)
+                commands = [command_line(chance, self.known, names) for _ in range(TOGETHER)][skipped:][:most]
+                inputs, skipped, most = Inputs(folder, names), 0, most - len(commands)
+                for words in commands:
+                    tell({"folder": number, "words": words})
+                    code, wrong = broken(words, folder, inputs, printed)
+                    tell({"code": code, "wrong": wrong})
 
 
 def search(
     seconds: float, seed: int, only: str = "", most: int = 1 << 30
 ) -> tuple[Counter[str], list[str], tuple[int, int]]:
-    """Try so long, or so many: endings by verb and code, what broke the law, and how many options of how many.
-
-    The same seed and number of a folder make the same files and commands.
-    """
+    """Try so long, or so many: endings by verb and code, what broke the law, and how many options of how many."""
     endings, found, tried, imported = Counter[str](), list[str](), set[tuple[str, str]](), set[str]()
     known = {name: verb for name, verb in verbs().items() if only in name}
     every = {
@@ -266,38 +346,32 @@ def search(
         if parameter.param_type_name == "option" and not WAITS & set(parameter.opts)
         for option in (*parameter.opts, *parameter.secondary_opts)
     }
-    until_s = math.inf
+    readers()  # what is imported and built first is no part of the time
+    number = skipped = 0
     with tempfile.TemporaryDirectory() as root:
-        folder, temporary = Path(root) / "here", Path(root) / TEMPORARY
-        temporary.mkdir()
-        for number in count():
-            chance = random.Random(f"{seed} {number}")
-            folder.mkdir()
-            names = fill(folder, chance)
-            if not number:
-                os.environ["TMPDIR"] = tempfile.tempdir = str(temporary)
-                until_s = time.monotonic() + seconds  # what is imported and built first is no part of it
-            left = [command_line(chance, known, names) for _ in range(min(TOGETHER, most - sum(endings.values())))]
-            while left:
-                answers, modules = run_all(left, folder, names)
-                for words, (code, wrong) in zip(left, answers, strict=False):
-                    name = " ".join(words[: 1 + (words[0] == "head")])
-                    endings[f"{name} {code}"] += 1
-                    tried |= {(name, word) for word in words} & every
-                    if wrong:
-                        found.append(f"fapengine {shlex.join(words)}\n    {wrong}")
-                        print(f"folder {number}: {found[-1]}", file=sys.stderr, flush=True)
-                left = left[len(answers) :]
-                for module in set(modules) - imported - APART:
-                    imported.add(module)
-                    with suppress(Exception):
-                        import_module(module)
-            shutil.rmtree(folder)
-            if number % 25 == 0:
-                print(f"{sum(endings.values())} commands, {len(found)} not as promised", file=sys.stderr, flush=True)
-            if time.monotonic() > until_s or sum(endings.values()) >= most:
-                return endings, found, (len(tried), len(every))
-    raise AssertionError("unreachable")
+        os.environ["TMPDIR"] = tempfile.tempdir = f"{root}/{TEMPORARY}"
+        Path(tempfile.tempdir).mkdir()
+        place = Search(Path(root), seed, known, time.monotonic() + seconds)
+        while sum(endings.values()) < most and time.monotonic() < place.until_s:
+            child = run_child(partial(place.run, number, skipped, most - sum(endings.values())))
+            for folder, words, code, wrong in child.ends:
+                skipped = skipped + 1 if folder == number else 1
+                number = folder
+                name = " ".join(words[: 1 + (words[0] == "head")])
+                endings[f"{name} {code}"] += 1
+                tried |= {(name, word) for word in words} & every
+                if wrong:
+                    found.append(f"fapengine {shlex.join(words)}\n    {wrong}")
+                    print(f"folder {folder}: {found[-1]}", file=sys.stderr, flush=True)
+            if child.alive:
+                number, skipped = number + 1, 0
+            for module in set(child.modules) - imported - APART:
+                imported.add(module)
+                with suppress(Exception):
+                    import_module(module)
+            clear(Path(tempfile.tempdir).iterdir())
+            print(f"{sum(endings.values())} commands, {len(found)} not as promised", file=sys.stderr, flush=True)
+    return endings, found, (len(tried), len(every))
 
 
 APART = {"sounddevice", "_sounddevice"}
