@@ -25,7 +25,7 @@ CORE_TESTS := $(addprefix tests/unit/,capture codec engine geometry ground labor
     trajectory wire)
 SENTENCE := Bright sunshine shimmers on the ocean.
 
-.PHONY: nightly people faults oracles pyodide conformance detector help demo test tests check quick coverage matrix release-check bench soak fuzz fuzz-replay fresh-machine \
+.PHONY: nightly people faults oracles pyodide conformance detector help demo test tests check quick coverage matrix release-check licences bench soak fuzz fuzz-replay fresh-machine \
     clean docs env dev tools
 
 help:
@@ -36,6 +36,7 @@ help:
 	@echo "make quick  the unit tests, without the slow ones"
 	@echo "make coverage  branch coverage of the core by unit tests that need nothing but a clone, against its floor"
 	@echo "make matrix  the unit tests on every supported Python that this machine has"
+	@echo "make licences  every file's licence is stated (reuse lint); licences of the installed packages"
 	@echo "make release-check  build what would be published, install it into a bare environment and use it there"
 	@echo "make bench  speed, as ratios against named yardsticks"
 	@echo "make soak   use a live server for 30 minutes or MINUTES=n: nothing grows, nothing is left undone"
@@ -89,7 +90,12 @@ coverage: $(VENV)/.ready-dev
 matrix: $(VENV)/.ready-tools
 	$(BIN)/nox --session tests
 
-release-check: $(VENV)/.ready-tools
+# Each file's licence is stated and its text is here; licences of the installed packages.
+licences: $(VENV)/.ready-tools
+	$(BIN)/reuse lint --quiet || $(BIN)/reuse lint
+	$(BIN)/fapengine doctor --licences
+
+release-check: licences
 	.ci/release-check $(BIN)/python
 
 bench: $(VENV)/.ready-dev

@@ -24,11 +24,17 @@ class Finding:
     """Command that fixes it; empty if nothing is needed."""
 
 
-def doctor(as_json: bool = typer.Option(False, "--json", help="Print the findings as JSON.")) -> None:
+def doctor(
+    licences: bool = typer.Option(False, "--licences", help="List the licence of each package that is used instead."),
+    as_json: bool = typer.Option(False, "--json", help="Print the findings as JSON."),
+) -> None:
     """Check the installation (OpenGL, voices, video, sound, ports, extras) and show how to fix problems.
 
     Opens the sound card briefly, without playing sound. Exits with 3 if faces cannot be rendered.
     """
+    if licences:
+        _print_licences(as_json)
+        return
     from functools import partial
 
     from fapengine.cli import _doctor_live as live
@@ -54,6 +60,7 @@ def doctor(as_json: bool = typer.Option(False, "--json", help="Print the finding
         ("calls", 'pip install "fapengine[webrtc]"', partial(live.extra, "aiortc")),
         ("virtual camera", 'pip install "fapengine[camera]"', partial(live.extra, "pyvirtualcam")),
         ("compiled codec", 'pip install "fapengine[fast]"', partial(live.extra, "numba")),
+        ("copyleft packages", "", _copyleft),
         ("USD", 'pip install "fapengine[usd]"', partial(live.extra, "pxr")),
         ("laboratory", 'pip install "fapengine[lab]"', partial(live.extra, "matplotlib", "trimesh")),
     ]
@@ -99,6 +106,24 @@ def _opengl() -> str:
         return f"{context.info['GL_VERSION']} on {context.info['GL_RENDERER']}"
     finally:
         context.release()
+
+
+def _copyleft() -> str:
+    from fapengine.cli._licences import used_packages
+
+    found = [f"{package.name} ({package.licence})" for package in used_packages() if package.is_copyleft]
+    return f"{', '.join(found) or 'none'}; --licences lists all"
+
+
+def _print_licences(as_json: bool) -> None:
+    from fapengine.cli._licences import used_packages
+    from fapengine.cli._printing import print_result, print_rows
+
+    packages = used_packages()
+    if as_json:
+        print_result([asdict(package) for package in packages], as_json=True)
+    else:
+        print_rows((package.name, f"{package.version}  {package.licence}") for package in packages)
 
 
 def _voices() -> str:

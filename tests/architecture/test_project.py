@@ -107,6 +107,15 @@ def test_workflows_may_only_read(path: Path) -> None:
         assert "timeout-minutes" in job
 
 
+ACTIONS = sorted([*WORKFLOWS, ROOT / "action.yml", *(ROOT / ".github" / "actions").rglob("action.yml")])
+
+
+def test_every_action_is_pinned_by_its_hash() -> None:
+    used = [line for path in ACTIONS for line in re.findall(r"^\s*- uses: .*", path.read_text(), flags=re.MULTILINE)]
+    assert len(used) >= 10
+    assert [line for line in used if not re.search(r"@[0-9a-f]{40}  # v\d+\.\d+\.\d+$", line)] == []
+
+
 def test_make_targets_that_are_named_exist() -> None:
     targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), flags=re.MULTILINE))
     named: set[str] = set()
@@ -129,12 +138,28 @@ def test_hooks_call_the_tools_of_the_gate() -> None:
 def test_citation_has_what_the_format_asks_for() -> None:
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
     assert citation["cff-version"] == "1.2.0"
-    assert citation["license"] == PYPROJECT["project"]["license"]
+    assert citation["license"] == PYPROJECT["project"]["license"].partition(" AND ")[0]  # that of the code
     assert {"message", "title", "authors"} <= citation.keys()
     papers = citation["references"]
     assert [paper["authors"][0]["family-names"] for paper in papers] == ["Kshirsagar", "Lucero", "Berger", "Kuratate"]
     for paper in papers:
         assert {"type", "title", "year", "conference"} <= paper.keys()
+
+
+def test_every_file_has_a_licence_whose_text_is_here() -> None:
+    reuse = tomllib.loads((ROOT / "REUSE.toml").read_text())
+    assert reuse["annotations"][0]["path"] == "**"
+    beside = list((ROOT / "fapengine").rglob("*.license"))
+    assert all(path.with_suffix("").exists() for path in beside)
+    stated = [row["SPDX-License-Identifier"] for row in reuse["annotations"]]
+    words = "\n".join(path.read_text() for path in beside)
+    stated += re.findall("^SPDX-License" r"-Identifier: (.*)$", words, re.MULTILINE)  # one word is a tag for reuse
+    named = {name for each in stated for name in each.split(" AND ")}
+    assert named == {path.stem for path in (ROOT / "LICENSES").iterdir()}
+    assert set(PYPROJECT["project"]["license"].split(" AND ")) <= named
+    for row in reuse["annotations"]:
+        for pattern in [row["path"]] if isinstance(row["path"], str) else row["path"]:
+            assert next(ROOT.glob(pattern.removesuffix("/**")), None), pattern
 
 
 def test_changelog_keeps_its_form() -> None:
