@@ -18,7 +18,7 @@ TEXTS = {
     for path in (
         *pages(),
         *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "SECURITY.md", "tests/README.md")),
-        *(ROOT / "design" / name for name in ("decisions.md", "matrix.md", "tried.md")),
+        *(ROOT / "design" / name for name in ("attacks.md", "decisions.md", "matrix.md", "tried.md")),
         ROOT / "fapengine-face" / "README.md",
     )
 }

@@ -1,11 +1,14 @@
-"""The hundred items of the papers and the standard: each row names something that exists."""
+"""The hundred items of the papers and the standard, and the attacks: each row names something that exists."""
 
 import ast
 import re
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[2]
 TEXT = (ROOT / "design" / "matrix.md").read_text(encoding="utf-8")
+ATTACKS = (ROOT / "design" / "attacks.md").read_text(encoding="utf-8")
 ROWS = [
     [cell.strip() for cell in line.strip("|").split(" | ")] for line in TEXT.splitlines() if re.match(r"\| \d", line)
 ]
@@ -23,9 +26,16 @@ def test_every_row_is_shown_by_a_command_a_test_or_the_report():
     assert [row[0] for row in ROWS if not re.search(r"`|report", row[2])] == []
 
 
-def test_tests_that_are_named_exist():
-    named = TEST.findall(TEXT)
-    assert len(named) >= 50
+def test_every_attack_has_a_test_and_figures():
+    rows = [line.strip("| ").split(" | ") for line in ATTACKS.splitlines() if re.match(r"\| \d", line)]
+    assert [int(row[0]) for row in rows] == list(range(1, len(rows) + 1))
+    assert [row[0] for row in rows if len(row) != 5 or not TEST.search(row[2])] == []
+
+
+@pytest.mark.parametrize(("text", "fewest"), [(TEXT, 50), (ATTACKS, 29)], ids=["matrix", "attacks"])
+def test_tests_that_are_named_exist(text: str, fewest: int):
+    named = TEST.findall(text)
+    assert len(named) >= fewest
     for path, function in named:
         tree = ast.parse((ROOT / path).read_text(encoding="utf-8"))
         functions = {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
