@@ -1,24 +1,30 @@
 """Checks of a head: a self-test of lips and lids, and contact sheets of phones, expressions and each FAP."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.app.inspection.faces import faps_of_weights
-from fapengine.errors import UsageError
+from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.expressions import Expression
+from fapengine.files.heads.import_file import find_points, load_marked
+from fapengine.files.heads.tables import load_mapping
 from fapengine.files.pictures import Picture, contact_sheet, save_png
 from fapengine.files.profiles import load_profile
 from fapengine.mesh.deform import POSE_AU, POSE_FAPU, deform, single_fap
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mesh.rig.import_head import PLAUSIBLE_FAPU
+from fapengine.mesh.rig.placed_mesh import place_mesh
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fap import VISEMES
 from fapengine.mpeg4.track import to_codable
 from fapengine.render.drawing import Drawing
 from fapengine.render.renderer import FaceRenderer
+from fapengine.retarget.rig_weights import rig_weights
 from fapengine.speaking import DEFAULT_PROFILE
 from fapengine.trajectory.closures import CONTACTS, settle
 from fapengine.trajectory.gestures import LOWER_LID, UPPER_LID
@@ -28,6 +34,9 @@ LIPS, LIDS = ("2.2", "2.3"), (("3.1", "3.3"), ("3.2", "3.4"))
 """Feature points: the middle of the inner lips, and the middle of the lids of each eye."""
 OPENING_MM, MET_MM = (8.0, 20.0), 0.5
 """Expected opening of the lips on an ah, as of adults, and gap of lips or lids that meet."""
+TESTED_POINTS = (*LIPS, *LIDS[0], *LIDS[1])
+HELD_FRAMES = 30
+"""Frames for which a pose is held while weights are solved."""
 AH, CLOSED, BITTEN = "ɑ", "m", "f"
 BLINK = {19: UPPER_LID, 20: UPPER_LID, 21: LOWER_LID, 22: LOWER_LID}
 GAZE = {23: 25_000.0, 24: 25_000.0, 25: -10_000.0, 26: -10_000.0}
@@ -83,13 +92,62 @@ def draw_sheet(mesh: FaceMesh) -> Picture:
 def self_test(mesh: FaceMesh) -> SelfTest:
     """Measure how far lips open and whether lips and lids close; a head without such points has no remarks."""
     rows, labels = _tested()
-    moved = dict(zip(labels, deform(mesh, rows), strict=True))
+    points = {name: mesh.feature_points[name] for name in TESTED_POINTS if name in mesh.feature_points}
+    moved = deform(mesh, rows)[:, [*points.values()], 1]
+    tested = _judge([dict(zip(points, row, strict=True)) for row in moved.tolist()], labels)
+    remarks = list(tested.remarks)
+    for name, (low, high) in PLAUSIBLE_FAPU.items():
+        share = getattr(mesh.fapu, name) / mesh.fapu.es0_mm
+        if not low <= share <= high:
+            remarks.append(
+                f"FAPU: {name.removesuffix('_mm').upper()} is {getattr(mesh.fapu, name):.1f} mm, {share:.2f} of the"
+                f" eyes' distance, expected {low:g} to {high:g}; points=FILE sets its feature points"
+            )
+    return replace(tested, remarks=tuple(remarks))
+
+
+def check_avatar(path: Path, mapping: Path | None = None) -> SelfTest:
+    """Measure the same on an avatar file that its own shapes move, by the weights that an animation of it gets.
+
+    A file without a face that can be found has no gaps, and no remarks. The last files are remembered.
+
+    Raises
+    ------
+    UsageError
+        If a file cannot be read.
+    """
+    status = path.stat()
+    return _check_avatar(path, mapping, (status.st_mtime_ns, status.st_size))
+
+
+@lru_cache(maxsize=4)
+def _check_avatar(path: Path, mapping: Path | None, _version: tuple[int, int]) -> SelfTest:
+    rows, labels = _tested()
+    try:
+        mesh, choice, standard, _ = load_marked(path, None, mapping)
+        points = find_points(mesh, choice, {}, standard, needed=False)
+        placed = place_mesh(mesh, points, standard)
+    except (DataError, ResourceError):
+        return _judge([{} for _ in labels], labels)
+    at = {name: placed.points[name] for name in TESTED_POINTS if name in placed.points}
+    source = placed.kept[[*at.values()]]
+    moving = [name for name, shape in mesh.blendshapes.items() if len(shape.vertices)]
+    held = np.repeat(rows, HELD_FRAMES, axis=0)  # weights are solved over time
+    weights = rig_weights([moving], held, load_mapping(mapping) if mapping else None)[0]
+    height = np.tile(placed.vertices_mm[[*at.values()], 1], (len(rows), 1))
+    for name, weight in weights.items():
+        up = placed.scale * mesh.dense(name)[source] @ placed.rotation[1]
+        height += weight[HELD_FRAMES // 2 :: HELD_FRAMES, None] * up
+    return _judge([dict(zip(at, row, strict=True)) for row in height.tolist()], labels)
+
+
+def _judge(heights_mm: Sequence[Mapping[str, float]], labels: Sequence[str]) -> SelfTest:
+    """Compare the heights of the points in each pose with what a face does."""
+    by_label = dict(zip(labels, heights_mm, strict=True))
 
     def gap_mm(label: str, upper: str, lower: str) -> float | None:
-        if not {upper, lower} <= set(mesh.feature_points):
-            return None
-        points = moved[label][[mesh.feature_points[upper], mesh.feature_points[lower]], 1]
-        return round(float(points[0] - points[1]), 2)
+        place = by_label[label]
+        return round(place[upper] - place[lower], 2) if {upper, lower} <= set(place) else None
 
     facts = {f"lips_{label}_mm": gap_mm(label, *LIPS) for label in ("rest", AH, CLOSED, BITTEN)}
     facts |= {f"{side}_lid_mm": gap_mm("blink", *lids) for side, lids in zip(("left", "right"), LIDS, strict=True)}
@@ -98,16 +156,9 @@ def self_test(mesh: FaceMesh) -> SelfTest:
     if opening is not None and not OPENING_MM[0] <= opening <= OPENING_MM[1]:
         remarks.append(f"lips: they open {opening:.1f} mm on {AH}, expected {OPENING_MM[0]:g} to {OPENING_MM[1]:g} mm")
     if closed is not None and closed > MET_MM:
-        remarks.append(f"lips: they are {closed:.1f} mm apart on {CLOSED}, expected at most {MET_MM:g} mm")
+        remarks.append(f"lips: they are {closed:.2f} mm apart on {CLOSED}, expected at most {MET_MM:g} mm")
     open_lids = [side for side in ("left", "right") if (facts[f"{side}_lid_mm"] or 0.0) > MET_MM]
     remarks += [f"lids: the {side} eye stays {facts[f'{side}_lid_mm']:.1f} mm open in a blink" for side in open_lids]
-    for name, (low, high) in PLAUSIBLE_FAPU.items():
-        share = getattr(mesh.fapu, name) / mesh.fapu.es0_mm
-        if not low <= share <= high:
-            remarks.append(
-                f"FAPU: {name.removesuffix('_mm').upper()} is {getattr(mesh.fapu, name):.1f} mm, {share:.2f} of the"
-                f" eyes' distance, expected {low:g} to {high:g}; points=FILE sets its feature points"
-            )
     if facts["left_lid_mm"] is None and facts["right_lid_mm"] is None:
         said.append("lids unknown")
     else:

@@ -317,6 +317,11 @@ def _write_scene(track: FapTrack, path: Path, options: SaveOptions) -> None:
         options.report.moved = save_scene(
             path, track, options.into, shapes=options.shapes, name=options.name or path.stem
         )
+        if options.into is not None and options.into.is_foreign:
+            from fapengine.app.head_check import check_avatar
+
+            tested = check_avatar(options.into.avatar, options.into.mapping)
+            options.report.moved = "; ".join((options.report.moved, tested.summary, *tested.remarks))
 
 
 FILM, SPOKEN = (".fap", ".wav", ".png"), (".fap", ".wav")

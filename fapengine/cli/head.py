@@ -35,6 +35,9 @@ def import_head(
         "--adapt",
         help="Fit the built-in head, with eyes, teeth and FAPs, to the mesh. For scans with a closed mouth.",
     ),
+    complete: bool = typer.Option(
+        False, "--complete", help="Make the ARKit shapes that the mesh lacks, from those of the built-in head."
+    ),
     output: Path = typer.Option(..., "--output", "-o", help="Head folder to write: heads/NAME."),
     licence: str | None = typer.Option(
         None, help="Licence of the mesh, stored with the head. Default: that of the profile, or 'not stated'."
@@ -75,6 +78,8 @@ def import_head(
     sheet = output.with_name(f"{output.name}.png")
     writing.check([*files_in(output, OWNED), sheet], [mesh, points, mapping])
     rig = nearness = None
+    if complete and (adapt or is_profile(mesh)):
+        raise UsageError("--complete: cannot be used with --adapt or a profile")
     if adapt:
         imported, info, nearness = adapt_head_file(mesh, points, mapping)
     elif is_profile(mesh):
@@ -82,7 +87,7 @@ def import_head(
             raise UsageError("--shape-map: cannot be used with a profile")
         imported, rig, info = load_dense_head(mesh, points)
     else:
-        imported, info = import_head_file(mesh, points, mapping)
+        imported, info = import_head_file(mesh, points, mapping, complete=complete)
     tested = self_test(imported.mesh)
     remarks = tested.remarks
     if strict:

@@ -93,7 +93,7 @@ def _targets(faps: Array, roles: Sequence[Mapping[Role, Mapping[str, str]]], loo
     """Weights by role and meaning of names; None is the role of VRM's other presets, whose names are normalised."""
     present = {role: {target for found in roles for target in found[role]} for role in Role}
     arkit = dict(zip(ARKIT_NAMES, approximate_arkit(faps).T, strict=True))
-    speaks = is_arkit(present) or not present[Role.VISEME]
+    speaks = (is_arkit(present) and "jawOpen" in present[Role.ARKIT]) or not present[Role.VISEME]
 
     targets: Targets = {(role, name): arkit[name] for role in (Role.ARKIT, Role.SUBSTITUTE) for name in arkit}
     targets |= {

@@ -25,13 +25,16 @@ from fapengine.mesh.rig.feature_points import locate
 from fapengine.mesh.rig.import_head import ImportedHead, can_follow_bones, head_of_bones, import_head
 from fapengine.mesh.rig.placed_mesh import place_mesh
 from fapengine.models.adapted_head import Nearness, adapt_head, scan_surface
+from fapengine.models.completed_rig import complete_rig
 from fapengine.models.scans import has_colours, paint_from_scan
 from fapengine.mpeg4 import fap
-from fapengine.retarget.blendshape_names import Choice, choose_blendshapes
+from fapengine.retarget.arkit import arkit_map
+from fapengine.retarget.blend import ARKIT_NAMES
+from fapengine.retarget.blendshape_names import GAZE, Choice, choose_blendshapes
 
 
 def import_head_file(
-    path: Path, points: Path | None = None, mapping: Path | None = None
+    path: Path, points: Path | None = None, mapping: Path | None = None, *, complete: bool = False
 ) -> tuple[ImportedHead, HeadInfo]:
     """Make a head from a file: from blendshapes with known names, else from feature points or bones.
 
@@ -44,6 +47,8 @@ def import_head_file(
         that are found.
     mapping : Path, optional
         Table of the meaning of other blendshape names.
+    complete : bool
+        Make the shapes of ARKit that the mesh lacks, or that are empty, from those of the built-in head.
 
     Raises
     ------
@@ -56,13 +61,31 @@ def import_head_file(
     """
     mesh, choice, standard, marked = load_marked(path, points, mapping)
     with locating(path):
-        if not choice.blended and not choice.own_faps and points is None:
+        if not choice.blended and not choice.own_faps and points is None and not complete:
             imported = head_of_bones(mesh, standard)
         else:
             vertices = find_points(mesh, choice, marked, standard, needed=points is None)
+            if complete:
+                mesh, choice = _completed(mesh, choice, vertices, standard)
             imported = import_head(mesh, choice.blended, vertices, standard, choice.own_faps)
     imported = replace(imported, mesh=crop_painting(imported.mesh))
     return imported, HeadInfo(path.name, "", imported.used, choice.missing if imported.used else ())
+
+
+def _completed(
+    mesh: BlendshapeMesh, choice: Choice, points: Mapping[str, int], standard: FaceMesh
+) -> tuple[BlendshapeMesh, Choice]:
+    """Add the shapes of ARKit that are missing, except those of eyeballs and tongue, which are not skin."""
+    faps = dict(zip(ARKIT_NAMES, arkit_map().faps, strict=True))
+    made = [name for name in choice.missing if not GAZE.fullmatch(name.lower()) and name != "tongueOut"]
+    mesh, off_mm = complete_rig(mesh, points, {name: faps[name] for name in made}, standard)
+    note = (
+        f"completed: {len(made)} of ARKit's {len(ARKIT_NAMES)} shapes are made from those of the built-in head, which"
+        f" was fitted to {off_mm:.1f} mm: {', '.join(made)}"
+    )
+    left = tuple(name for name in choice.missing if name not in made)
+    blended = tuple(dict.fromkeys((*choice.blended, *made)))
+    return replace(mesh, notes=(*mesh.notes, note)), replace(choice, blended=blended, missing=left)
 
 
 def load_marked(

@@ -1,14 +1,18 @@
 """The self-test of a head: lips that open, meet, and are measured as lips are; lids that close."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import fapengine
-from fapengine.app.head_check import draw_sheet, self_test
+from fapengine.app.head_check import check_avatar, draw_sheet, self_test
 from fapengine.files.pictures import GAP, LABEL_HEIGHT, MARGIN, TILE
 from fapengine.mesh.face_mesh import FaceMesh
+from fapengine.retarget.blend import ARKIT_NAMES
+from tests.unit.files.glb import write_rig
+from tests.unit.mesh.rigs import own_rig
 
 HEAD = "default:level=coarse"
 TITLE_HEIGHT = 40
@@ -45,7 +49,7 @@ def test_lips_that_are_apart_at_rest(head: FaceMesh) -> None:
     vertices = np.array(head.vertices_mm)
     vertices[head.feature_points["2.3"], 1] -= 6.0
     tested = self_test(replace(head, vertices_mm=vertices))
-    assert tested.remarks == ("lips: they are 6.0 mm apart on m, expected at most 0.5 mm",)
+    assert tested.remarks == ("lips: they are 6.00 mm apart on m, expected at most 0.5 mm",)
     assert "stay 6.0 mm open on m" in tested.summary
 
 
@@ -63,6 +67,30 @@ def test_a_mesh_without_points_says_that_nothing_is_known(head: FaceMesh) -> Non
     assert tested.remarks == ()
     assert tested.summary == "lips do not move, lids unknown"
     assert tested.facts["lips_ɑ_mm"] is None
+
+
+def avatar_file(path: Path, names: dict[str, str]) -> Path:
+    """Write our own head as an avatar with shapes of ARKit under other names."""
+    rig = own_rig(tuple(names))
+    shapes = {names[name]: shape for name, shape in rig.blendshapes.items()}
+    path.write_bytes(write_rig(replace(rig, blendshapes=shapes)).glb())
+    return path
+
+
+def test_an_avatar_file_is_measured_by_its_own_shapes(tmp_path: Path) -> None:
+    names = {name: name for name in ("jawOpen", "mouthClose", "eyeBlinkLeft", "eyeBlinkRight", "browInnerUp")}
+    tested = check_avatar(avatar_file(tmp_path / "a.glb", names))
+    assert 8.0 < tested.facts["lips_ɑ_mm"] < 20.0
+    assert tested.facts["lips_m_mm"] < 1.0
+    assert tested.facts["left_lid_mm"] < 3.0  # a straight way round the ball; 13 mm at rest
+    gone = check_avatar(avatar_file(tmp_path / "b.glb", {"jawOpen": "jawOpen"}))
+    assert gone.summary == "lips do not move, lids unknown"  # no lids show where the face is
+
+
+def test_a_mouth_without_jaw_open_follows_its_vowels(tmp_path: Path) -> None:
+    """VRoid files have 38 of ARKit's shapes, but not jawOpen: with --into the mouth opened 2 mm."""
+    names = {name: name for name in ARKIT_NAMES if not name.startswith(("jaw", "tongue"))} | {"jawOpen": "Fcl_MTH_A"}
+    assert check_avatar(avatar_file(tmp_path / "a.glb", names)).facts["lips_ɑ_mm"] > 6.0
 
 
 def test_the_contact_sheet_shows_nine_different_faces(head: FaceMesh) -> None:

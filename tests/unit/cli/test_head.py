@@ -119,6 +119,20 @@ def test_an_import_ends_with_a_test_of_the_head_and_a_sheet(adopted, avatar, tmp
     assert re.fullmatch(r"lips open \d+ mm on ɑ \(expected 8 to 20\), close on m, lids close", last)
 
 
+def test_shapes_that_are_missing_are_made_on_request(avatar, tmp_path):
+    data = avatar.read_bytes()
+    for name in (b"mouthSmileLeft", b"mouthSmileRight"):
+        data = data.replace(b'"' + name + b'"', b'"' + name[::-1] + b'"')
+    (tmp_path / "b.glb").write_bytes(data)
+    head = tmp_path / "head"
+    found = json.loads(run("head", "import", tmp_path / "b.glb", "--complete", "-o", head, "--json").stdout)
+    assert {"mouthSmileLeft", "mouthSmileRight"} <= set(found["shapes"]["used"])
+    assert found["shapes"]["lacking"] == []
+    assert [note for note in found["notes"] if note.startswith("completed: 2 of ARKit's 52 shapes are made from")]
+    with pytest.raises(UsageError, match="--complete: cannot be used with --adapt"):
+        run("head", "import", avatar, "--complete", "--adapt", "-o", head)
+
+
 def test_its_sheet_says_what_is_missing(adopted, tmp_path):
     head, found = adopted
     said = json.loads(run("head", "check", head, "-o", tmp_path / "a.png", "--json").stdout)
