@@ -110,7 +110,7 @@ def npm_faults(package: Path, address: str, version: str) -> Iterator[str]:
         files = {member.name.removeprefix("package/") for member in archive.getmembers()}
         about, readme = (archive.extractfile(f"package/{name}").read() for name in ("package.json", "README.md"))  # type: ignore[union-attr]
     described: dict[str, Any] = json.loads(about)
-    if described.get("repository", {}).get("url") != f"git+{address}.git":
+    if (described.get("repository") or {}).get("url") != f"git+{address}.git":
         yield f"repository: got {described.get('repository')}, expected git+{address}.git"
     number, _, count = version.partition("+")[0].partition(".dev")
     expected = ".".join([*number.split("."), "0", "0"][:3]) + (f"-dev.{count}" if count else "")

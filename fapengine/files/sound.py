@@ -12,6 +12,7 @@ from collections.abc import Generator, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from errno import EINVAL
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -226,7 +227,7 @@ def _opened(path: Path) -> Iterator[Any]:
         check_samples(file, path)
         try:
             options = {"format_whitelist": ",".join(CONTAINERS), "protocol_whitelist": "none"}
-            container = av.open(file, mode="r", options=options, metadata_errors="ignore")
+            container = av.open(file, mode="r", options=options, **_any_metadata())
         except (av.FFmpegError, ValueError, OSError) as error:
             is_refused = getattr(error, "errno", None) == EINVAL  # by the list of containers
             why = "a kind of file that is not read here" if is_refused else reason(error)
@@ -236,6 +237,11 @@ def _opened(path: Path) -> Iterator[Any]:
         with container:
             _check(container, path)
             yield container
+
+
+def _any_metadata() -> dict[str, str]:
+    """Options of PyAV that accept tags that are no UTF-8; from version 19 on, it has none."""
+    return {"metadata_errors": "ignore"} if int(version("av").partition(".")[0]) < 19 else {}
 
 
 def _check(container: Any, path: Path) -> None:
