@@ -8,11 +8,17 @@ import { Session } from "./session.js";
 import { Steering } from "./steering.js";
 
 const EVENTS = ["started", "phone", "finished", "cancelled", "connection"];
-const SHAPE = `<style>
+const ASSETS = {
+  // Spelled out, because that is how bundlers find them.
+  "head.bin": new URL("./assets/head.bin", import.meta.url),
+  "setup.json": new URL("./assets/setup.json", import.meta.url),
+};
+const SHAPE = `
   :host { display: block; aspect-ratio: 1; min-width: 0; position: relative; }
   :host([hidden]) { display: none; }
   canvas { position: absolute; inset: 0; width: 100%; height: 100%; display: block; touch-action: none; }
-</style>`;
+`;
+let sheet = null; // that all elements share; made by the first
 
 async function fetched(url, read) {
   const answer = await fetch(url);
@@ -20,12 +26,14 @@ async function fetched(url, read) {
   return answer[read]();
 }
 
-export class FapFace extends HTMLElement {
-  static observedAttributes = ["server", "session", "head", "token", "src", "audio", "camera", "transparent", "edges", "rest"];
+// On a server that renders pages there is no DOM: there the module can be imported, and no more.
+export class FapFace extends (globalThis.HTMLElement ?? Object) {
+  static observedAttributes = ["server", "session", "head", "setup", "token", "src", "audio", "camera", "transparent", "edges", "rest"];
 
   constructor() {
     super();
-    this.attachShadow({ mode: "open" }).innerHTML = SHAPE;
+    if (!sheet) (sheet = new CSSStyleSheet()).replaceSync(SHAPE); // not a <style>, which a content security policy may refuse
+    this.attachShadow({ mode: "open" }).adoptedStyleSheets = [sheet];
     this.run = 0; // counts beginnings: what an older one fetched is not shown any more
     this.source = null;
     this.muted = false;
@@ -74,10 +82,15 @@ export class FapFace extends HTMLElement {
   // Of the server, if there is one; else as the package has them.
   own(path) {
     const server = this.getAttribute("server");
-    const url = new URL(server ? path : `assets/${path}`, server ? new URL(server, document.baseURI) : import.meta.url);
+    const url = server ? new URL(path, new URL(server, document.baseURI)) : new URL(ASSETS[path]);
     const token = this.getAttribute("token");
     if (server && token) url.searchParams.set("token", token);
     return url;
+  }
+
+  setupAddress() {
+    const given = this.getAttribute("setup");
+    return given ? new URL(given, document.baseURI) : this.own("setup.json");
   }
 
   headAddress() {
@@ -92,7 +105,7 @@ export class FapFace extends HTMLElement {
   async begin(run) {
     const src = this.getAttribute("src");
     const [setup, bytes, text] = await Promise.all([
-      fetched(this.own("setup.json"), "json"),
+      fetched(this.setupAddress(), "json"),
       fetched(this.headAddress(), "arrayBuffer"),
       src ? fetched(new URL(src, document.baseURI), "text") : null,
     ]);
@@ -206,4 +219,4 @@ export class FapFace extends HTMLElement {
   }
 }
 
-if (!customElements.get("fap-face")) customElements.define("fap-face", FapFace);
+if (globalThis.customElements && !customElements.get("fap-face")) customElements.define("fap-face", FapFace);

@@ -36,7 +36,9 @@ export interface UtteranceDetail {
   utterance: number;
 }
 
-export interface FapFaceEventMap extends HTMLElementEventMap {
+export interface FapFaceEventMap extends Omit<HTMLElementEventMap, "error"> {
+  /** What is wrong. */
+  error: CustomEvent<string>;
   ready: CustomEvent<undefined>;
   connection: CustomEvent<"connecting" | "connected" | "waiting">;
   started: CustomEvent<UtteranceDetail | undefined>;
@@ -124,6 +126,23 @@ export class Session extends EventTarget implements Source {
   play(wanted: boolean): Promise<boolean>;
   close(): void;
   sample(now: number, faps: Faps): { time: number } | null;
+}
+
+/** Attributes of `<fap-face>`. */
+export interface FapFaceAttributes {
+  server?: string;
+  session?: string;
+  token?: string;
+  src?: string;
+  audio?: string;
+  /** Name of a server's head, or address of a head.bin. */
+  head?: string;
+  /** Address of a setup.json. */
+  setup?: string;
+  camera?: string;
+  transparent?: boolean | "";
+  edges?: "fine" | "soft";
+  rest?: number | string;
 }
 
 declare global {

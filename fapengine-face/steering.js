@@ -3,7 +3,7 @@
 import { between, turned, zoomed } from "./camera.js";
 
 const FLIGHT_MS = 450;
-const calm = matchMedia("(prefers-reduced-motion: reduce)");
+const calm = globalThis.matchMedia?.("(prefers-reduced-motion: reduce)"); // on a server there is none
 
 export class Steering {
   // presets: camera by name (camera.js), the first one is where it begins. moved(name): told of a preset, or null.
@@ -25,7 +25,7 @@ export class Steering {
   }
 
   // To a preset by name or place; others stay where they are.
-  fly(which, { atOnce = calm.matches } = {}) {
+  fly(which, { atOnce = calm?.matches } = {}) {
     const [name, camera] = this.presets[which] ?? this.presets.find(([name]) => name === which) ?? [];
     if (!camera) return;
     this.flight = atOnce ? null : { from: this.camera, to: camera, since: performance.now() };

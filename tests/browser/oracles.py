@@ -12,6 +12,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from design import face_package
+from tests.browser.bundlers import check_bundlers
 from tests.browser.chromium import Browser
 from tests.browser.conftest import SIZE, Server
 from tests.browser.firefox import Firefox, find_firefox
@@ -173,6 +174,11 @@ async def main() -> int:
             except AssertionError as error:
                 failed += 1
                 print(f"{what}: {error}")
+        try:
+            await check_bundlers(ORACLES, folder / "package")
+        except (AssertionError, subprocess.CalledProcessError) as error:
+            failed += 1
+            print(f"bundlers: {error}")
         try:
             typescript(folder)
         except subprocess.CalledProcessError:

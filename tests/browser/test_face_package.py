@@ -20,6 +20,7 @@ from fapengine.mpeg4.track import FapTrack
 from fapengine.retarget.blend import ARKIT_NAMES
 from fapengine.server.web.messages import pack_frame
 from fapengine.wire.shapes import ArkitFollower
+from tests.browser.bundlers import check_node
 from tests.browser.conftest import Page, Server
 from tests.processes import start
 from tests.unit.retarget.living_speech import living
@@ -45,6 +46,11 @@ PAGE = """<!doctype html><html lang="en"><title>Somebody's page</title><link rel
     face.picture.budget.add = () => false;
   };
 </script></html>"""
+
+
+STRICT = """<!doctype html><html lang="en"><title>Strict</title><link rel="icon" href="/none.svg" />
+<meta http-equiv="Content-Security-Policy" content="default-src 'self'; require-trusted-types-for 'script'" />
+<script type="module" src="package/index.js"></script><fap-face></fap-face></html>"""
 
 
 def packed(folder: Path) -> None:
@@ -217,3 +223,29 @@ def test_arkit_s_shapes_are_python_s(shop: Page) -> None:
     }})()""")
     assert shown[0] == [0.5, shown[1]["jawOpen"]]
     assert list(shown[1]) == ["jawOpen"]
+
+
+def test_it_is_shown_under_a_strict_policy_with_trusted_types(page: Page, site: Path) -> None:
+    (site / "strict.html").write_text(STRICT)
+    (site / "none.svg").write_text('<svg xmlns="http://www.w3.org/2000/svg"/>')
+    page.go(f"{page.server.site}/strict.html")
+    page.until("document.querySelector('fap-face')?.picture?.count > 0")
+    face = "document.querySelector('fap-face')"
+    width, height = page.run(f"[{face}.clientWidth, {face}.clientHeight]")
+    assert width == height > 200
+    assert page.run(f"getComputedStyle({face}.shadowRoot.querySelector('canvas')).position") == "absolute"
+
+
+def test_other_assets_may_be_named(shop: Page, site: Path) -> None:
+    shutil.copy(site / "package" / "assets" / "setup.json", site / "elsewhere.json")
+    (site / "package" / "assets" / "setup.json").rename(site / "moved.json")
+    try:
+        show(shop, setup="elsewhere.json", head="package/assets/head.bin")
+    finally:
+        (site / "moved.json").rename(site / "package" / "assets" / "setup.json")
+    shop.until("face.picture.count > 0")
+
+
+@pytest.mark.skipif(shutil.which("node") is None, reason="needs Node")
+def test_it_may_be_imported_without_a_dom(site: Path) -> None:
+    check_node(site / "package")

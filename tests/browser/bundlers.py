@@ -1,0 +1,114 @@
+"""The packed npm package in projects of others: React and Vue built by Vite, a Node program without a DOM, TSX."""
+
+import contextlib
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from tests.browser.chromium import Browser
+from tests.processes import free_port, start
+
+PAGE = """<!doctype html><html lang="en"><title>A shop</title><link rel="icon" href="data:," />
+<div id="root"></div><script type="module" src="./main.{kind}"></script></html>"""
+REACT = """import { StrictMode, useEffect, useRef } from "react";
+import { createRoot } from "react-dom/client";
+import "fapengine-face/react";
+import type { FapFace } from "fapengine-face";
+
+function Shop() {
+  const face = useRef<FapFace>(null);
+  useEffect(() => {
+    face.current!.addEventListener("error", ({ detail }) => (document.title = detail.slice(0, 200)));
+  }, []);
+  return <fap-face ref={face} camera="front" transparent={true} style={{ width: "20rem" }} />;
+}
+createRoot(document.getElementById("root")!).render(<StrictMode><Shop /></StrictMode>);
+"""
+VUE = """import { createApp } from "vue";
+import Shop from "./Shop.vue";
+
+createApp(Shop).mount("#root");
+"""
+SHOP = """<script setup>
+import "fapengine-face";
+</script>
+<template><fap-face camera="front" style="width: 20rem" /></template>
+"""
+CONFIGURATIONS = {
+    "react": 'import react from "@vitejs/plugin-react";\nexport default { base: "./", plugins: [react()] };\n',
+    "vue": 'import vue from "@vitejs/plugin-vue";\nconst isCustomElement = (tag) => tag === "fap-face";\n'
+    'export default { base: "./", plugins: [vue({ template: { compilerOptions: { isCustomElement } } })] };\n',
+}
+TYPED = {
+    "compilerOptions": {
+        "strict": True, "noEmit": True, "jsx": "react-jsx", "module": "esnext", "moduleResolution": "bundler",
+        "target": "es2022", "lib": ["es2022", "dom"], "types": [],
+    },
+    "include": ["main.tsx"],
+}  # fmt: skip
+FILES = {
+    "react": {"index.html": PAGE.format(kind="tsx"), "main.tsx": REACT, "tsconfig.json": json.dumps(TYPED)},
+    "vue": {"index.html": PAGE.format(kind="js"), "main.js": VUE, "Shop.vue": SHOP},
+}
+SEEN = "document.querySelector('fap-face')?.picture?.count > 0"
+
+
+def project(modules: Path, package: Path, name: str) -> Path:
+    """Make a project beside the installed packages, with ours in it; returns its folder."""
+    folder = modules.parent / "projects" / name
+    own = folder / "node_modules"
+    own.mkdir(parents=True, exist_ok=True)
+    link = own / "fapengine-face"
+    link.unlink(missing_ok=True)
+    link.symlink_to(package.resolve())
+    for file, text in {**FILES[name], "vite.config.js": CONFIGURATIONS[name]}.items():
+        (folder / file).write_text(text)
+    (folder / "package.json").write_text(json.dumps({"name": name, "private": True, "type": "module"}))
+    return folder
+
+
+def built(modules: Path, package: Path, name: str) -> Path:
+    """Build a project; returns the folder of its site."""
+    folder = project(modules, package, name)
+    if name == "react":
+        subprocess.run(["node", str(modules / "typescript" / "bin" / "tsc")], cwd=folder, check=True, timeout=300)
+    vite = modules / "vite" / "bin" / "vite.js"
+    subprocess.run(["node", str(vite), "build", "--logLevel", "warn"], cwd=folder, check=True, timeout=300)
+    return folder / "dist"
+
+
+@contextlib.contextmanager
+def opened(folder: Path) -> Iterator[str]:
+    """Serve a folder; its address."""
+    port = free_port()
+    command = [sys.executable, "-u", "-m", "http.server", str(port), "--bind", "127.0.0.1", "--directory", str(folder)]
+    with start(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline()  # it listens
+        yield f"http://127.0.0.1:{port}/"
+        process.terminate()
+
+
+async def check_bundlers(modules: Path, package: Path) -> None:
+    """Each built site shows a face."""
+    for name in FILES:
+        with opened(built(modules, package, name)) as url:
+            async with Browser((400, 400)) as browser:
+                await browser.open(url)
+                await browser.until(SEEN, 180)
+                picture = await browser.picture()
+                assert await browser.run("document.title") == "A shop"
+        levels = picture[100:250, 100:250].astype(int).std(axis=(0, 1)).max()
+        assert levels > 20, f"{name}: got a picture of one colour ({levels:.1f}), expected a face"
+        print(f"{name}, Vite: the face is seen")
+
+
+def check_node(package: Path) -> None:
+    """A program without a DOM, such as one that renders pages on a server, may import the package."""
+    code = (
+        f"import({json.dumps((package / 'index.js').resolve().as_uri())}).then((all) => console.log(Object.keys(all)))"
+    )
+    told = subprocess.run(["node", "-e", code], capture_output=True, text=True, check=False, timeout=300)
+    assert "FapFace" in told.stdout, told.stderr
