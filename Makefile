@@ -139,13 +139,17 @@ faults: $(VENV)/.ready-dev
 docs: $(VENV)/.ready-docs
 	PYTHONPATH=. $(BIN)/mkdocs build --strict
 
+# The npm package is built into projects by these.
+BUNDLERS := vite@8.3.8 @vitejs/plugin-react@6.3.0 react@19.3.1 react-dom@19.3.1 @types/react@19.3.0 \
+    @types/react-dom@19.3.0 vue@3.5.45 @vitejs/plugin-vue@6.0.11
+
 # Foreign programs that ours is compared with; they need Node and a network, and no test needs them. Avatars of others
 # are tried too, as far as they lie in out/oracles/avatars; Blender, coturn, godot3-server and mono-mcs of Debian, where they are
 # installed. axe-core, TypeScript and, where it is installed, Firefox judge the page and the npm package. Ten minutes.
 oracles:
 	mkdir -p out/oracles
 	npm install --prefix out/oracles --no-save --no-audit --no-fund rhubarb-lip-sync-wasm@0.1.8 @met4citizen/headaudio@0.1.0 \
-	    gltf-validator@2.0.0-dev.3.10 three@0.187 axe-core@4.10.3 typescript@5.9.3 $(PYODIDE)
+	    gltf-validator@2.0.0-dev.3.10 three@0.187 axe-core@4.10.3 typescript@5.9.3 $(PYODIDE) $(BUNDLERS)
 	$(BIN)/python -m tests.oracles out/oracles
 	$(BIN)/python -m tests.browser.oracles
 	.ci/system-packages $(PYTHON) oracles
