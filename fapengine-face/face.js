@@ -6,7 +6,11 @@ import { cameraPosition, clipFromWorld, pixelsPerMm } from "./camera.js";
 
 const FLOAT_BYTES = 4;
 const DRAWN_BY_CPU = /llvmpipe|swiftshader|softpipe|software|basic render/i;
+const MOST_OWN = 6; // contexts of views; browsers drop the oldest beyond 16 on a page, some beyond 8
 const UNITS = { u_displacements: 0, u_normal_deltas: 1, u_skin: 2, u_picture: 0 };
+
+let own = 0; // views with a context of their own
+let shared = null; // canvas of all others, and their number
 
 export class FaceView {
   // setup: what /setup.json holds of the shaders and how they are used. wall: linear RGB, or null for a clear ground.
@@ -17,16 +21,36 @@ export class FaceView {
     this.setup = setup;
     this.wall = wall;
     this.rest = restShare(rest);
-    const options = { alpha: wall === null, antialias: false, depth: true, powerPreference: "high-performance" };
-    this.gl = canvas.getContext("webgl2", options);
+    this.sharing = own >= MOST_OWN;
+    if (this.sharing) shared ??= { canvas: document.createElement("canvas"), views: 0 };
+    this.surface = this.sharing ? shared.canvas : canvas; // what is drawn on; if shared, it is copied to the canvas
+    const options = { alpha: this.sharing || wall === null, antialias: false, depth: true, powerPreference: "high-performance" };
+    this.gl = this.surface.getContext("webgl2", options);
     if (!this.gl) throw new Error("This browser has no WebGL2. Current browsers have it if hardware acceleration is enabled.");
-    canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
-    canvas.addEventListener("webglcontextrestored", () => this.build());
+    this.copy = this.sharing ? canvas.getContext("2d") : null;
+    this.end = new AbortController();
+    const { signal } = this.end;
+    this.surface.addEventListener("webglcontextlost", (event) => event.preventDefault(), { signal });
+    this.surface.addEventListener("webglcontextrestored", () => this.restored(), { signal });
     this.build();
+    if (this.sharing) shared.views += 1;
+    else own += 1;
+  }
+
+  restored() {
+    this.build();
+    if (this.sharing) this.canvas.dispatchEvent(new Event("webglcontextrestored"));
   }
 
   // Draw another head from now on.
   wear(head) {
+    this.release();
+    this.head = head;
+    this.weights = this.bones = undefined;
+    this.build();
+  }
+
+  release() {
     const { gl } = this;
     for (const { array } of this.arrays.values()) gl.deleteVertexArray(array);
     for (const { program } of this.programs.values()) gl.deleteProgram(program);
@@ -34,13 +58,17 @@ export class FaceView {
     for (const texture of [this.displacements, this.normalDeltas, this.skin]) gl.deleteTexture(texture);
     gl.deleteVertexArray(this.empty);
     this.target?.release();
-    this.head = head;
-    this.weights = this.bones = undefined;
-    this.build();
   }
 
   // Gives the graphics card everything back.
   close() {
+    this.end.abort();
+    if (this.sharing) {
+      this.release();
+      shared.views -= 1;
+      if (shared.views) return;
+      shared = null;
+    } else own -= 1;
     this.gl.getExtension("WEBGL_lose_context")?.loseContext();
   }
 
@@ -103,6 +131,12 @@ export class FaceView {
     const { target, gl } = this;
     if (target && target.width === width && target.height === height && target.samples === samples) return;
     [this.canvas.width, this.canvas.height] = [width, height];
+    if (this.sharing) {
+      this.copy.globalCompositeOperation = "copy"; // a new size resets it
+      for (const [side, wanted] of Object.entries({ width, height })) {
+        if (this.surface[side] < wanted) this.surface[side] = wanted;
+      }
+    }
     target?.release();
     this.target = makeTarget(gl, width, height, samples);
   }
@@ -148,6 +182,7 @@ export class FaceView {
     gl.disable(gl.BLEND);
     if (this.target.samples) this.resolve();
     else this.soften();
+    if (this.sharing) this.copy.drawImage(this.surface, 0, this.surface.height - height, width, height, 0, 0, width, height);
   }
 
   drawPart(part, atVertices, values) {

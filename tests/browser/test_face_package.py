@@ -249,3 +249,52 @@ def test_other_assets_may_be_named(shop: Page, site: Path) -> None:
 @pytest.mark.skipif(shutil.which("node") is None, reason="needs Node")
 def test_it_may_be_imported_without_a_dom(site: Path) -> None:
     check_node(site / "package")
+
+
+MANY = 18
+"""Faces on a page; browsers keep 16 contexts."""
+PIXELS = """async (face) => {
+    const { view } = face.picture, still = new OffscreenCanvas(64, 64);
+    const side = 64 + (many.indexOf(face) % 2) * 16;
+    view.resize(side, side, face.getAttribute("edges") === "fine");
+    view.draw(new Float32Array(68), face.picture.steering.camera);
+    still.getContext("2d").drawImage(view.canvas, 0, 0, 64, 64);
+    return [...still.getContext("2d").getImageData(0, 0, 64, 64).data];
+}"""
+
+
+@pytest.mark.parametrize("edges", ["soft", "fine"])
+def test_many_faces_share_a_context_and_look_the_same(shop: Page, edges: str) -> None:
+    shop.run(f"""(async () => {{
+        window.many = Array.from({{ length: {MANY} }}, (_, number) => {{
+            const face = document.createElement("fap-face");
+            face.style.width = number % 2 ? "80px" : "64px";
+            face.setAttribute("edges", "{edges}");
+            document.body.append(face);
+            return face;
+        }});
+        await Promise.all(many.map((face) => face.ready));
+    }})()""")
+    shop.until("many.every((face) => face.picture.count > 0)")
+    shop.run("many.forEach((face) => cancelAnimationFrame(face.picture.asked))")  # only what the test draws
+    assert shop.run("many.map((face) => face.picture.trouble).filter(Boolean)") == []
+    assert not any(shop.run("many.map((face) => face.picture.view.gl.isContextLost())"))
+    assert shop.run("new Set(many.map((face) => face.picture.view.gl)).size") < 16
+    first, last, other = (
+        np.array(shop.run(f"({PIXELS})(many[{n}])")).reshape(64, 64, 4) for n in (0, MANY - 2, MANY - 1)
+    )
+    assert first[..., :3].std() > 20
+    assert np.array_equal(first, last)
+    assert np.abs(first - other).mean() < 12  # drawn with other pixels
+    shop.run("many[0].remove(), many.at(-2).remove()")  # one with a context of its own, one without
+    again = np.array(shop.run(f"({PIXELS})(many[{MANY - 1}])")).reshape(64, 64, 4)
+    assert np.array_equal(again, other)
+    lost = "const { gl } = many.at(-1).picture.view; window.lose = gl.getExtension('WEBGL_lose_context')"
+    shop.run(f"(() => {{ {lost}; lose.loseContext(); }})()")
+    shop.until("many.at(-1).picture.view.gl.isContextLost()")
+    shop.run("lose.restoreContext()")
+    shop.until("!many.at(-1).picture.view.gl.isContextLost()")
+    back = np.array(shop.run(f"({PIXELS})(many[{MANY - 1}])")).reshape(64, 64, 4)
+    assert np.array_equal(back, other)
+    shop.run("many.forEach((face) => face.remove())")
+    shop.complaints[:] = [one for one in shop.complaints if "CONTEXT_LOST" not in one]
