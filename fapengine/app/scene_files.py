@@ -1,11 +1,12 @@
 """Face motion in files of other programs: an animation in a GLB or VRM, a VRM animation, and USD."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from fapengine._arrays import Array
 from fapengine.errors import DataError, UsageError
 from fapengine.files import usd
 from fapengine.files.gltf.clip import PRESETS, FaceMotion, Reached, add_clip, format_vrma
@@ -18,6 +19,7 @@ from fapengine.mesh.deform import bone_transforms
 from fapengine.models.via_points import STRAIGHT, WAYS
 from fapengine.mpeg4.track import FapTrack
 from fapengine.retarget.puppet import METRES_PER_MM, make_puppet
+from fapengine.retarget.skeleton import extra_shapes, mood_shapes
 
 AVATARS = (".glb", ".vrm", ".gltf")
 """Endings of avatars that can get an animation."""
@@ -119,36 +121,66 @@ def _save_usd(path: Path, track: FapTrack, head: str, name: str) -> str:
     return f"moves {moved} shapes, and turns head; {len(motion.faps)} keys"
 
 
-def export_head(name: str, path: Path) -> None:
-    """Write a head without a motion, as GLB or USD by the ending of the name.
+@dataclass(frozen=True, slots=True)
+class Rig:
+    """What an exported head has besides ARKit's and Oculus' shapes."""
+
+    on_body: bool
+    """Whether it stands on Mixamo's joints."""
+    shapes: Callable[[], Mapping[str, Array]]
+    """Returns further shapes, (68,) FAPU each."""
+
+
+RIGS = {"head": Rig(False, dict), "mixamo": Rig(True, extra_shapes)}
+VRM_RIG = Rig(True, mood_shapes)
+
+
+def export_head(name: str, path: Path, rig: str | None = None) -> None:
+    """Write a head without a motion, as GLB, VRM 1.0 or USD by the ending of the name.
+
+    Parameters
+    ----------
+    name : str
+    path : Path
+        Ends with .glb, .vrm, .usda, .usdc or .usd.
+    rig : str, optional
+        One of :data:`RIGS`, for a GLB; by default ``head``. A VRM always has Mixamo's joints.
 
     Raises
     ------
     UsageError, ProfileError
-        As :func:`fapengine.files.heads.load.load_head` does, or for another ending.
+        As :func:`fapengine.files.heads.load.load_head` does, or for another ending or rig.
     ResourceError
         If it cannot be written, or usd-core is not installed.
     """
-    if _is_usd(path):
+    ending = path.suffix.lower()
+    if ending not in (".glb", ".vrm", *USD):
+        raise UsageError(f"path: got {path}, expected a name that ends with .glb, .vrm, .usda, .usdc or .usd")
+    if rig is not None and rig not in RIGS:
+        raise UsageError(f"rig: got {rig!r}, expected {' or '.join(RIGS)}")
+    if rig is not None and ending != ".glb":
+        raise UsageError(f"rig: got {rig} for {path}, expected a name that ends with .glb; a .vrm has mixamo's joints")
+    if ending in USD:
         info = load_head_info(name)
         usd.save_usd(path, make_puppet(load_head(name)), licence=info.licence, source=info.source)
-    elif path.suffix == ".glb":
-        write_bytes(path, exported_head(name))
+    elif ending == ".vrm":
+        write_bytes(path, exported_head(name, VRM_RIG, vrm=path.stem))
     else:
-        raise UsageError(f"path: got {path}, expected a name that ends with .glb or {' or '.join(USD)}")
+        write_bytes(path, exported_head(name, RIGS[rig or "head"]))
 
 
-def exported_head(name: str) -> bytes:
-    """Return a head as GLB.
+def exported_head(name: str, rig: Rig = RIGS["head"], *, vrm: str = "") -> bytes:
+    """Return a head as GLB; with a name in ``vrm`` and :data:`VRM_RIG`, as VRM.
 
     Raises
     ------
     UsageError, ProfileError
         As :func:`fapengine.files.heads.load.load_head` does.
     """
-    info, (mesh, rig) = load_head_info(name), load_head_and_modes(name)
-    modes = None if rig is None else dict(zip(rig.names, rig.modes_mm, strict=True))
-    return format_head(make_puppet(mesh, modes), licence=info.licence, source=info.source)
+    info, (mesh, modes_rig) = load_head_info(name), load_head_and_modes(name)
+    modes = None if modes_rig is None else dict(zip(modes_rig.names, modes_rig.modes_mm, strict=True))
+    puppet = make_puppet(mesh, modes, rig.shapes())
+    return format_head(puppet.on_body() if rig.on_body else puppet, licence=info.licence, source=info.source, vrm=vrm)
 
 
 def save_take_scene(path: Path, take: Path, into: Into | None) -> str:

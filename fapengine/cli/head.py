@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from fapengine.cli._command import command
-from fapengine.cli.options import AsJson, Strict, WriteOptions
+from fapengine.cli.options import AsJson, Strict, WithoutMark, WriteOptions
 
 if TYPE_CHECKING:
     from fapengine.files.heads.folder import HeadInfo
@@ -43,6 +43,7 @@ def import_head(
         None, help="Licence of the mesh, stored with the head. Default: that of the profile, or 'not stated'."
     ),
     strict: Strict = False,
+    without: WithoutMark = [],  # noqa: B006
     as_json: AsJson = False,
     writing: WriteOptions = WriteOptions(),
 ) -> None:
@@ -150,13 +151,19 @@ def _spell(numbers: tuple[int, ...]) -> str:
 @command
 def export(
     name: str = typer.Argument("default", help="Head: default, woman, man, child, older, random:7, or a head folder."),
-    output: Path = typer.Option(..., "--output", "-o", help="File to write (.glb; .usda, .usdc)."),
+    output: Path = typer.Option(..., "--output", "-o", help="File to write (.glb, .vrm; .usda, .usdc)."),
+    rig: str | None = typer.Option(
+        None, help="Joints of a .glb: head (default), or mixamo: a body of joints, for TalkingHead. A .vrm has them."
+    ),
+    without: WithoutMark = [],  # noqa: B006
     as_json: AsJson = False,
     writing: WriteOptions = WriteOptions(),
 ) -> None:
     """Export a head as an avatar, with 52 ARKit shapes, 15 Oculus visemes, joints and textures.
 
         fapengine head export woman -o woman.glb
+        fapengine head export woman --rig mixamo -o woman.glb
+        fapengine head export woman -o woman.vrm
         fapengine head export woman -o woman.usdc
 
     The built-in heads are licensed under Apache-2.0, which the file states. An imported head keeps the licence given at
@@ -168,7 +175,7 @@ def export(
 
     writing.check([output], [name])
     info = load_head_info(name)
-    export_head(name, output)
+    export_head(name, output, rig)
     size = output.stat().st_size
     facts = {"output": str(output), "bytes": size, "licence": info.licence}
     print_result(facts, f"{output}: {size / 1e6:.1f} MB; licence: {info.licence}", as_json=as_json)
@@ -179,6 +186,7 @@ def export(
 def check(
     name: str = typer.Argument("default", help="Head folder, or default."),
     output: Path = typer.Option(Path("out/head.png"), "--output", "-o", help="Image to write (.png)."),
+    without: WithoutMark = [],  # noqa: B006
     as_json: AsJson = False,
     writing: WriteOptions = WriteOptions(),
 ) -> None:
@@ -200,5 +208,5 @@ def check(
         "remarks": list(self_test(mesh).remarks),
     }  # fmt: skip
     print_remarks(self_test(mesh).remarks)
-    without = [f"FAPs without motion: {_spell(still)}"] if still else []
-    print_result(facts, f"{output}: {count} images", *without, *_missing_shapes(info), as_json=as_json)
+    unmoved = [f"FAPs without motion: {_spell(still)}"] if still else []
+    print_result(facts, f"{output}: {count} images", *unmoved, *_missing_shapes(info), as_json=as_json)

@@ -7,7 +7,7 @@ stored at the vertices.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from fapengine._late import Late
 from fapengine.files.paths import replacing
 from fapengine.files.pictures import linear_rgb
+from fapengine.files.provenance import mark
 from fapengine.retarget.notice import ICT_COPYRIGHT, ICT_NOTICE
-from fapengine.retarget.puppet import DOUBLE_SIDED, JOINTS, PARENTS, Part, Puppet
+from fapengine.retarget.puppet import DOUBLE_SIDED, JOINTS, Part, Puppet
 from fapengine.retarget.rig_weights import rig_weights
 
 if TYPE_CHECKING:
@@ -75,6 +76,7 @@ def save_usd(
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     stage.GetRootLayer().customLayerData = {
         "copyright": f"{source}; {licence}; {ICT_COPYRIGHT}", "license": licence, "notice": ICT_NOTICE,
+        **mark(),
     }  # fmt: skip
     skeleton = _add_skeleton(stage, puppet)
     for part in puppet.parts:
@@ -93,15 +95,15 @@ def save_usd(
     return moved
 
 
-def _joint_paths() -> list[str]:
-    paths: list[str] = []
-    for name, parent in zip(JOINTS, PARENTS, strict=True):
-        paths.append(name if parent is None else f"{paths[parent]}/{name}")
-    return paths
+def _joint_paths(puppet: Puppet) -> list[str]:
+    paths: dict[str, str] = {}
+    for joint in puppet.skeleton:
+        paths[joint.name] = joint.name if joint.parent is None else f"{paths[joint.parent]}/{joint.name}"
+    return list(paths.values())
 
 
-def _matrices(places: Array) -> Any:
-    return Vt.Matrix4dArray([Gf.Matrix4d(1.0).SetTranslate(Gf.Vec3d(*map(float, place))) for place in places])
+def _matrices(places: Iterable[Sequence[float]]) -> Any:
+    return Vt.Matrix4dArray([Gf.Matrix4d(1.0).SetTranslate(Gf.Vec3d(*place)) for place in places])
 
 
 def _vectors(values: NDArray[np.floating]) -> Any:
@@ -110,9 +112,9 @@ def _vectors(values: NDArray[np.floating]) -> Any:
 
 def _add_skeleton(stage: Any, puppet: Puppet) -> Any:
     skeleton = UsdSkel.Skeleton.Define(stage, f"{ROOT}/Skeleton")
-    skeleton.CreateJointsAttr(_joint_paths())
-    skeleton.CreateBindTransformsAttr(_matrices(puppet.joints))
-    skeleton.CreateRestTransformsAttr(_matrices(puppet.places()))
+    skeleton.CreateJointsAttr(_joint_paths(puppet))
+    skeleton.CreateBindTransformsAttr(_matrices(puppet.joints.tolist()))
+    skeleton.CreateRestTransformsAttr(_matrices(joint.place for joint in puppet.skeleton))
     return skeleton
 
 
@@ -173,8 +175,8 @@ def _add_animation(
     shown = animation.CreateBlendShapeWeightsAttr()
     for frame, row in enumerate(rows):
         shown.Set(Vt.FloatArray.FromNumpy(row.astype(np.float32)), frame)
-    animation.CreateJointsAttr(_joint_paths())
-    animation.CreateTranslationsAttr(_vectors(puppet.places()))
+    animation.CreateJointsAttr(_joint_paths(puppet))
+    animation.CreateTranslationsAttr(_vectors(np.array([joint.place for joint in puppet.skeleton])))
     animation.CreateScalesAttr(Vt.Vec3hArray([Gf.Vec3h(1, 1, 1)] * len(JOINTS)))
     rotations = animation.CreateRotationsAttr()
     for frame in range(count):

@@ -8,11 +8,12 @@ visemes, jaw and eyeballs included, as usual for avatars. Moving the shapes alon
 
 The joints are additional: ``Head`` on ``Neck``, and on it ``Jaw``, ``LeftEye`` and ``RightEye``. A vertex that turns
 partly with the jaw and partly with the head gets the jaw's weight, the rest of the head's weight, and the remainder for
-the neck; for one rotation at a time this is exact.
+the neck; for one rotation at a time this is exact. A head on a body (:mod:`.skeleton`) stands on the ground, and the
+chest moves what lies below the neck.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -24,13 +25,13 @@ from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import PUPIL_SHARE, Bone, FaceMesh, Material, iris_share
 from fapengine.retarget.arkit import arkit_map
 from fapengine.retarget.blendshape_names import OCULUS, OCULUS_SPELLINGS
+from fapengine.retarget.skeleton import CHEST, FACE, Joint, face_joints, on_body, rest_matrices
 from fapengine.retarget.visemes import oculus_map
 
 METRES_PER_MM = 1e-3
 NECK, HEAD, JAW, LEFT_EYE, RIGHT_EYE = range(5)
-JOINTS = ("Neck", "Head", "Jaw", "LeftEye", "RightEye")
-"""Names of the joints; all except the neck are children of the head, the head of the neck."""
-PARENTS = (None, NECK, HEAD, HEAD, HEAD)
+JOINTS = tuple(FACE)
+"""Names of the head's own joints."""
 BONES = {"head": HEAD, "jaw": JAW, "left eye": LEFT_EYE, "right eye": RIGHT_EYE}
 PARTS: Mapping[str, tuple[float, tuple[Material, ...]]] = {
     "Face": (0.5, (Material.SKIN, Material.LIP)),
@@ -48,6 +49,9 @@ INSIDE = ("Teeth", "Tongue", "Mouth")
 """Parts with the mouth's ambient occlusion baked into their colours, as other programs do not have it."""
 NEGLIGIBLE_MM, NEGLIGIBLE_TURN = 0.02, 0.01
 """Displacement, and change of a normal, below which a shape skips a vertex."""
+COLLAR_M = (-0.04, 0.04)
+"""Height over the neck's joint up to which the chest of a body moves a still vertex, and from which the neck does."""
+TOES, SPECK_M = ("LeftToeBase", "RightToeBase"), 1e-4
 EYE_TEXELS = 256
 SCLERA, VEINS = np.array([0.72, 0.67, 0.64]), np.array([0.92, 0.68, 0.62])
 
@@ -78,7 +82,7 @@ class Part:
     triangles: NDArray[np.uint32]
     """(F, 3)."""
     weights: NDArray[np.float32]
-    """(V, 5): weight of each of :data:`JOINTS`; each row adds up to 1."""
+    """(V, J): weights of the first joints of the skeleton, at least :data:`JOINTS`; each row adds up to 1."""
     shapes: Mapping[str, Shape]
     """Shapes that move this part, by their names."""
     texture: NDArray[np.uint8] | None
@@ -86,8 +90,8 @@ class Part:
     roughness: float
 
     def __post_init__(self) -> None:
-        three, weights = ("V", 3), ("V", len(JOINTS))
-        freeze(self, np.float32, vertices=three, normals=three, uv=("V", 2), colours=three, weights=weights)
+        three = ("V", 3)
+        freeze(self, np.float32, vertices=three, normals=three, uv=("V", 2), colours=three, weights=("V", "J"))
         freeze(self, np.uint32, triangles=("F", 3))
 
     def influences(self) -> tuple[NDArray[np.intp], NDArray[np.float32]]:
@@ -102,25 +106,67 @@ class Puppet:
     """A head for other programs."""
 
     parts: tuple[Part, ...]
-    joints: Array
-    """(5, 3), m: position of each of :data:`JOINTS`."""
+    skeleton: tuple[Joint, ...]
+    """Its joints; the first are :data:`JOINTS`."""
 
-    def places(self) -> Array:
-        """(5, 3), m: position of each joint relative to its parent."""
-        parents = np.array([np.zeros(3) if parent is None else self.joints[parent] for parent in PARENTS])
-        relative: Array = self.joints - parents
-        return relative
+    @property
+    def joints(self) -> Array:
+        """(J, 3), m: position of each joint."""
+        return rest_matrices(self.skeleton)[:, :3, 3]
+
+    def on_body(self) -> "Puppet":
+        """Put the head on a body of joints that stands on the ground."""
+        names = [joint.name for joint in self.skeleton]
+        body = on_body(self.skeleton)
+        chest = [joint.name for joint in body].index(CHEST)
+        up = rest_matrices(body)[NECK, :3, 3] - self.joints[NECK]
+        low, high = self.joints[NECK, 1] + np.array(COLLAR_M)
+        parts = []
+        for part in self.parts:
+            weights = np.zeros((len(part.vertices), chest + 1), np.float32)
+            weights[:, : len(names)] = part.weights
+            lower = np.clip((high - part.vertices[:, 1]) / (high - low), 0.0, 1.0)
+            weights[:, chest] = lower * part.weights[:, NECK]
+            weights[:, NECK] -= weights[:, chest]
+            parts.append(replace(part, vertices=(part.vertices + up).astype(np.float32), weights=weights))
+        return Puppet((*parts, _feet(body)), body)
 
 
-def make_puppet(mesh: FaceMesh, modes_mm: Mapping[str, NDArray[np.float32]] | None = None) -> Puppet:
+def _feet(body: tuple[Joint, ...]) -> Part:
+    """A speck on the ground below each toe joint: TalkingHead puts the lowest point of all meshes on the ground."""
+    toes = [number for number, joint in enumerate(body) if joint.name in TOES]
+    corners = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]) * SPECK_M
+    below = rest_matrices(body)[toes, :3, 3] * (1.0, 0.0, 1.0)
+    weights = np.zeros((6, len(body)), np.float32)
+    weights[np.arange(6), np.repeat(toes, 3)] = 1.0
+    return Part(
+        name="Feet",
+        vertices=(below[:, None] + corners).reshape(-1, 3).astype(np.float32),
+        normals=np.tile(np.array([0.0, 1.0, 0.0], np.float32), (6, 1)),
+        uv=np.zeros((6, 2), np.float32),
+        colours=np.ones((6, 3), np.float32),
+        triangles=np.arange(6, dtype=np.uint32).reshape(2, 3),
+        weights=weights,
+        shapes={},
+        texture=None,
+        roughness=0.9,
+    )
+
+
+def make_puppet(
+    mesh: FaceMesh,
+    modes_mm: Mapping[str, NDArray[np.float32]] | None = None,
+    shape_faps: Mapping[str, Array] | None = None,
+) -> Puppet:
     """Convert a head, built-in or imported.
 
-    ``modes_mm`` are further shapes: displacements of the vertices at full weight, (V, 3) each.
+    ``modes_mm`` and ``shape_faps`` are further shapes: displacements of the vertices at full weight, (V, 3) each, and
+    (68,) FAPU.
     """
     rest = _narrowed(mesh)
     normals = vertex_normals(rest, mesh.triangles)
     moved = {}
-    for name, moves in _displacements(mesh, modes_mm or {}):
+    for name, moves in _displacements(mesh, modes_mm or {}, _shape_faps() | dict(shape_faps or {})):
         moves[np.abs(moves).max(axis=1) < NEGLIGIBLE_MM] = 0.0
         turns = vertex_normals(rest + moves, mesh.triangles) - normals
         turns[~moves.any(axis=1) | (np.abs(turns).max(axis=1) < NEGLIGIBLE_TURN)] = 0.0
@@ -128,12 +174,14 @@ def make_puppet(mesh: FaceMesh, modes_mm: Mapping[str, NDArray[np.float32]] | No
     parts = [_part(mesh, name, rest, moved) for name in PARTS]
     neck = np.array([0.0, float(mesh.point_mm("2.1")[1]) - 90.0, float(mesh.head_pivot_mm[2])])
     joints = np.stack([neck, mesh.head_pivot_mm, mesh.jaw_pivot_mm, *mesh.eye_pivots_mm])
-    return Puppet(tuple(part for part in parts if part is not None), METRES_PER_MM * joints)
+    return Puppet(tuple(part for part in parts if part is not None), face_joints(METRES_PER_MM * joints))
 
 
-def _displacements(mesh: FaceMesh, modes_mm: Mapping[str, NDArray[np.float32]]) -> Iterator[tuple[str, Array]]:
+def _displacements(
+    mesh: FaceMesh, modes_mm: Mapping[str, NDArray[np.float32]], shape_faps: Mapping[str, Array]
+) -> Iterator[tuple[str, Array]]:
     """Name of each shape and the displacement of all vertices, (V, 3) mm: those of FAPs, then the modes."""
-    for name, faps in _shape_faps().items():
+    for name, faps in shape_faps.items():
         yield name, deform(mesh, faps) - mesh.vertices_mm
     for name, moves in modes_mm.items():
         yield name, np.array(moves, np.float64)

@@ -8,12 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine.files.gltf.vrm import add_vrm
 from fapengine.files.gltf.writing import INDICES, VERTICES, Curves, Row, Writer, quaternions_of
 from fapengine.files.pictures import format_png
+from fapengine.files.provenance import mark
 from fapengine.retarget.notice import ICT_COPYRIGHT, ICT_NOTICE
-from fapengine.retarget.puppet import DOUBLE_SIDED, HEAD, JOINTS, NECK, PARENTS, Part, Puppet
+from fapengine.retarget.puppet import DOUBLE_SIDED, HEAD, JOINTS, Part, Puppet
+from fapengine.retarget.skeleton import rest_matrices
 
 GENERATOR = "fapengine"
+ROOT = "Armature"
+"""Node above the joints and meshes of a head on a body, by the name that TalkingHead looks for."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -30,22 +35,27 @@ class ShapeClip:
     """``"linear"`` or ``"cubic"``: see :func:`fapengine.models.via_points.key_curve`."""
 
 
-def format_head(puppet: Puppet, *, licence: str, source: str, clip: ShapeClip | None = None) -> bytes:
+def format_head(puppet: Puppet, *, licence: str, source: str, clip: ShapeClip | None = None, vrm: str = "") -> bytes:
     """Write a head, optionally with an animation, as GLB; ``asset`` states source and licence.
 
-    The joints are :data:`fapengine.retarget.puppet.JOINTS`; each part is a skinned mesh with the shapes that move it.
+    Each part is a skinned mesh with the shapes that move it. With a name in ``vrm``, the file is an avatar of that name
+    in VRM 1.0: the puppet is on a body, and has the shapes of :func:`fapengine.retarget.skeleton.mood_shapes`.
     """
     asset: Row = {"version": "2.0", "generator": GENERATOR, "copyright": f"{source}; {licence}; {ICT_COPYRIGHT}"}
-    asset["extras"] = {"license": licence, "notice": ICT_NOTICE}
+    asset["extras"] = {"license": licence, "notice": ICT_NOTICE, **mark()}
     writer = Writer({"asset": asset, "scene": 0, "scenes": [{"nodes": []}]})
-    shown = writer.document["scenes"][0]["nodes"]
-    skin = _add_skin(writer, puppet, shown)
+    skin = _add_skin(writer, puppet)
     nodes = [
         writer.row("nodes", {"name": part.name, "mesh": _add_mesh(writer, part), "skin": skin}) for part in puppet.parts
     ]
-    shown += nodes
+    shown = [number for number, joint in enumerate(puppet.skeleton) if joint.parent is None] + nodes
+    if len(puppet.skeleton) > len(JOINTS):
+        shown = [writer.row("nodes", {"name": ROOT, "children": shown})]
+    writer.document["scenes"][0]["nodes"] = shown
     if clip is not None:
         _add_clip(writer, puppet, nodes, clip)
+    if vrm:
+        add_vrm(writer.document, puppet, nodes, name=vrm, licence=licence, source=source)
     return writer.glb()
 
 
@@ -60,20 +70,26 @@ def _add_clip(writer: Writer, puppet: Puppet, nodes: list[int], clip: ShapeClip)
     turns = clip.head[:, :3, :3]
     if (clip.head != np.eye(4)).any():
         curves.add(HEAD, "rotation", quaternions_of(turns))
-        curves.add(HEAD, "translation", turns @ puppet.joints[HEAD] + clip.head[:, :3, 3] - puppet.joints[NECK])
+        moved = turns @ puppet.joints[HEAD] + clip.head[:, :3, 3] - puppet.joints[HEAD]
+        curves.add(HEAD, "translation", puppet.skeleton[HEAD].place + moved)
     writer.row("animations", curves.row(clip.name))
 
 
-def _add_skin(writer: Writer, puppet: Puppet, shown: list[int]) -> int:
-    for joint, (name, place) in enumerate(zip(JOINTS, puppet.places(), strict=True)):
-        node: Row = {"name": name, "translation": place.tolist()}
-        below = [child for child, above in enumerate(PARENTS) if above == joint]
+def _add_skin(writer: Writer, puppet: Puppet) -> int:
+    for joint in puppet.skeleton:
+        node: Row = {"name": joint.name, "translation": list(joint.place)}
+        if any(joint.turn):
+            from scipy.spatial.transform import Rotation
+
+            node["rotation"] = Rotation.from_euler("XYZ", joint.turn).as_quat().tolist()
+        below = [number for number, child in enumerate(puppet.skeleton) if child.parent == joint.name]
         writer.row("nodes", node | ({"children": below} if below else {}))
-    shown.append(0)
-    bind = np.tile(np.eye(4, dtype=np.float32), (len(JOINTS), 1, 1))
-    bind[:, 3, :3] = -puppet.joints  # column by column
-    matrices = writer.accessor(bind.reshape(-1, 16))
-    return writer.row("skins", {"joints": list(range(len(JOINTS))), "inverseBindMatrices": matrices, "skeleton": 0})
+    bind = np.linalg.inv(rest_matrices(puppet.skeleton)).transpose(0, 2, 1)  # column by column
+    matrices = writer.accessor(bind.reshape(-1, 16).astype(np.float32))
+    root = next(number for number, joint in enumerate(puppet.skeleton) if joint.parent is None)
+    return writer.row(
+        "skins", {"joints": list(range(len(puppet.skeleton))), "inverseBindMatrices": matrices, "skeleton": root}
+    )
 
 
 def _add_mesh(writer: Writer, part: Part) -> int:
