@@ -56,6 +56,8 @@ class Listen(_Section):
     """Secret that senders and pages must present; None or "": none is needed."""
     origins: tuple[str, ...] = ()
     """Other sites whose pages may show these faces: ``"https://example.org"``."""
+    proxies: tuple[str, ...] = ()
+    """Addresses of reverse proxies whose ``X-Forwarded-For`` names who asks: ``"127.0.0.1"``."""
     workers: Annotated[int, Between(1, 256)] = 1
     """Worker processes (:mod:`fapengine.server.cluster.workers`)."""
     provenance: bool = True
@@ -66,6 +68,11 @@ class Listen(_Section):
         for origin in self.origins:
             if not re.fullmatch(r"https?://[^/\s]+", origin):
                 raise UsageError(f"origins: got {origin!r}, expected sites such as 'https://example.org'")
+        for proxy in self.proxies:
+            try:
+                ip_address(proxy)
+            except ValueError as error:
+                raise UsageError(f"proxies: got {proxy!r}, expected addresses such as '127.0.0.1'") from error
         if self.token is not None and len(self.token) < MIN_TOKEN and not _is_loopback(self.host):
             raise UsageError(
                 f"token: got {len(self.token)} characters, expected at least {MIN_TOKEN}:"

@@ -112,7 +112,7 @@ class Server:
         if head is None and config.listen.web_port is not None:
             head = load_head(config.face.head)
         self._head, limits = head, config.limits
-        self._access = Access(config.listen.token, config.listen.origins, clock)
+        self._access = Access(config.listen.token, config.listen.origins, clock, config.listen.proxies)
         rng = np.random.default_rng(config.face.seed)
         engine = Engine(profile, rng=rng, limits=limits.engine, style=config.style)
         self.voice = VoiceProcess()

@@ -393,7 +393,7 @@ class _Endpoints:
             while len(offer) <= MAX_OFFER and (more := await request.content.read(MAX_OFFER + 1 - len(offer))):
                 offer += more
             address = request.transport.get_extra_info("sockname")[0] if request.transport is not None else ""
-            name, answer = await start(session, offer, address, request.remote or "")
+            name, answer = await start(session, offer, address, self.access.caller(request))
         except web.HTTPException:
             counts.refused += 1
             raise

@@ -48,6 +48,8 @@ class Access:
     origins: tuple[str, ...] = ()
     """Other sites whose pages are allowed: ``"https://example.org"``."""
     clock: Callable[[], float] = time.monotonic
+    proxies: tuple[str, ...] = ()
+    """Addresses of proxies that are believed."""
     counts: AccessCounts = field(default_factory=AccessCounts)
     _wrong: OrderedDict[str, dict[int, float]] = field(default_factory=OrderedDict)
     """Address to the wrong tokens that it has tried, as hashes, each with its time."""
@@ -76,9 +78,17 @@ class Access:
                 counts.refused += 1
             raise
 
+    def caller(self, request: web.Request) -> str:
+        """Address of who asks: that of the connection, or the last that the proxies which are believed did not add."""
+        address = request.remote or ""
+        named = ",".join(request.headers.getall("X-Forwarded-For", ())).split(",")
+        while address in self.proxies and named and (last := named.pop().strip()):
+            address = last
+        return address
+
     def _check(self, request: web.Request, token: str) -> None:
         given = request.query.get("token") or request.headers.get("Authorization", "").removeprefix("Bearer ")
-        address, now_s, key = request.remote or "", self.clock(), hash(given)
+        address, now_s, key = self.caller(request), self.clock(), hash(given)
         tried = {one: at_s for one, at_s in self._wrong.get(address, {}).items() if now_s - at_s < FORGET_S}
         if len(tried) >= MAX_WRONG and key not in tried:
             self.counts.delayed += 1

@@ -89,6 +89,8 @@ def test_sites_that_may_show_faces_are_named_as_browsers_name_them() -> None:
     assert config.listen.origins == ("https://a.example", "http://b.example:8080")
     with pytest.raises(UsageError, match=r"origins: got 'a\.example/x'"):
         Listen(origins=("a.example/x",))
+    with pytest.raises(UsageError, match=r"proxies: got 'proxy', expected addresses such as '127\.0\.0\.1'"):
+        Listen(proxies=("proxy",))
 
 
 @pytest.mark.parametrize(
