@@ -169,7 +169,7 @@ def _judge(heights_mm: Sequence[Mapping[str, float]], labels: Sequence[str]) -> 
 def _judge_lips(facts: dict[str, float | None]) -> list[str]:
     opening, closed = facts[f"lips_{AH}_mm"], facts[f"lips_{CLOSED}_mm"]
     if opening is None or closed is None:
-        return ["lips do not move"]
+        return ["lips unknown"]
     closes = "close" if closed <= MET_MM else f"stay {closed:.1f} mm open"
     return [
         f"lips open {opening:.0f} mm on {AH} (expected {OPENING_MM[0]:g} to {OPENING_MM[1]:g})",

@@ -58,7 +58,7 @@ class Reach:
         for place, vertex in enumerate(mine):
             entries = slice(mesh.basis.offsets[vertex], mesh.basis.offsets[vertex + 1])
             np.add.at(pushes[:, place], mesh.basis.entry_channels[entries], mesh.basis.entry_mm[entries])
-        self._pushes = pushes.reshape(len(pushes), -1)
+        self._pushes = pushes.reshape(len(pushes), 3 * len(mine))
 
     def _places(self, uniforms: FrameUniforms) -> Array:
         """(N, 4): homogeneous positions of the vertices in a frame."""

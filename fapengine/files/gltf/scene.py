@@ -88,6 +88,7 @@ def read_scene(gltf: Gltf) -> BlendshapeMesh:
         surfaces=tuple(parts.surfaces),
         surface=np.concatenate(parts.surface),
         bones={name: RigBone(_spread(entries, parts.count), joints[name]) for name, entries in parts.bones.items()},
+        faces_back="VRM" in gltf.root.item("extensions"),
         notes=(*parts.notes, *atlas.notes),
     )
 

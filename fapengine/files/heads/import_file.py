@@ -21,7 +21,7 @@ from fapengine.mesh.deform import still_faps
 from fapengine.mesh.face_mesh import FaceMesh, Material
 from fapengine.mesh.rig.axes import BOTH, JAW, LEFT, RIGHT
 from fapengine.mesh.rig.blendshape_mesh import BlendshapeMesh
-from fapengine.mesh.rig.feature_points import locate
+from fapengine.mesh.rig.feature_points import NoSlitError, locate
 from fapengine.mesh.rig.import_head import ImportedHead, can_follow_bones, head_of_bones, import_head
 from fapengine.mesh.rig.placed_mesh import place_mesh
 from fapengine.models.adapted_head import Nearness, adapt_head, scan_surface
@@ -64,12 +64,27 @@ def import_head_file(
         if not choice.blended and not choice.own_faps and points is None and not complete:
             imported = head_of_bones(mesh, standard)
         else:
-            vertices = find_points(mesh, choice, marked, standard, needed=points is None)
-            if complete:
-                mesh, choice = _completed(mesh, choice, vertices, standard)
-            imported = import_head(mesh, choice.blended, vertices, standard, choice.own_faps)
+            imported, choice = _with_lips(mesh, choice, marked, standard, needed=points is None, complete=complete)
     imported = replace(imported, mesh=crop_painting(imported.mesh))
     return imported, HeadInfo(path.name, "", imported.used, choice.missing if imported.used else ())
+
+
+def _with_lips(
+    mesh: BlendshapeMesh, choice: Choice, marked: dict[str, int], standard: FaceMesh, *, needed: bool, complete: bool
+) -> tuple[ImportedHead, Choice]:
+    """Make a head with lips; without any, as of a drawn mouth, its bones and whole shapes move it."""
+    try:
+        vertices = find_points(mesh, choice, marked, standard, needed=needed)
+    except NoSlitError:
+        if complete or not can_follow_bones(mesh):
+            raise
+        lids = zip((choice.left, choice.right), ((19, 21), (20, 22)), strict=True)
+        blinks: dict[str, tuple[int, ...]] = {names[0]: faps for names, faps in lids if names}
+        blinks = blinks or dict.fromkeys(choice.both, (19, 20, 21, 22))
+        return head_of_bones(mesh, standard, choice.jaw[0], blinks), choice
+    if complete:
+        mesh, choice = _completed(mesh, choice, vertices, standard)
+    return import_head(mesh, choice.blended, vertices, standard, choice.own_faps), choice
 
 
 def _completed(

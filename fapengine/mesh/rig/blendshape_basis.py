@@ -162,6 +162,11 @@ class RowCollector:
 
     def basis(self) -> DeformationBasis:
         """Return the basis; of more than :data:`MAX_ROWS` rows those that move most are kept."""
+        if not self._rows:
+            return DeformationBasis(
+                channels=(), offsets=np.zeros(self._count + 1, np.int32), entry_channels=np.zeros(0, np.int32),
+                entry_mm=np.zeros((0, 3), np.float32),
+            )  # fmt: skip
         reach = [float(np.abs(moves).max()) * max(map(abs, weights.values())) for _, moves, weights in self._rows]
         kept = [self._rows[row] for row in sorted(np.argsort(reach)[-MAX_ROWS:].tolist())]
         mix = np.zeros((len(kept), len(self.channels)), np.float32)

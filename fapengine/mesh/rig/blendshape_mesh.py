@@ -66,6 +66,8 @@ class BlendshapeMesh:
     """(V,) int64: index in ``surfaces`` of each vertex."""
     bones: Mapping[str, RigBone] = field(default_factory=dict)
     """Bones by :data:`BONE_NAMES`."""
+    faces_back: bool = False
+    """Whether a face without eye bones looks along -z, as of VRM 0.x."""
     notes: tuple[str, ...] = ()
     """Sentences about parts of the file that were left out."""
 

@@ -62,6 +62,10 @@ EYEBALL_MM = (10.0, 45.0)
 """Bounds of an eyeball's width and height."""
 
 
+class NoSlitError(DataError):
+    """The mouth opens, but no lips part on the skin: it is drawn, or a mesh of its own."""
+
+
 @dataclass(slots=True)
 class _Face:
     """A mesh approximately in the standard's axes, and the anchors found on it.
@@ -173,7 +177,7 @@ def _lips(face: _Face) -> dict[str, int]:
     vertices = face.vertices
     lower, upper, gap = _seam(face, vertices, JAW)
     if not len(lower):
-        raise DataError("lips: no slit opens with the jaw; give the feature points instead")
+        raise NoSlitError("lips: no slit opens with the jaw; give the feature points instead")
     lean = vertices[lower] - vertices[upper]
     opening = np.linalg.norm(face.moves[JAW][lower] - face.moves[JAW][upper], axis=1)
     upright = (np.abs(lean[:, 0]) < MAX_SEAM_GAP_MM / 2) & (opening > MIN_LIP_OPENING * opening.max())

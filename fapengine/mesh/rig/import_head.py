@@ -19,9 +19,9 @@ import numpy as np
 from fapengine._arrays import Array
 from fapengine.errors import DataError, UsageError
 from fapengine.geometry.surface import unit_vectors
-from fapengine.mesh.face_mesh import Bone, DeformationBasis, FaceMesh
+from fapengine.mesh.face_mesh import Bone, Channel, DeformationBasis, FaceMesh
 from fapengine.mesh.rig import surfaces
-from fapengine.mesh.rig.blendshape_basis import Rig, build_basis
+from fapengine.mesh.rig.blendshape_basis import ROW_FAPU, SHUT, Rig, RowCollector, build_basis
 from fapengine.mesh.rig.blendshape_mesh import BlendshapeMesh
 from fapengine.mesh.rig.bones import EYE_SIDES, Bones, bind_bones
 from fapengine.mesh.rig.parts import Eyeball, Eyes, find_eyes, fit_point_fields
@@ -119,7 +119,7 @@ def _make_rig(mesh: PlacedMesh, chosen: Mapping[str, Mapping[int, float] | None]
         blendshape = mesh.source.blendshapes[name]
         index = np.searchsorted(mesh.kept, blendshape.vertices).clip(max=len(mesh.kept) - 1)
         kept = mesh.kept[index] == blendshape.vertices
-        row[index[kept]] = mesh.scale * blendshape.moves[kept] @ mesh.rotation.T
+        row[index[kept]] = mesh.turned(blendshape.moves[kept])
     for eye in eyes.values():
         moves[:, eye.vertices] = 0.0
     fields = fit_point_fields(mesh, eyes)
@@ -217,8 +217,22 @@ def can_follow_bones(mesh: BlendshapeMesh) -> bool:
     return HEAD in mesh.bones and bool((mesh.bones[HEAD].weight > MIN_WEIGHT).any())
 
 
-def head_of_bones(mesh: BlendshapeMesh, standard: FaceMesh) -> ImportedHead:
-    """Make a head that only bones move; the mesh has y up, and the standard defines size, place and units.
+def head_of_bones(
+    mesh: BlendshapeMesh,
+    standard: FaceMesh,
+    opener: str | None = None,
+    blinks: Mapping[str, Sequence[int]] | None = None,
+) -> ImportedHead:
+    """Make a head that bones move, and whole shapes; the mesh has y up, and the standard defines size, place and units.
+
+    Parameters
+    ----------
+    mesh : BlendshapeMesh
+    standard : FaceMesh
+    opener : str, optional
+        Blendshape that opens a mouth whose lips are unknown, as of a drawn one: it follows the opening of the lips.
+    blinks : mapping of str to FAPs, optional
+        Blendshapes that close lids, and the FAPs of these lids.
 
     Raises
     ------
@@ -232,10 +246,10 @@ def head_of_bones(mesh: BlendshapeMesh, standard: FaceMesh) -> ImportedHead:
     pivots = dict(zip(BONES.values(), (standard.jaw_pivot_mm, *standard.eye_pivots_mm), strict=True))
     moving = {name: mesh.bones[name].weight[placed.kept] for name in BONES if name in mesh.bones}
     moving = {name: share for name, share in moving.items() if (share > MIN_WEIGHT).any()}
-    for name, share in moving.items():
+    for name, carried in moving.items():
         pivots[BONES[name]] = placed.to_head_space(mesh.bones[name].joint)
-        more = share > weight  # each vertex follows the bone with the largest weight
-        bone[more], weight[more] = BONES[name], share[more]
+        more = carried > weight  # each vertex follows the bone with the largest weight
+        bone[more], weight[more] = BONES[name], carried[more]
     bones = Bones(
         bone=bone,
         weight=np.clip(weight, 0.0, 1.0),
@@ -245,16 +259,26 @@ def head_of_bones(mesh: BlendshapeMesh, standard: FaceMesh) -> ImportedHead:
         eye_pivots_mm=np.stack([pivots[Bone.LEFT_EYE], pivots[Bone.RIGHT_EYE]]),
     )
     eyes = {pupil: Eyeball(np.flatnonzero(bone == kind), pivots[kind]) for pupil, kind, _ in EYE_SIDES}
-    basis = DeformationBasis(
-        channels=(),
-        offsets=np.zeros(len(placed.kept) + 1, np.int32),
-        entry_channels=np.zeros(0, np.int32),
-        entry_mm=np.zeros((0, 3), np.float32),
-    )
+    collector, reached = RowCollector(len(placed.kept)), bones.reached(eyes, jaw_opens=False)
+    for name, faps in (blinks or {}).items():
+        reached |= set(faps)
+        share = 2.0 / len(faps)  # a lid goes its own part of the way, and the other lid the rest
+        channels = {collector.channel(Channel(number, 0.0, SHUT)): share * ROW_FAPU / SHUT for number in faps}
+        collector.add(np.arange(len(placed.kept)), placed.turned(mesh.dense(name)[placed.kept]), channels)
     moves = ", ".join([HEAD, *moving])
     note = f"no blendshape has a known name: only bones move it ({moves}), the lips do not move"
-    head = _make_mesh(placed, eyes, {}, bones, standard.fapu, basis)
-    return _head(head, placed, bones.reached(eyes, jaw_opens=False), [note], ())
+    if opener is not None:
+        reached |= set(LIP_FAPS)
+        channels = {collector.channel(Channel(number, -np.inf, np.inf)): -ROW_FAPU / WIDE_FAPU for number in LIP_FAPS}
+        collector.add(np.arange(len(placed.kept)), placed.turned(mesh.dense(opener)[placed.kept]), channels)
+        note = f"no lips part on the skin: {opener!r} as a whole opens the mouth, and bones move the rest ({moves})"
+    used = (*(blinks or {}), *filter(None, [opener]))
+    head = _make_mesh(placed, eyes, {}, bones, standard.fapu, collector.basis())
+    return _head(head, placed, reached, [note], used)
+
+
+LIP_FAPS, WIDE_FAPU = (4, 5), 550.0
+"""FAPs of the inner lips, and their sum on an ah, at which a shape that opens the mouth has full weight."""
 
 
 def _place(mesh: BlendshapeMesh, standard: FaceMesh) -> PlacedMesh:
@@ -274,6 +298,8 @@ def _place(mesh: BlendshapeMesh, standard: FaceMesh) -> PlacedMesh:
 def _axes(mesh: BlendshapeMesh) -> Array:
     """(3, 3): rows are the subject's left, up and ahead."""
     left = np.array([1.0, 0.0, 0.0])
+    if mesh.faces_back:
+        left = -left
     if "left eye" in mesh.bones and "right eye" in mesh.bones:
         across = (mesh.bones["left eye"].joint - mesh.bones["right eye"].joint) * (1.0, 0.0, 1.0)
         if across.any():

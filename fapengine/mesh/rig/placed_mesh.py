@@ -85,6 +85,10 @@ class PlacedMesh:
         positions[self.node] = self.vertices_mm
         return positions
 
+    def turned(self, moves: Array) -> Array:
+        """(..., 3) mm: displacements of the source, (..., 3), in head space."""
+        return np.asarray(self.scale * moves @ self.rotation.T)
+
     def to_head_space(self, position: Array) -> Array:
         """(3,) mm: a position of the source, (3,), in head space."""
         arm = position - self.source.vertices[self.kept[0]]

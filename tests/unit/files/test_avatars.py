@@ -1,6 +1,7 @@
 """What avatars of services bring: Draco, paintings of the whole body, bones without shapes. All made here."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import DracoPy
@@ -14,14 +15,17 @@ from fapengine.files.gltf.scene import read_scene
 from fapengine.files.heads.import_file import crop_painting, import_head_file
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.default_head.style import MEASURED
-from fapengine.mesh.deform import deform
-from fapengine.mesh.face_mesh import FaceMesh
-from fapengine.mesh.rig.blendshape_mesh import BlendshapeMesh
+from fapengine.mesh.deform import deform, single_fap
+from fapengine.mesh.face_mesh import Bone, FaceMesh
+from fapengine.mesh.rig.blendshape_mesh import Blendshape, BlendshapeMesh
 from fapengine.mpeg4 import fap
+from fapengine.render.drawing import Drawing
+from fapengine.render.renderer import FaceRenderer
 from fapengine.retarget.blend import ARKIT_NAMES
 from fapengine.retarget.blendshape_names import choose_blendshapes
+from tests.unit.mesh.rigs import own_rig
 
-from .glb import Builder, square
+from .glb import Builder, square, write_rig
 
 DRACO = "KHR_draco_mesh_compression"
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], "f4")
@@ -87,8 +91,6 @@ def test_draco_without_its_library_says_what_to_install(monkeypatch: pytest.Monk
 
 def painted_head() -> FaceMesh:
     """Our head, squeezed into a corner of a painting four times as large: the rest is of a body that is not there."""
-    from dataclasses import replace
-
     head = build_head(level="coarse")
     assert head.texture is not None
     side = 256
@@ -116,7 +118,7 @@ def test_a_painting_of_a_body_is_cut_to_the_head() -> None:
     assert crop_painting(cut) is cut  # nothing more is to be saved
 
 
-def avatar_of_bones(*, jaw: bool) -> bytes:
+def avatar_of_bones(*, jaw: bool, vrm: bool = False) -> bytes:
     """A body with a head as services make them, without a shape: spheres that hang on nodes."""
     builder = Builder()
     turn, height = np.meshgrid(np.linspace(0, 2 * np.pi, 17)[:-1], np.linspace(0.05, np.pi - 0.05, 9))
@@ -142,6 +144,7 @@ def avatar_of_bones(*, jaw: bool) -> bytes:
     )
     body = builder.node(shown=False, mesh=sphere(0.2, (0.0, 0.0, 0.0)))
     builder.node(name="Hips", translation=[0, 1, 0], children=[head, body])
+    builder.doc |= {"extensions": {"VRM": {}}} if vrm else {}
     return builder.glb()
 
 
@@ -169,6 +172,50 @@ def test_a_head_without_shapes_nods_and_moves_its_jaw(jaw: bool, tmp_path: Path)
     assert opened[head.bone_weight == 0].max(initial=0.0) == 0
     top_mm = head.vertices_mm[head.head_weight > 0.5, 1].max()
     assert top_mm == pytest.approx(build_head(MEASURED).vertices_mm[:, 1].max(), abs=1)
+
+
+def test_a_head_without_shapes_is_drawn(tmp_path: Path) -> None:
+    (tmp_path / "robot.glb").write_bytes(avatar_of_bones(jaw=True))
+    head = import_head_file(tmp_path / "robot.glb")[0].mesh
+    with FaceRenderer(head, Drawing(size=(64, 64), samples=0)) as renderer:
+        shut, opened = renderer.draw(np.zeros(68)).copy(), renderer.draw(single_fap(3)).copy()
+    assert (shut != opened).any()
+
+
+@pytest.mark.parametrize("vrm", [True, False])
+def test_a_vrm_0_without_eye_bones_looks_the_other_way(vrm: bool, tmp_path: Path) -> None:
+    (tmp_path / "robot.glb").write_bytes(avatar_of_bones(jaw=True, vrm=vrm))
+    head = import_head_file(tmp_path / "robot.glb")[0].mesh
+    mouth = head.vertices_mm[head.bone == Bone.JAW].mean(axis=0)
+    middle = head.vertices_mm[head.head_weight > 0.5].mean(axis=0)
+    assert (mouth[2] < middle[2]) == vrm
+
+
+def test_a_mouth_without_lips_opens_as_a_whole(tmp_path: Path) -> None:
+    """As one that is drawn on the face: no vertices part, so whole shapes move it."""
+    rig = own_rig(("jawOpen", "eyeBlinkLeft", "eyeBlinkRight"))
+    sink = np.clip((rig.vertices[:, 1:2] + 10.0) / 60.0, -1.0, 0.0) * [0.0, 20.0, 0.0]
+    shapes = {**rig.blendshapes, "jawOpen": Blendshape(np.arange(len(sink)), sink)}
+    builder = write_rig(replace(rig, blendshapes=shapes))
+    path = tmp_path / "drawn.glb"
+    path.write_bytes(builder.glb())
+    with pytest.raises(DataError, match="no slit opens with the jaw"):
+        import_head_file(path)
+    parts, builder.doc["scenes"][0]["nodes"] = builder.doc["scenes"][0]["nodes"], []
+    builder.node(name="Head", children=parts)
+    path.write_bytes(builder.glb())
+    imported, info = import_head_file(path)
+    assert set(info.used) == {"jawOpen", "eyeBlinkLeft", "eyeBlinkRight"}
+    assert {4, 5, 19, 20, 21, 22} <= set(imported.moved)
+    head = imported.mesh
+    wide = np.zeros(fap.FAP_COUNT)
+    wide[[fap.column(4), fap.column(5)]] = -110, -440
+    for share in (1.0, 0.5):
+        lowered = (deform(head, share * wide) - head.vertices_mm)[:, 1].min()
+        assert lowered == pytest.approx(-20.0 * share * imported.scale, rel=0.05)
+    assert moved(head, f4=-200, f5=200).max() < 0.1  # lips that meet
+    assert (moved(head, f19=960, f21=100) > 3).any()
+    assert any("'jawOpen' as a whole opens the mouth" in note for note in imported.notes)
 
 
 def test_without_a_shape_for_the_jaw_visemes_open_the_mouth() -> None:
