@@ -26,7 +26,7 @@ METHOD_NAMES: tuple[Method, ...] = get_args(Method)
 GENERATORS = ("blinks", "head_motion", "gaze", "idle", "emphasis")
 """Fields of :class:`fapengine.trajectory.style.Style` that switch gestures."""
 PROVENANCE = "provenance"
-"""Value of ``--without`` that leaves out the mark of :mod:`fapengine.files.provenance`."""
+"""Leaves out the mark of :mod:`fapengine.files.provenance`."""
 WITHOUT = (*(name.replace("_", "-") for name in GENERATORS), "all", PROVENANCE)
 
 

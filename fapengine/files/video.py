@@ -40,7 +40,7 @@ SAMPLES = {b"stsz": 16, b"trun": 12}
 """Boxes of MP4 that state a number of samples, and where."""
 BOXES = frozenset({b"moov", b"trak", b"mdia", b"minf", b"stbl", b"moof", b"traf"})
 """Boxes of MP4 that hold those."""
-MOST_BOXES = 100_000
+MAX_BOXES = 100_000
 """Boxes that are looked at."""
 TAGGED = (".webm", ".mkv")
 """Matroska: tags, and no place for XMP."""
@@ -61,7 +61,7 @@ def check_samples(file: BinaryIO, path: Path) -> None:
     """
     ends = [file.seek(0, os.SEEK_END)]
     size, at = ends[0], 0
-    for _ in range(MOST_BOXES):
+    for _ in range(MAX_BOXES):
         file.seek(at)
         head = file.read(20)
         length, kind, body = int.from_bytes(head[:4], "big"), head[4:8], 8
