@@ -61,7 +61,7 @@ class Listen(_Section):
     workers: Annotated[int, Between(1, 256)] = 1
     """Worker processes (:mod:`fapengine.server.cluster.workers`)."""
     provenance: bool = True
-    """Whether pages, callers and media servers get the mark of :mod:`fapengine.files.provenance`."""
+    """Whether pages, callers and RTMP servers get the mark of :mod:`fapengine.files.provenance`."""
 
     def __post_init__(self) -> None:
         _Section.__post_init__(self)
