@@ -73,6 +73,8 @@ WordsVoice = Annotated[
         "--voice", "-v", help="Voice that pronounces timings without phones. Default: the file's language, else en-us."
     ),
 ]
+
+
 class _Mark(StrEnum):
     PROVENANCE = PROVENANCE
 

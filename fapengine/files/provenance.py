@@ -1,8 +1,8 @@
 """The mark in images, films and heads that says, to machines, that they are synthetic.
 
-It is the *digital source type* of the IPTC (https://cv.iptc.org/newscodes/digitalsourcetype/), as XMP (ISO 16684-1) where a
-format has a place for it. Media of ours are *trained algorithmic media*: "created algorithmically using a model derived
-from sampled content", as the speaker profile and the head are learned from recordings and scans.
+It is the *digital source type* of the IPTC (https://cv.iptc.org/newscodes/digitalsourcetype/), as XMP (ISO 16684-1)
+where a format has a place for it. Media of ours are *trained algorithmic media*: "created algorithmically using a model
+derived from sampled content", as the speaker profile and the head are learned from recordings and scans.
 """
 
 from collections.abc import Iterator

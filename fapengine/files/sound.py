@@ -239,7 +239,7 @@ def _opened(path: Path) -> Iterator[Any]:
             yield container
 
 
-def _any_metadata() -> dict[str, str]:
+def _any_metadata() -> dict[str, Any]:
     """Options of PyAV that accept tags that are no UTF-8; from version 19 on, it has none."""
     return {"metadata_errors": "ignore"} if int(version("av").partition(".")[0]) < 19 else {}
 

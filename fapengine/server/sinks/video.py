@@ -181,7 +181,9 @@ class StreamSink:
         trials = 0
         while not self._ends.is_set():
             try:
-                with _Encoder(self._url, CONTAINERS[self.address.kind], self._form, self._kbit_s, self._marks) as encoder:
+                with _Encoder(
+                    self._url, CONTAINERS[self.address.kind], self._form, self._kbit_s, self._marks
+                ) as encoder:
                     self._tried.set()
                     log.info("%s is connected", self.address)
                     trials = 0
