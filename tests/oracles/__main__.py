@@ -5,6 +5,7 @@ from pathlib import Path
 
 from tests.oracles.bare import check_bare_environment
 from tests.oracles.engines import check_receivers
+from tests.oracles.programs import check_programs
 from tests.oracles.pyodide import check_in_pyodide
 from tests.oracles.scenes import check_with_blender, check_with_three, check_with_validator, write_scenes
 from tests.oracles.turn import check_with_turn
@@ -18,6 +19,7 @@ def main(root: Path) -> None:
     check_with_validator([path.resolve() for path in paths], modules)
     check_with_three(scenes, modules)
     check_with_blender(scenes)
+    check_programs(root)
     check_bare_environment(root)
     check_in_pyodide(root)
     check_with_turn()
