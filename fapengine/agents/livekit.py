@@ -44,9 +44,9 @@ from fapengine.agents.warm import open_face, prewarm
 from fapengine.render.drawing import EDGES
 
 SAMPLE_RATE_HZ = 24_000
-LIVEKIT_AHEAD_S = 0.06
-"""Time by which frames are early: with a frame of 0.04 s it fills the queue of LiveKit's runner, 0.1 s, so that the
-generator is never held up there, where an interruption would miss it."""
+LIVEKIT_AHEAD_S = 0.05
+"""Time by which frames are early: with a frame of 0.04 s it nearly fills the queue of LiveKit's runner, 0.1 s. A
+generator that is held up there would begin to play again after an interruption."""
 _SENTENCE = re.compile(r"[.!?…]+[\"')\]]*\s+|\n+")
 
 
