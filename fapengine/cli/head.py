@@ -58,6 +58,9 @@ def import_head(
     Feature points are found from what the blendshapes move. --points corrects some of them, and is required without
     blendshapes: at least 8.1 to 8.4 (lips), 2.1 (chin) and three more. Lips and lids must be open cuts in the mesh.
 
+    The last line says how far lips open on ɑ and whether lips and lids close; NAME.png beside the head shows it.
+    --complete makes the ARKit shapes that are missing or empty from those of the built-in head.
+
     --adapt gives the built-in head the shape and colours of a scan: it is fitted to the feature points and to contours
     through them, then to the surface. The distances before and after are printed. The scan's mouth may be closed. A
     profile with a dense face counts as a scan.
