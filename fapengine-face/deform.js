@@ -14,11 +14,12 @@ export function restShare(text) {
   return Number.isNaN(share) ? 1 : clamp(share, 0, 1);
 }
 
-// FAPs with the pose at rest (fapengine/mesh/resting.py) added: (68,). resting: rows of values, FAPs to which they
-// yield, and the limit of these, as in /setup.json.
-export function withRest(faps, resting, share, rested = new Float64Array(faps.length)) {
+// FAPs within their limits, with the pose at rest added (fapengine/mesh/resting.py): (68,). Of /setup.json, rest is rows
+// of values, FAPs to which they yield, and the limit of these; limits is rows of a FAP and the most that is drawn.
+export function withRest(faps, { rest, limits }, share, rested = new Float64Array(faps.length)) {
   rested.set(faps);
-  for (const [values, yieldsTo, limit] of share ? resting : []) {
+  for (const [number, limit] of limits) rested[number - 1] = clamp(fapOf(faps, number), -limit, limit);
+  for (const [values, yieldsTo, limit] of share ? rest : []) {
     const moved = Math.min(Math.max(...yieldsTo.map((number) => Math.abs(fapOf(faps, number)))) / limit, 1);
     const left = share * (1 - moved ** 3 * (10 + moved * (6 * moved - 15)));
     for (const [number, value] of values) rested[number - 1] += left * value;

@@ -146,7 +146,7 @@ export class FaceView {
     const { gl } = this;
     if (gl.isContextLost() || !this.target) return;
     const { width, height } = this.target;
-    this.rested = withRest(faps, this.setup.rest, this.rest, this.rested);
+    this.rested = withRest(faps, this.setup, this.rest, this.rested);
     this.weights = channelWeights(this.head, this.rested, this.weights);
     this.bones = boneMatrices(this.head, this.rested, this.bones);
     const clip = clipFromWorld(camera, width / height);

@@ -8,6 +8,9 @@ const RAD = Math.PI / 180;
 const SHARE = { low: 0, high: 3, step: 0.05, value: 1 };
 const LOUDNESS = { low: -20, high: 20, step: 1, value: 0, text: (number) => `${number} dB` };
 const MANNERS = { articulation: ["Articulation", SHARE], jaw: ["Jaw", SHARE], lips: ["Lips", SHARE], loudness_db: ["Loudness", LOUDNESS] };
+// How far lips follow a jaw that opens by 1, as in speech; by the standard FAP 3 leaves them shut.
+const OPEN_JAW = 3;
+const LIPS_FOLLOW = { 5: -1.1, 10: -0.8, 11: -0.8, 12: -0.25, 13: -0.25, 52: -1.1, 57: -1, 58: -1, 59: -0.25, 60: -0.25 };
 const SWITCHES = { blinks: "Blinks", head_motion: "Head moves", gaze: "Gaze", idle: "Breath", emphasis: "Emphasis" };
 
 const byId = (id) => document.getElementById(id);
@@ -136,6 +139,8 @@ export class Panel {
     }
     const eyes = made("input", { type: "checkbox", id: "follow" });
     byId("switches").append(made("label", {}, eyes, "Eyes follow the pointer"));
+    this.lips = made("input", { type: "checkbox", checked: true, id: "lips-follow" });
+    byId("switches").append(made("label", {}, this.lips, "Lips follow the jaw"));
   }
 
   // How the face speaks and moves, as somebody set it; a hand on the slider knows better.
@@ -170,7 +175,8 @@ export class Panel {
     label.title = `FAP ${number} ${name}: ${positive}, in ${unit}`;
     const index = made("span", { className: "number", textContent: number });
     const element = made("div", { className: "fap" }, index, label, output, letGo, input);
-    const tell = throttled((value) => this.send("pin", { values: { [number]: value } }));
+    const pin = (value) => this.send("pin", { values: { [number]: value, ...this.lipsWith(number, value) } });
+    const tell = throttled(pin);
     input.addEventListener("input", () => {
       output.textContent = input.value;
       element.classList.add("held");
@@ -178,10 +184,17 @@ export class Panel {
     });
     letGo.addEventListener("click", () => {
       input.focus();
-      this.send("pin", { values: { [number]: null } });
+      pin(null);
     });
     this.faps.set(number, { element, input, output, details, words: `${number} ${name} ${name.replaceAll("_", " ")}` });
     return element;
+  }
+
+  // Values of the lips, if they follow this FAP; null releases them.
+  lipsWith(number, value) {
+    if (number !== OPEN_JAW || !this.lips.checked) return {};
+    const follow = ([lip, share]) => [lip, value === null ? null : Math.round(share * value)];
+    return Object.fromEntries(Object.entries(LIPS_FOLLOW).map(follow));
   }
 
   // What the server holds: FAP number to value.

@@ -85,7 +85,7 @@ def test_the_expression_at_rest_is_python_s(modules: Page) -> None:
     found = calculated(
         modules,
         "deform.js",
-        "return given.frames.map((faps) => [...m.withRest(faps, page.setup.rest, 0.8)]);",
+        "return given.frames.map((faps) => [...m.withRest(faps, page.setup, 0.8)]);",
         frames=frames.tolist(),
     )
     assert np.array(found) == pytest.approx(with_rest(frames, 0.8), abs=1e-9)

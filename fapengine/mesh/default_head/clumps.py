@@ -30,7 +30,7 @@ SHADES = (0.50, 0.85, 1.12, 0.90, 0.55)
 """Shade across a clump: dark where it goes below its neighbours."""
 TAPER_AT, TAPER = (0.0, 0.15, 0.45, 0.75, 0.92, 1.0), (0.62, 0.95, 1.0, 0.78, 0.40, 0.03)
 HANGING_TAPER = (0.5, 0.9, 1.0, 1.0, 0.95, 0.6)
-ARCH, HANGING_ARCH = 0.42, 0.20
+ARCH, HANGING_ARCH = 0.55, 0.36
 """Depth of the edges of a clump below its middle, relative to its half width."""
 TOP_MM = 142.5
 """Height of the measured part of the scalp."""
@@ -78,18 +78,19 @@ def _short_groups() -> list[_Group]:
     groups = []
     for side in (1.0, -1.0):  # back and sides, lowest first
         groups += [
-            _Group(_line((178 * side, -12), (124 * side, 8), 6), (0, -1, 0), (0, -1, 0.05), 38, 18, (2.5, 4, 4, 1.5)),
-            _Group(_line((180 * side, 20), (112 * side, 42), 7), (0, -1, 0), (0, -1, 0.05), 54, 19, (3, 6, 6, 3)),
-            _Group(_line((178 * side, 60), (98 * side, 68), 8), (0, -1, -0.2), (0, -1, 0), 62, 20, (4, 8, 8, 4)),
+            _Group(_line((178 * side, -12), (124 * side, 8), 6), (0, -1, 0), (0, -1, 0.05), 38, 18, (2.5, 4, 4, 0.5)),
+            _Group(_line((180 * side, 20), (112 * side, 42), 7), (0, -1, 0), (0, -1, 0.05), 54, 19, (3, 6, 5, 1)),
+            _Group(_line((178 * side, 60), (98 * side, 68), 8), (0, -1, -0.2), (0, -1, 0), 62, 20, (4, 8, 7, 1.5)),
             _Group(_line((88 * side, 62), (60 * side, 66), 5), (0, -1, -0.35), (0, -1, -0.5), 42, 13, (1.5, 4, 4, 1.5)),
-            _Group(_line((176 * side, 98), (86 * side, 94), 9), (0, -1, -0.3), (0, -1, 0), 68, 20, (5, 9, 9, 5)),
-            _Group(_line((84 * side, 88), (50 * side, 84), 6), (0, -0.9, -0.5), (0, -1, -0.6), 50, 15, (2, 6, 6, 3)),
-            _Group(_line((170 * side, 124), (70 * side, 116), 8), (0, -0.8, -0.5), (0, -1, 0), 70, 21, (6, 10, 10, 6)),
+            _Group(_line((176 * side, 98), (86 * side, 94), 9), (0, -1, -0.3), (0, -1, 0), 68, 20, (5, 9, 8, 2)),
+            _Group(_line((84 * side, 88), (50 * side, 84), 6), (0, -0.9, -0.5), (0, -1, -0.6), 50, 15, (2, 6, 6, 1.5)),
+            _Group(_line((170 * side, 124), (70 * side, 116), 8), (0, -0.8, -0.5), (0, -1, 0), 70, 21, (6, 10, 9, 3)),
         ]
     whorl = np.stack([np.linspace(-250, 70, 17), np.tile([140.5, 142.0], 9)[:17]], axis=-1)
     part = np.array([[27, 98], [30, 107], [34, 115], [41, 123], [53, 130], [76, 136]], dtype=float)
     groups += [
-        _Group(whorl, (0, 0, 0), (0, -1, -0.1), 70, 19, (8, 10, 9, 5)),
+        _Group(whorl, (0, 0, 0), (0, -1, -0.1), 70, 20, (8, 10, 8, 3)),
+        _Group(_line((-235, 143.4), (-95, 143.4), 6), (-0.1, 0, -1), (0, -1, -0.1), 56, 24, (5, 10, 9, 4)),
         _Group(part, (0.9, -0.3, -0.5), (0.2, -1, -0.45), 74, 17, (1, 8, 9, 6), fine=0.6),
         _Group(part[-2::-1], (-1, 0.3, -0.45), (-0.25, -1, -0.6), 116, 21, (1, 10, 10, 4), fine=0.6),
         # The front rises and falls to the right.
@@ -101,7 +102,8 @@ def _short_groups() -> list[_Group]:
 
 
 def _hanging_groups(end_mm: float) -> list[_Group]:
-    groups = []
+    crown = _line((130, 143.3), (230, 143.3), 5)
+    groups = [_Group(crown, (0, -0.2, -1), (0, -1, 0), 0, 34, (2.5, 6, 6, 5), end_mm=end_mm)]
     for side in (1.0, -1.0):
         ring = _line((178 * side, 60), (66 * side, 64), 9)
         middle = _line((176 * side, 104), (56 * side, 88), 9)
@@ -114,7 +116,7 @@ def _hanging_groups(end_mm: float) -> list[_Group]:
         groups += [
             _Group(ring, down, down, 0, 34, (1, 2, 2, 1), end_mm=end_mm + 6, is_lining=True),
             _Group(middle, (0.3 * side, -1, -0.1), down, 0, 30, (2, 5, 5, 4.5), end_mm=end_mm),
-            _Group(parting, (side, -0.15, -0.3), down, 0, 31, (1.5, 8.5, 10.5, 10.5), fine=0.7, end_mm=end_mm - 4),
+            _Group(parting, (side, -0.15, -0.3), down, 0, 31, (1.5, 6.5, 7.5, 7.5), fine=0.7, end_mm=end_mm - 4),
         ]
     return groups
 
@@ -126,8 +128,10 @@ def build_clumps(builder: MeshBuilder, style: HeadStyle, palette: Palette, detai
     for number, group in enumerate(groups):
         points, aside, out = _laid(group, scalp, style, number, detail)
         added.append(_add(builder, points, palette, number))
-        if group.is_lining:
-            added.append(_add(builder, (points - 1.5 * out[:, :, None])[..., ::-1, :], palette, number, shade=INSIDE))
+        if group.is_lining or (group.end_mm is not None and group.fine < 1):
+            seen = slice(None) if group.is_lining else slice(3)  # of the upper clumps, those beside the face
+            inside = (points - 1.5 * out[:, :, None])[seen, ..., ::-1, :]
+            added.append(_add(builder, inside, palette, number, shade=INSIDE))
         if group.fine < 1 and group.end_mm is None:
             tips.append((points, aside))
     return np.concatenate([*added, _add_hairs(builder, tips, palette)] if tips else added)
@@ -178,12 +182,12 @@ def _on_scalp(
     for share in np.linspace(0, 1, steps):
         foot, out = scalp.under(np.minimum(at, [np.inf, TOP_MM, np.inf]))
         way = _way(group, foot, out, share)
-        rise = np.interp(share, (0, 1 / 3, 2 / 3, 1), group.rise_mm) * (1 + 0.10 * wild)
+        # Above an ear a clump ends on the head, or it would hang through it.
+        low = 53.0 + 4.0 * other - foot[:, 1]
+        clear = 1 - smoothstep(low / 9.0) * smoothstep((33.0 - np.abs(foot[:, 2] + 8.0)) / 9.0)
+        rise = np.interp(share, (0, 1 / 3, 2 / 3, 1), group.rise_mm) * (1 + 0.10 * wild) * (0.4 + 0.6 * clear)
         middles.append(foot + rise[:, None] * out)
         outs.append(out)
-        # Above an ear a clump ends, or it would hang through it.
-        low = 57.0 + 5.0 * other - foot[:, 1]
-        clear = 1 - smoothstep(low / 9.0) * smoothstep((33.0 - np.abs(foot[:, 2] + 8.0)) / 9.0)
         at = foot + (clear * length / (steps - 1))[:, None] * (way + 0.10 * other[:, None] * np.cross(way, out))
     return np.stack(middles, axis=1), np.stack(outs, axis=1)
 

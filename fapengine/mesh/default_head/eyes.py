@@ -83,7 +83,7 @@ def _around_eye(rim: Array, border: Array, t: Array, level: float) -> Array:
     rectangle. So the crease, and with it a closed lid, has no square corners.
     """
     out, share = border - rim, level - 1
-    arch = (1 - np.abs(t) ** 2.4) ** 0.8
+    arch = (1 - np.abs(t) ** 2.0) ** 1.15
     middle = np.abs(t) < 0.5
     rise, sink = (out[middle & (np.sign(out[:, 1]) == sign), 1].mean() for sign in (1.0, -1.0))
     height = np.where(out[:, 1] > 0, rise, sink)
@@ -112,7 +112,7 @@ def build_lids(
         face, out = position(angle, flat[:, 1], style), normal(angle, flat[:, 1], style)
         on_ball = _on_sphere(flat, centre, RADIUS + LID_THICKNESS + 1.2 * (level - 1))
         on_ball[:, 2] += _forward(t, level)
-        towards_face = smoothstep(((level - 1) * reach_mm - 0.6) / (3.6 + 3.9 * middle))
+        towards_face = smoothstep(((level - 1) * reach_mm - 0.6) / (7.0 + 0.5 * middle))
         points = on_ball + towards_face[:, None] * (face - on_ball)
         crease = np.exp(-(((level - CREASE) / 0.055) ** 2)) * np.where(upper, 1.0, 0.12) * middle
         hood = np.exp(-(((level - 1.6) / 0.15) ** 2)) * np.where(upper, 1.1, 0.25 + 0.8 * style.age) * middle

@@ -14,7 +14,7 @@ from fapengine.mesh.default_head.surface import AXIS_Z_MM
 from fapengine.mesh.face_mesh import Material
 
 CAP_ROWS = (-0.03, 0.0, 0.03, 0.09, 0.155, 0.22, 0.32, 0.42, 0.525, 0.63, 0.72, 0.82, 0.89, 0.95)
-CAP_SHADE = 0.85
+CAP_SHADE, UNDER_CLUMPS_SHADE = 0.85, 0.6
 CAP_TOP_MM, RISES, USUAL_RISE = 144.0, {"short": 0.24}, 0.22
 """Height of the crown of the cap, and fraction of the way there over which the cap gains its thickness, by haircut."""
 ROOT, HARD_ROOT = 0.3, 0.55
@@ -23,7 +23,7 @@ LEAN_RAD, RELIEF_MM = 0.55, 0.5
 """Angle by which strands of the cap lean back on their way down the sides, and height of their waves."""
 EDGE_HAIRS, EDGE_POINTS = 260, 3
 """Single hairs along the hairline, and points of each."""
-THICK, UNDER_LOCKS = {"short": 0.72, "cropped": 0.22}, 0.1
+THICK, UNDER_LOCKS = {"short": 0.55, "cropped": 0.22}, 0.3
 """Thickness of the cap by haircut, relative to short hair; under long hair."""
 UNDER_CLUMPS = 0.6
 """Detail of a cap that clumps cover, relative to one that shows."""
@@ -58,7 +58,7 @@ def _build_edge(builder: MeshBuilder, style: HeadStyle, palette: Palette, detail
     at = position(angle, hairline(angle) + before, style)
     for step in range(EDGE_POINTS):
         foot, out = scalp.under(at)
-        along = _combed(foot, out)
+        along = _combed(foot, out) * np.where(degrees < 60.0, -1.0, 1.0)[:, None]
         along = unit_vectors(along + (0.45 * other)[:, None] * np.cross(along, out))
         spine.append(foot + (_over(foot, style.haircut) + 0.2 + 0.17 * step)[:, None] * out)
         at = foot + (length / (EDGE_POINTS - 1))[:, None] * along
@@ -108,7 +108,7 @@ def _build_cap(builder: MeshBuilder, style: HeadStyle, palette: Palette, detail:
     if style.haircut == "cropped":  # skin shows between short hairs, most where they begin
         root = 0.12 + 0.6 * (1 - smoothstep((share + 0.01) / 0.22))
     bundles = 1 + 0.16 * np.sin(17.0 * angle + 2.0 * np.sin(5.0 * angle)) + 0.07 * np.sin(43.0 * angle)
-    dark = CAP_SHADE * palette.hair * bundles[:, None]
+    dark = (CAP_SHADE if style.haircut == "cropped" else UNDER_CLUMPS_SHADE) * palette.hair * bundles[:, None]
     albedo = dark + root[:, None, None] * (palette.skin(base) - dark)
     strips = _strips(len(angle)) if combed else np.where(np.arange(len(angle)) % 2, 0.15, 0.85)
     uv = strand_uv(strips, 0.05 + 0.9 * share[:, None])

@@ -45,7 +45,7 @@ SHADED_TEETH = 0.04
 """Least light on upper teeth, which are in the shadow of the lip."""
 LID_FOLDS_AT = 1.46
 UPPER_LIDS = (19, 20)
-OPEN_LID, SHUT_LID = 0.60, 0.76
+OPEN_LID, SHUT_LID = 0.60, 0.78
 """Least light on an open and on a closed lid."""
 HAIR_NEAR_MM, HAIR_SHADE, JAW_SHADE = 9.0, 0.55, 0.7
 """Distance within which hair shades skin; fraction of the light that hair and jaw remove."""
@@ -291,8 +291,8 @@ def _finish(
     feature_points = locate(template, head)
     if reshape is not None:
         points, head = reshape(points, triangles, head, feature_points)
-    elif style.charm:
-        points, head = stylise(points, head, style.charm)
+    elif style.charm or style.childlike:
+        points, head = stylise(points, head, style.charm, style.childlike)
     normals = vertex_normals(points, triangles)
     seam = head.grid[:, [0, -1]]
     normals[seam] = unit_vectors(normals[seam].sum(axis=1, keepdims=True), 1e-9)

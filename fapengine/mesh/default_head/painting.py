@@ -40,6 +40,12 @@ def _cloud(shape: tuple[int, int], seed: int, size: float | tuple[float, float])
     return cloud / cloud.std()
 
 
+def _mirrored(cloud: Array) -> Array:
+    """The left half, (H, W'), on both sides of the face."""
+    half = cloud.shape[1] // 2
+    return np.concatenate([cloud[:, ::-1][:, : cloud.shape[1] - half], cloud[:, -half:]], axis=1)
+
+
 @lru_cache(maxsize=4)
 def paint(style: HeadStyle) -> NDArray[np.uint8]:
     """Paint the texture of a head.
@@ -139,6 +145,23 @@ def _round_eyes(x: Array, y: Array, front: Mask, style: HeadStyle) -> Array:
     return (1 - line[..., None]) * (1 - lid[..., None] * np.array([0.08, 0.13, 0.11]))
 
 
+def _bearded(x: Array, y: Array, angle: Array, style: HeadStyle) -> Array:
+    """(H, W') share of the skin that a full beard covers: moustache, chin, jaw and the sides up to the hair."""
+    across, shape = np.abs(x), (y.shape[0], y.shape[1])
+    ragged = 2.0 * _mirrored(_cloud(shape, 25, (2.0, 1.2)))
+    at_deg = (0, 10, 17, 27, 45, 62, 74, 96)
+    upper, lower = (
+        np.interp(np.abs(angle), np.deg2rad(at_deg), heights_mm)
+        for heights_mm in ((-14, -16, -21, -38, -36, -12, 30, 30), (-94, -94, -92, -90, -86, -76, -62, 0))
+    )
+    below = smoothstep((upper + ragged - y) / 7.0) * smoothstep((y - lower) / 22.0)
+    beside = smoothstep((np.deg2rad(94) - np.abs(angle)) / 0.1)
+    t = np.clip(across / (1.08 * mouth.OUTER_HALF_WIDTH * style.mouth_width), -0.999, 0.999)
+    top, bottom = (mouth.outer_contour(t, np.full(shape, side), style.lip_fullness) for side in (True, False))
+    lips = smoothstep((top + 1.5 - y) / 2.0) * smoothstep((y - bottom + 2.0) / 2.0) * (t < 0.998)
+    return np.asarray(below * beside * (1 - lips))
+
+
 def _hairs(x: Array, y: Array, angle: Array, front: Mask, style: HeadStyle) -> Array:
     """Skin under the brows, and hair roots along the hairline."""
     light_skin = np.array([0.70, 0.435, 0.315])
@@ -150,10 +173,15 @@ def _hairs(x: Array, y: Array, angle: Array, front: Mask, style: HeadStyle) -> A
     share = np.interp(across, middle[:, 0], np.linspace(0, 1, 101))
     off = (y - np.interp(across, middle[:, 0], middle[:, 1])) / np.maximum(np.interp(across, middle[:, 0], half), 0.5)
     ends = smoothstep((across - middle[0, 0] + 2.5) / 6.0) * smoothstep((middle[-1, 0] + 1.0 - across) / 8.0)
-    ragged = off + 0.22 * _cloud(shape, 21, (2.0, 0.9))
-    brow = smoothstep((1.25 - np.abs(ragged)) / 0.75) * ends * front * np.interp(share, (0, 0.2, 1), (0.55, 0.72, 0.7))
-    brow *= np.clip(0.92 + 0.16 * _cloud(shape, 22, (1.0, 0.8)), 0, 1)
+    ragged = off + 0.12 * _mirrored(_cloud(shape, 21, (2.0, 0.9)))
+    brow = smoothstep((1.1 - np.abs(ragged)) / 0.75) * ends * front * np.interp(share, (0, 0.2, 1), (0.55, 0.72, 0.7))
+    brow *= np.clip(0.92 + 0.16 * _mirrored(_cloud(shape, 22, (1.0, 0.8))), 0, 1)
     light: Array = 1 - brow[..., None] * (1 - brow_tint)
+    if style.beard:
+        grown = (
+            style.beard * _bearded(x, y, angle, style) * (0.86 + 0.14 * np.clip(_cloud(shape, 24, (2.2, 0.7)), -2, 1))
+        )
+        light *= 1 - grown[..., None] * (1 - brow_tint)
     if style.hair:
         depth = (y - hairline(angle)) / 5.0 + 0.35 * _cloud(shape, 23, (3.0, 0.9))
         root = 0.8 * smoothstep((depth + 0.5) / 1.2)

@@ -25,7 +25,7 @@ from fapengine.mesh.face_mesh import Bone, Material
 def _arch(share: Array, half_width: float, front_z: float, depth: float) -> tuple[Array, Array]:
     """Dental arch: (N, 2) x and z for share -1..1, and its outward normals."""
     x = half_width * np.sin(share * np.pi / 2 * 0.98)
-    z = front_z - depth * np.abs(share) ** 2.2
+    z = front_z - depth * np.abs(share) ** 2.7
     tangent = np.gradient(np.stack([x, z], axis=-1), axis=0)
     return np.stack([x, z], axis=-1), unit_vectors(np.stack([-tangent[:, 1], tangent[:, 0]], axis=-1))
 
@@ -68,7 +68,7 @@ def build_teeth(builder: MeshBuilder, detail: float, *, upper: bool) -> Indices:
         y = gum_y + direction * abs(edge_y - gum_y) * (np.where(height > 0, height * tip, height) + scallop)
         rows.append(np.stack([xz[:, 0], y, xz[:, 1]], axis=-1))
         gap = 0.55 + 0.45 * round_off
-        far = 1 - 0.38 * smoothstep((np.abs(share) - 0.40) / 0.6)
+        far = 1 - 0.55 * smoothstep((np.abs(share) - 0.2) / 0.6)
         # A smile shows the light half above the upper edges; lower teeth come out of the lip's shadow.
         shade = 1.5 - 0.7 * np.clip(height, 0, 1) if upper else 0.54
         colour = colours.GUM if is_gum else colours.TEETH * (shade * gap)[:, None]

@@ -57,7 +57,8 @@ MIDDLE_AGE = 0.25
 BOUNDS: dict[str, tuple[float, float]] = {
     "jaw_width": (0.85, 1.15), "cheek_fullness_mm": (-4, 6), "chin_mm": (-5, 6), "nose_length": (0.6, 1.3),
     "nose_width": (0.75, 1.3), "eye_opening_mm": (8, 13), "lip_fullness": (0.5, 1.5), "mouth_width": (0.85, 1.15),
-    "brow_thickness": (0.4, 2), "age": (0, 1), "sex": (-2, 2), "build": (-2, 2), "charm": (0, 1.3),
+    "brow_thickness": (0.4, 2), "age": (0, 1), "sex": (-2, 2), "build": (-2, 2), "charm": (0, 1.3), "childlike": (0, 1),
+    "beard": (0, 1),
     "skin_tone": (0, 1), "freckles": (0, 3),
 }  # fmt: skip
 """Smallest and largest value of the numbers in :class:`HeadStyle`."""
@@ -106,11 +107,15 @@ class HeadStyle:
     hair: bool = True
     haircut: str = "short"
     """One of :data:`HAIRCUTS`."""
+    beard: float = 0.0
+    """Beard: 0 shaven, .4 stubble, 1 full and short."""
     eye_colour: str = "brown"
     """One of :data:`EYE_COLOURS`."""
     glasses: bool = False
     charm: float = 0.6
     """Likeness to a character of an animated film (:mod:`.stylised`): 0 is the measured anatomy, 1.3 the most."""
+    childlike: float = 0.0
+    """Proportions of the skull: 0 an adult's, 1 those of a child of about six years."""
     identity: tuple[float, ...] = ()
     """Weights of the measured modes, at most 16 numbers of -2.5..2.5; in people they have mean 0 and standard deviation
     1 (:mod:`.faces`). The whole face follows except the eyes.

@@ -1,5 +1,7 @@
 """Charm: the same head with larger eyes, smaller nose, ears and jaw, and a thinner neck, as in animated films.
 
+A child's head is warped in the same way: its face is low and short below a large skull, on a thin neck.
+
 A smooth warp of space, so hair, teeth and glasses go with the skin. Each eye with its lid margins and lashes is
 enlarged about the middle of its ball, so that lids still slide over it. FAPU and deformation are measured on the
 result, so FAPs move their feature points as exactly as before.
@@ -33,7 +35,7 @@ def _faded(value: Array, low: float, high: float) -> Array:
     return np.asarray(1 - smoothstep((value - low) / (high - low)))
 
 
-def stylise(points: Array, head: HeadParts, charm: float) -> tuple[Array, HeadParts]:
+def stylise(points: Array, head: HeadParts, charm: float, childlike: float) -> tuple[Array, HeadParts]:
     """Warp a head, (V, 3) mm.
 
     Returns
@@ -41,7 +43,7 @@ def stylise(points: Array, head: HeadParts, charm: float) -> tuple[Array, HeadPa
     (V, 3) mm, HeadParts
         Vertices, and parts with matching eyes.
     """
-    moved = _with_face(points, charm)
+    moved = _as_child(_with_face(points, charm), childlike)
     skin = points[head.grid].reshape(-1, 3)
     skin = skin[(skin[:, 2] > 15.0) & (np.abs(skin[:, 0]) < 82.0) & (skin[:, 1] > -60.0)]
     depth = LinearNDInterpolator(skin[:, :2], skin[:, 2])
@@ -93,6 +95,8 @@ def _with_face(points: Array, charm: float) -> Array:
     moved[:, 1] += charm * 2.6 * nose * smoothstep((8.0 - y) / 14.0)  # its tip is turned up
     jaw = smoothstep((2.0 - y) / 72.0) * smoothstep((y + 110.0) / 20.0)
     moved[:, 0] *= 1 - charm * 0.13 * jaw
+    brows = np.exp(-(((y - 58.0) / 11.0) ** 2) - ((np.abs(x) - 32.0) / 30.0) ** 4) * front
+    moved[:, 1] -= charm * 5.3 * brows  # the larger eyes have moved them up
     cheeks = np.exp(-(((y + 6.0) / 20.0) ** 2) - ((np.abs(x) - 44.0) / 20.0) ** 2) * front
     moved[:, 0] += charm * 1.2 * cheeks * np.sign(x)
     moved[:, 2] += charm * 2.0 * cheeks
@@ -106,4 +110,22 @@ def _with_face(points: Array, charm: float) -> Array:
     neck *= _faded(np.abs(x), 70.0, 110.0)
     moved[:, 0] *= 1 - charm * 0.19 * neck
     moved[:, 2] = -5.0 + (moved[:, 2] + 5.0) * (1 - charm * 0.12 * neck)
+    return moved
+
+
+def _as_child(points: Array, childlike: float) -> Array:
+    """(V, 3) mm: the warp to a child's head."""
+    moved = points.copy()
+    y, z = points[:, 1], points[:, 2]
+    # Below the eyes all is nearer to them, the neck and what is below it as much as the chin.
+    below = np.clip(18.0 - y, 0, 98.0)
+    moved[:, 1] += childlike * 0.20 * (below - 8.0 * (1 - np.exp(-below / 8.0)))
+    cheeks = np.exp(-(((y + 32.0) / 26.0) ** 2)) * smoothstep((z - 20.0) / 50.0)
+    moved[:, 0] *= 1 + childlike * 0.05 * cheeks
+    skull = smoothstep((y - 30.0) / 60.0)
+    moved[:, :3:2] *= 1 + childlike * 0.035 * skull[:, None]
+    moved[:, 2] -= childlike * 6.0 * smoothstep((-60.0 - y) / 20.0) * smoothstep((z - 40.0) / 30.0)
+    lower = smoothstep((-72.0 - y) / 30.0)
+    moved[:, 0] *= 1 - childlike * 0.20 * lower
+    moved[:, 2] = -8.0 + (moved[:, 2] + 8.0) * (1 - childlike * 0.16 * lower)
     return moved

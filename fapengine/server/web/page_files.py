@@ -19,7 +19,7 @@ from fapengine.engine.command_table import Command, fields_of
 from fapengine.expressions import EXPRESSION_NAMES
 from fapengine.mesh.default_head.style import PEOPLE
 from fapengine.mesh.face_mesh import PUPIL_SHARE, FaceMesh, lid_share
-from fapengine.mesh.resting import RESTING
+from fapengine.mesh.resting import LIMITS, RESTING
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fap import FapSpec, FapUnit
 from fapengine.render import programs
@@ -48,7 +48,7 @@ REACH: dict[FapUnit, int] = {
 }  # fmt: skip
 """Range of a slider, FAPU: about that of a human face; the standard's limits are several times as large."""
 OWN_REACH = {
-    3: 1400, 14: 300, 15: 200, 21: 500, 22: 500, 27: 60, 28: 60, 29: 400, 30: 400, 44: 500, 46: 500, 47: 90_000,
+    3: 1400, 14: 300, 15: 200, 21: 500, 22: 500, 29: 400, 30: 400, 44: 500, 46: 500, 47: 90_000,
 }  # fmt: skip
 """FAP numbers with a range other than that of their unit."""
 HEAD_REACH_DEG = {"yaw_rad": 45, "pitch_rad": 30, "roll_rad": 30}
@@ -89,6 +89,7 @@ def setup(*, voices: dict[str, str], rate_wpm: int = DEFAULT_RATE_WPM) -> dict[s
         "fine_samples": EDGES["fine"],
         "wall": PAGE_WALL,
         "rest": [[list(rest.values.items()), rest.yields_to, rest.limit] for rest in RESTING],
+        "limits": list(LIMITS.items()),
         "groups": [{"name": name, "faps": [_slider(row) for row in fap.FAPS if row.group == group]}
                    for group, name in GROUP_NAMES.items()],
         "ranges": {kind.SPEC.json: _ranges(kind) for kind in commands.COMMANDS if kind.SPEC.json},
@@ -120,7 +121,8 @@ def _ranges(kind: type[Command]) -> dict[str, dict[str, float]]:
 
 
 def _slider(row: FapSpec) -> dict[str, Any]:
-    reach = min(OWN_REACH.get(row.number, REACH[row.unit]), row.intra_limit * row.quantiser_step)
+    reach = OWN_REACH.get(row.number, LIMITS.get(row.number, REACH[row.unit]))
+    reach = min(reach, row.intra_limit * row.quantiser_step)
     return {
         "number": row.number,
         "name": row.name,

@@ -83,7 +83,7 @@ def test_an_unknown_level_is_refused() -> None:
 STYLES = {
     "jaw_width": 1.08, "cheek_fullness_mm": 4.0, "chin_mm": 4.0, "nose_length": 1.15, "nose_width": 1.15,
     "eye_opening_mm": 9.5, "lip_fullness": 1.3, "mouth_width": 1.1, "age": 0.9, "sex": 1.0,
-    "build": -1.0,
+    "build": -1.0, "childlike": 1.0,
 }  # fmt: skip
 
 
@@ -112,6 +112,10 @@ def test_a_style_changes_what_it_names(heads: dict[str, FaceMesh], name: str) ->
         assert width(other, "3.1", "3.3") < width(usual, "3.1", "3.3") - 1
     elif name == "lip_fullness":
         assert width(other, "8.1", "8.2") > 1.15 * width(usual, "8.1", "8.2")
+    elif name == "childlike":  # the eyes are low on a child's head: the skull is larger, the face below it shorter
+        low = (other.point_mm("11.4") - other.point_mm("2.1"))[1] - (usual.point_mm("11.4") - usual.point_mm("2.1"))[1]
+        assert low < -10
+        assert width(other, "3.8", "2.1") < 0.9 * width(usual, "3.8", "2.1")
     elif name == "chin_mm":
         assert other.point_mm("2.10")[2] > usual.point_mm("2.10")[2] + 1
     else:

@@ -59,7 +59,8 @@ def moves_its_points(head: FaceMesh, moved: Moved) -> bool:
 
 def rims(head: FaceMesh, style: HeadStyle) -> tuple[Indices, Indices]:
     """Vertices of the line between the lips: of the upper and of the lower one."""
-    template = build_head(replace(style, charm=0), level="coarse")  # where they are known; the vertices are the same
+    measured = replace(style, charm=0, childlike=0)  # where they are known; the vertices are the same
+    template = build_head(measured, level="coarse")
     builder, parts = build_parts(style, LEVELS["coarse"])
     rim = parts.mouth.indices[np.flatnonzero(parts.mouth.level == 0)[0]]
     points = builder.column("points_mm")[rim] + displacement(builder.column("place")[rim], style.weights)

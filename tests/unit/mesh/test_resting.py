@@ -5,7 +5,7 @@ import pytest
 
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.deform import deform
-from fapengine.mesh.resting import RESTING, with_rest
+from fapengine.mesh.resting import LIMITS, RESTING, with_rest
 from fapengine.mpeg4 import fap
 
 
@@ -45,6 +45,14 @@ def test_a_fap_that_rises_never_falls(number: int) -> None:
     rising = np.linspace(-600, 1100, 341)
     frames = rising[:, None] * frame(**{f"f{number}": 1.0})
     assert (np.diff(with_rest(frames, 1.0)[:, fap.column(number)]) > 0).all()
+
+
+@pytest.mark.parametrize("number", [27, 40, 61, 63, 68])
+def test_no_fap_goes_where_anatomy_ends(number: int) -> None:
+    column, limit = fap.column(number), LIMITS[number]
+    for value, drawn in ((0.9 * limit, 0.9 * limit), (5 * limit, limit), (-5 * limit, -limit)):
+        for share in (0.0, 1.0):
+            assert with_rest(value * frame(**{f"f{number}": 1.0}), share)[column] == drawn
 
 
 def test_lips_stay_shut() -> None:

@@ -1,10 +1,14 @@
 """Long hair flows: seen from the side and from behind it changes across its locks, not along them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from fapengine.mesh.default_head.clumps import build_clumps
 from fapengine.mesh.default_head.head import build_head
-from fapengine.mesh.default_head.style import HeadStyle
+from fapengine.mesh.default_head.mesh_builder import MeshBuilder
+from fapengine.mesh.default_head.style import HeadStyle, palette_of, random_person
 from fapengine.render.camera import Camera
 from fapengine.render.drawing import Drawing
 from fapengine.render.renderer import FaceRenderer
@@ -20,3 +24,12 @@ def test_long_hair_has_no_edges_across(haircut: str, yaw_deg: float) -> None:
     down, across = (np.percentile(np.abs(np.diff(light, axis=axis)), 99.9) for axis in (0, 1))
     assert across > 0.2
     assert down < 0.3 * across  # 0.45 to 0.85 while each lock went its own way and pierced others
+
+
+@pytest.mark.parametrize("haircut", ["short", "bob", "long"])
+@pytest.mark.parametrize("seed", [1, 5, 11])
+def test_no_clump_falls_over_the_face(seed: int, haircut: str) -> None:
+    style, builder = replace(random_person(seed), haircut=haircut), MeshBuilder()
+    hair = build_clumps(builder, style, palette_of(style), 0.52)
+    x, y, z = builder.column("points_mm")[hair].T
+    assert not ((np.abs(x) < 40.0) & (y < 72.0) & (z > 50.0)).any()
