@@ -68,6 +68,8 @@ class Append(Command):
     """Phones in the utterance's time. Silences count as phones."""
     revision: int = 0
     """Version: a higher one replaces all phones still to come, a lower one is ignored."""
+    keeps_earlier: bool = False
+    """Whether a higher revision replaces only the phones from ``first_index`` on, also one that is being said."""
 
 
 @dataclass(frozen=True, slots=True)

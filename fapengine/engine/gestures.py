@@ -169,6 +169,11 @@ class BatchGestures:
         generator.hear(phones, now_s)
         self._due_s[row] = generator.due_s
 
+    def forget(self, row: int, from_s: float) -> None:
+        """Forget phones that begin at or after an engine time; others will come instead."""
+        self._generators[row].forget(from_s)
+        self._due_s[row] = self._generators[row].due_s
+
     def hush(self, row: int, now_s: float) -> None:
         """Forget what was to be said."""
         self._ramps.send(row, self._generators[row].hush(now_s))

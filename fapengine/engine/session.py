@@ -190,7 +190,7 @@ class Session:
         if utterance.anchor is None:
             utterance.begin(command)
         elif command.revision > utterance.revision:
-            self._revise(utterance, command.revision, now_s)
+            self._revise(utterance, command, now_s)
         self._settle(now_s)
 
     def append(self, command: Append, now_s: float) -> None:
@@ -210,7 +210,7 @@ class Session:
             self.counters.ignored += 1
             return
         if command.revision > utterance.revision:
-            self._revise(utterance, command.revision, now_s)
+            self._revise(utterance, command, now_s)
         utterance.latest_s = now_s
         self._feed(utterance, utterance.add(command), now_s)
         self._take(now_s)
@@ -446,7 +446,7 @@ class Session:
         """Plan the phones that are said next, a limited number at a time."""
         room = TAKEN_LETTERS - sum(len(phone.label) for _, phone in self.fresh)
         count, soon_s = len(self.fresh), self.clock.stream_s(now_s) + TAKEN_S
-        taken: dict[int, list[Phone]] = {}
+        taken: dict[int | None, list[Phone]] = {}
         coming = merge(
             *(utterance.coming() for utterance in utterances or self.queue if utterance.zero_s is not None),
             key=lambda item: item[0].start_s,
@@ -456,7 +456,8 @@ class Session:
             if phone.start_s > soon_s and count > AHEAD_PHONES:
                 break
             utterance.taken = utterance_taken
-            taken.setdefault(utterance.number, []).append(phone)
+            is_new = utterance.order[utterance_taken - 1] >= utterance.revised
+            taken.setdefault(utterance.number if is_new else None, []).append(phone)
             room, count = room - len(phone.label), count + 1
         for number, phones in taken.items():
             self._prepare(number, phones, now_s)
@@ -493,13 +494,15 @@ class Session:
         self.queue.append(utterance)
         return utterance
 
-    def _revise(self, utterance: Utterance, revision: int, now_s: float) -> None:
+    def _revise(self, utterance: Utterance, command: Begin | Append, now_s: float) -> None:
         last_s = utterance.last_s
-        utterance.revise(revision, max(utterance.position_s(now_s), 0.0))
-        if utterance.zero_s is not None and utterance.zero_s + last_s > self.clock.stream_s(now_s):
-            start_s = max(self.clock.stream_s(now_s), utterance.zero_s, 0.0)
+        from_s = utterance.revise(command, max(utterance.position_s(now_s), 0.0))
+        if utterance.zero_s is None:
+            return
+        start_s = max(self.clock.stream_s(now_s), utterance.zero_s + from_s, 0.0)
+        if start_s < utterance.zero_s + last_s:
             self.fresh.append((None, Phone(SILENCE, start_s, utterance.zero_s + last_s)))
-            self.gestures.hush(self._row, now_s)
+            self.gestures.forget(self._row, start_s + self.clock.begins_s)
 
     def _conceal(self, utterance: Utterance, before: Phone, after: Phone, between: range, now_s: float) -> None:
         utterance.bridge(between)

@@ -124,6 +124,8 @@ class Utterance:
     at_s: float = 0.0
     """Stream time of its start, for ``"at"``."""
     revision: int = 0
+    revised: int = 0
+    """Index below which phones are those of earlier revisions, or replace them: these are not late."""
     phones: dict[int, Phone] = field(default_factory=dict)
     order: list[int] = field(default_factory=list)
     """Their indices, rising. That of a later index is said later."""
@@ -229,17 +231,36 @@ class Utterance:
             self._newest_s = newest_s
         return late
 
-    def revise(self, revision: int, from_s: float) -> None:
-        """Drop its end and the phones that start at or after ``from_s``; new ones will come."""
-        self.revision = revision
-        spoken = set(self.order[: self.taken])
-        self.phones = {index: phone for index, phone in self.phones.items() if phone.start_s < from_s}
-        self.last_s = max((phone.end_s for phone in self.phones.values()), default=0.0)
+    def revise(self, command: Begin | Append, from_s: float) -> float:
+        """Drop its end and the phones that a command of a higher revision replaces.
+
+        These are those that start at or after ``from_s``, or those from the command's first on
+        (:attr:`.commands.Append.keeps_earlier`); but the first of them stay if the command has them unchanged.
+
+        Returns
+        -------
+        float
+            Start of the first phone that is dropped; infinity if none is.
+        """
+        order, phones = self.order, self.phones
+        new = dict(enumerate(command.phones, command.first_index)) if isinstance(command, Append) else {}
+        if isinstance(command, Append) and command.keeps_earlier:
+            place = bisect_left(order, command.first_index)
+        else:
+            place = bisect_left(order, from_s, key=lambda index: phones[index].start_s)
+        while place < len(order) and new.get(order[place]) == phones[order[place]]:
+            place += 1
+        dropped_s = phones[order[place]].start_s if place < len(order) else inf
+        self.revision, self.is_dry = command.revision, False
         self.phone_count = self.duration_s = None
-        self.is_dry = False
-        self.order = sorted(self.phones)
-        self.taken = len(spoken & self.phones.keys())
-        self.known = [index for index in self.known if index in self.phones or index < self.size]
+        self.revised = max(self.revised, self.size)
+        for index in order[place:]:
+            del phones[index]
+        del order[place:]
+        del self.known[bisect_left(self.known, self.size) :]
+        self.taken = min(self.taken, place)
+        self.last_s = phones[order[-1]].end_s if order else 0.0
+        return dropped_s
 
     def gap(self) -> tuple[Phone, Phone, range] | None:
         """First gap that is not bridged: the phones on both sides, and the indices between them."""

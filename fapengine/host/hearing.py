@@ -4,14 +4,15 @@ Theory of operation
 -------------------
 :meth:`Hearing.hear` accepts audio of an utterance that a sender numbers; :meth:`Hearing.listen` accepts endless audio
 of a microphone: speech in it is an utterance, which ends after :data:`PAUSE_S` of silence. Each session's audio goes to
-a recognizer process (:class:`fapengine.recognition.process.RecognizerProcess`), which reports phones
-:data:`fapengine.recognition.sphinx_recognizer.LOOK_AHEAD_S` and a little more after it; so the face follows the audio
-:data:`DELAY_S` later. What cancels an utterance also empties its recognizer. The number of recognizers is limited, and
-so is the audio that each keeps before it is processed; more audio is refused and counted.
+a recognizer process (:class:`fapengine.recognition.process.RecognizerProcess`), which reports its final phones and,
+after them, those that may still change. The engine gets both; each result replaces the phones after the final ones. So
+the face can follow the audio :data:`DELAY_S` later. What cancels an utterance also empties its recognizer. The number
+of recognizers is limited, and so is the audio that each keeps before it is processed; more audio is refused and
+counted.
 """
 
 import logging
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
 from math import inf
 from pathlib import Path
@@ -31,8 +32,8 @@ from fapengine.recognition.protocol import RecognizedPhones, StreamRecognizer
 from fapengine.recognition.sphinx_recognizer import LOOK_AHEAD_S
 from fapengine.speech.phone_track import Phone
 
-DELAY_S = 0.5
-"""Delay of the face after audio that comes as it is spoken; docs/how-to/sound.md says what less costs."""
+DELAY_S = 0.3
+"""Delay of the face after audio that comes as it is spoken (``bench/ear_delays.py``)."""
 MAX_RECOGNIZERS = 4
 MAX_WAITING_S = 20.0
 """Most audio of one session that waits for its recognizer."""
@@ -45,6 +46,8 @@ JUMP_S = 0.3
 DRIFT = 1e-3
 """Fraction by which a microphone's clock may be slower than ours."""
 PAUSE_S = 0.5
+OPEN_S = 0.04
+"""Time by which a phone that is not over is taken to last longer; of 0, 40, 60 and 120 ms the best."""
 
 log = logging.getLogger("fapengine.hub")
 
@@ -74,7 +77,12 @@ class _Utterance:
     """Time in the utterance of the stream's first sample."""
     is_begun: bool
     count: int = 0
+    """Number of its final phones."""
     end_s: float = 0.0
+    """End of the last one that is not silence."""
+    partial: tuple[Phone, ...] = ()
+    """Phones after these, as the engine knows them."""
+    revision: int = 0
 
 
 @dataclass(slots=True, eq=False)
@@ -227,7 +235,8 @@ class Hearing:
                 self._end_utterance(session, one)
                 self._close(session, keep=False)
                 continue
-            for heard in told:
+            if told:
+                heard = replace(told[-1], phones=tuple(phone for each in told for phone in each.phones))
                 self.counts.heard_s += heard.position_s - one.heard_s
                 one.heard_s = heard.position_s
                 self._tell(session, one, heard, now_s)
@@ -334,12 +343,11 @@ class Hearing:
         if session not in self.hub.engine:
             return
         if one.is_endless:
-            for phone in heard.phones:
-                self._follow(session, one, phone)
+            self._follow(session, one, heard)
         elif one.utterance is not None:
             if not one.utterance.is_begun:
                 self._begin(session, one, now_s)
-            self._append(session, one.utterance, heard.phones)
+            self._append(session, one.utterance, heard.phones, heard.partial)
         if heard.is_over:
             self._end_utterance(session, one)
 
@@ -350,30 +358,60 @@ class Hearing:
             zero_s = now_s + one.delay_s - utterance.offset_s
             self.hub.apply(session, Begin(utterance.number, "at", zero_s))
 
-    def _follow(self, session: str, one: _Session, phone: Phone) -> None:
-        """Add a phone of a microphone's audio; phones between two utterances are silences."""
-        if phone.start_s < one.deaf_s:
-            return
-        if one.utterance is None:
-            if phone.is_silence:
-                return
+    def _follow(self, session: str, one: _Session, heard: RecognizedPhones) -> None:
+        """Add phones of a microphone's audio; phones between two utterances are silences."""
+        final: list[Phone] = []
+        for phone in heard.phones:
+            if phone.start_s < one.deaf_s:
+                continue
+            utterance = self._utterance_at(session, one, phone)
+            if utterance is None:
+                continue
+            final.append(phone)
+            if not phone.is_silence:
+                utterance.end_s = phone.end_s + utterance.offset_s
+            elif phone.end_s + utterance.offset_s - utterance.end_s > PAUSE_S:
+                self._append(session, utterance, final)
+                self._end_utterance(session, one)
+                final = []
+        partial = [phone for phone in heard.partial if phone.start_s >= one.deaf_s]
+        while partial and self._utterance_at(session, one, partial[0]) is None:
+            del partial[0]
+        if one.utterance is not None:
+            self._append(session, one.utterance, final, partial)
+
+    def _utterance_at(self, session: str, one: _Session, phone: Phone) -> _Utterance | None:
+        """Current utterance of a microphone; speech begins one."""
+        if one.utterance is None and not phone.is_silence:
             one.utterance = _Utterance(self.hub.new_number(), -phone.start_s, is_begun=True)
             self.hub.apply(session, Begin(one.utterance.number, "at", one.zero_s + phone.start_s + one.delay_s))
-        self._append(session, one.utterance, (phone,))
-        if not phone.is_silence:
-            one.utterance.end_s = phone.end_s + one.utterance.offset_s
-        elif phone.end_s + one.utterance.offset_s - one.utterance.end_s > PAUSE_S:
-            self._end_utterance(session, one)
+        return one.utterance
 
-    def _append(self, session: str, utterance: _Utterance, phones: tuple[Phone, ...]) -> None:
+    def _append(
+        self, session: str, utterance: _Utterance, final: Sequence[Phone], partial: Sequence[Phone] = ()
+    ) -> None:
+        """Add phones, and replace those that may have changed."""
+        offset_s = utterance.offset_s
+        known = utterance.partial
+        final_count = sum(phone.end_s + offset_s > 0 for phone in final)
+        if partial and not partial[-1].is_silence:  # it is not over yet
+            partial = [*partial[:-1], replace(partial[-1], end_s=partial[-1].end_s + OPEN_S)]
+        phones = tuple(
+            replace(phone, start_s=max(phone.start_s + offset_s, 0.0), end_s=phone.end_s + offset_s)
+            for phone in (*final, *partial)
+            if phone.end_s + offset_s > 0
+        )
         if not phones:
             return
-        moved = tuple(
-            replace(phone, start_s=phone.start_s + utterance.offset_s, end_s=phone.end_s + utterance.offset_s)
-            for phone in phones
-        )
-        self.hub.apply(session, Append(utterance.number, utterance.count, moved))
-        utterance.count += len(phones)
+        is_longer = phones[: len(known)] == known
+        first = len(known) if is_longer else 0
+        if phones[first:]:
+            utterance.revision += not is_longer
+            first_index = utterance.count + first
+            command = Append(utterance.number, first_index, phones[first:], utterance.revision, keeps_earlier=True)
+            self.hub.apply(session, command)
+        utterance.count += final_count
+        utterance.partial = phones[final_count:]
 
     def _end_utterance(self, session: str, one: _Session) -> None:
         utterance, one.utterance = one.utterance, None
@@ -381,7 +419,8 @@ class Hearing:
             return
         end_s = max(one.pushed_s + utterance.offset_s, 0.0) if not one.is_endless else utterance.end_s
         if utterance.is_begun:
-            self.hub.apply(session, End(utterance.number, utterance.count, end_s))
+            count = utterance.count + len(utterance.partial)
+            self.hub.apply(session, End(utterance.number, count, end_s, utterance.revision))
 
     def _note_command(self, session: str, command: Command, now_s: float) -> None:
         one = self._sessions.get(session)

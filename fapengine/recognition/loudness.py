@@ -22,12 +22,12 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from fapengine.recognition.protocol import FRAME_HZ as FRAME_HZ
 from fapengine.recognition.protocol import RATE_HZ
 from fapengine.recognition.sphinx import MODEL_PHONES, VOWELS, Frames
 from fapengine.speech.phone_track import Phone
 from fapengine.speech.prosody import Sounding
 
-FRAME_HZ = 100
 HOP = RATE_HZ // FRAME_HZ
 SILENT_DB = -100.0
 """Level of digital silence."""
@@ -184,13 +184,16 @@ class RunningSoundings:
 
     def of(self, phones: list[Phone]) -> list[Sounding]:
         """Loudness and pitch of the next phones; their audio is dropped."""
-        if not phones:
-            return []
-        begins_s = self._forgotten / RATE_HZ
-        found = soundings(phones, self._sound, begins_s)
-        over = min(round(max(phones[-1].end_s - begins_s, 1e-3) * RATE_HZ), len(self._sound))
-        self._sound, self._forgotten = self._sound[over:], self._forgotten + over
+        found = self.look(phones)
+        if phones:
+            over = round(max(phones[-1].end_s - self._forgotten / RATE_HZ, 1e-3) * RATE_HZ)
+            over = min(over, len(self._sound))
+            self._sound, self._forgotten = self._sound[over:], self._forgotten + over
         return found
+
+    def look(self, phones: list[Phone]) -> list[Sounding]:
+        """Loudness and pitch of the next phones, which may still change."""
+        return soundings(phones, self._sound, self._forgotten / RATE_HZ) if phones else []
 
 
 REACH_S = 1.0

@@ -227,17 +227,24 @@ class OnnxRecognizer(BlockRecognizer):
             for label, first, behind in segments_of([self.model.ipa[index] for index in best], frame_hz)
         ]
         start_s = self._forgotten / RATE_HZ
-        told = round((self._told_s - start_s) * FRAME_HZ)
-        horizon = round((length_s - self.look_ahead_s) * FRAME_HZ)
-        phones: list[Phone] = []
-        for label, first, behind in due(segments, told, horizon, at_end=at_end):
-            ends_s = start_s + (length_s if at_end and behind == segments[-1][2] else behind / FRAME_HZ)
-            if ends_s > self._told_s:
-                frames = slice(int(first / rescale), int(behind / rescale) + 1)
-                confidence = 1.0 if label == SILENCE else self._confidence(shares[frames], label)
-                phones.append(Phone(label, self._told_s, ends_s, confidence=confidence))
-                self._told_s = ends_s
-        return phones
+
+        def found(until_s: float) -> list[Phone]:
+            """Phones after the final ones."""
+            now_s, phones = self._told_s, []
+            told, horizon = round((now_s - start_s) * FRAME_HZ), round(until_s * FRAME_HZ)
+            for label, first, behind in due(segments, told, horizon, at_end=at_end):
+                ends_s = start_s + (length_s if at_end and behind == segments[-1][2] else behind / FRAME_HZ)
+                if ends_s > now_s:
+                    frames = slice(int(first / rescale), int(behind / rescale) + 1)
+                    confidence = 1.0 if label == SILENCE else self._confidence(shares[frames], label)
+                    phones.append(Phone(label, now_s, ends_s, confidence=confidence))
+                    now_s = ends_s
+            return phones
+
+        final = found(length_s - self.look_ahead_s)
+        self._told_s = final[-1].end_s if final else self._told_s
+        self.partial = found(length_s)
+        return final
 
     def _confidence(self, shares: NDArray[np.float64], label: str) -> float:
         """Highest probability of a phone among its frames, (T, V)."""

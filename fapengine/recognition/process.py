@@ -107,7 +107,8 @@ class RecognizerProcess:
             if "look_ahead_s" in entry:
                 self.is_ready, self.look_ahead_s = True, entry["look_ahead_s"]
             elif entry["stream"] == self.stream:
-                result = RecognizedPhones(**{**entry, "phones": tuple(Phone(**phone) for phone in entry["phones"])})
+                told = {name: tuple(Phone(**phone) for phone in entry[name]) for name in ("phones", "partial")}
+                result = RecognizedPhones(**{**entry, **told})
                 self.waiting_s = max(self.waiting_s - (result.position_s - self._processed_s), 0.0)
                 self._processed_s = result.position_s
                 found.append(result)
@@ -142,7 +143,11 @@ class _Stream:
         if samples is None:
             phones += self._recognizer.end()
         phones = self._prosody.push(phones, self._soundings.of(phones))
-        return RecognizedPhones(self.number, self._came / self._rate_hz, tuple(phones), is_over=samples is None)
+        partial = [] if samples is None else self._recognizer.partial
+        return RecognizedPhones(
+            self.number, self._came / self._rate_hz, tuple(phones), samples is None,
+            tuple(self._prosody.look(partial, self._soundings.look(partial))),
+        )  # fmt: skip
 
     def _resampled(self, samples: NDArray[np.int16] | None) -> list[NDArray[np.int16]]:
         if self._resampler is None:

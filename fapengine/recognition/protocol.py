@@ -1,6 +1,6 @@
 """Interfaces of recognizers: audio in, phones out, as a stream; and the final phones of a changing hypothesis."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -11,6 +11,8 @@ from fapengine.speech.phone_track import SILENCE, Phone
 
 RATE_HZ = 16_000
 """Sample rate of every recognizer's input; :func:`fapengine.files.sound.stream_sound` converts any file to it."""
+FRAME_HZ = 100
+"""Frames of 10 ms, in which recognizers count."""
 UNSURE = 0.5
 """Confidence of phones that are found without a text: they are not judged one by one."""
 
@@ -19,7 +21,10 @@ class Recognizer(Protocol):
     """Finds phones in audio. Stateful: it keeps the audio of one utterance."""
 
     look_ahead_s: float
-    """Least delay of a phone after its audio; until then it may still change."""
+    """Least delay of a final phone after its audio."""
+    partial: list[Phone]
+    """Phones after the final ones, up to the audio's end as far as it was decoded: the best path at the moment, without
+    gaps. They may still change; the last one is not over yet."""
 
     def push(self, samples: NDArray[np.int16]) -> list[Phone]:
         """Process more audio; return the phones that are final now.
@@ -52,6 +57,8 @@ class BlockRecognizer:
     """Samples of an incomplete block."""
     _came: int
     """Samples so far."""
+    partial: list[Phone]
+    """See :class:`Recognizer`."""
 
     def push(self, samples: NDArray[np.int16]) -> list[Phone]:
         """Process more audio; see :meth:`Recognizer.push`."""
@@ -67,6 +74,7 @@ class BlockRecognizer:
         """Start again: the next sample is the first."""
         self._waiting = np.zeros(0, np.int16)
         self._came = 0
+        self.partial = []
 
     def _process(self, block: NDArray[np.int16]) -> list[Phone]:
         raise NotImplementedError
@@ -83,6 +91,8 @@ class RecognizedPhones:
     """Phones after those returned before; times count from the stream's first sample."""
     is_over: bool = False
     """True when the stream's end was processed."""
+    partial: tuple[Phone, ...] = ()
+    """Phones after these that may still change; each result replaces those of the one before."""
 
 
 class StreamRecognizer(Protocol):
@@ -116,6 +126,26 @@ MIN_FRAMES = 3
 
 Labelled = tuple[str, int, int]
 """A label, its first frame and the one after its last."""
+
+
+def phones_of(segments: Iterable[Labelled], start_s: float, end_s: float) -> list[Phone]:
+    """Turn frames that count from ``start_s`` into phones that end by ``end_s``.
+
+    Examples
+    --------
+    >>> phones_of([("m", 0, 8)], 1.0, 1.05)
+    [Phone(label='m', start_s=1.0, end_s=1.05, stress=0, word='', confidence=0.5, loudness_db=0.0)]
+    """
+    return [
+        Phone(
+            label,
+            start_s + first / FRAME_HZ,
+            min(start_s + behind / FRAME_HZ, end_s),
+            confidence=1.0 if label == SILENCE else UNSURE,
+        )
+        for label, first, behind in segments
+        if start_s + first / FRAME_HZ < end_s
+    ]
 
 
 def due(segments: Sequence[Labelled], told: int, horizon: int, *, at_end: bool = False) -> list[Labelled]:

@@ -34,7 +34,7 @@ from fapengine.recognition.loudness import (
     pitch_hz,
     voiced_frames,
 )
-from fapengine.recognition.protocol import MIN_FRAMES, RATE_HZ, UNSURE, BlockRecognizer, Labelled, due
+from fapengine.recognition.protocol import MIN_FRAMES, RATE_HZ, BlockRecognizer, Labelled, due, phones_of
 from fapengine.recognition.sphinx_recognizer import BLOCK as SPHINX_BLOCK
 from fapengine.recognition.sphinx_recognizer import SphinxRecognizer
 from fapengine.speech.phone_track import SILENCE, Phone
@@ -277,16 +277,14 @@ class SmallRecognizer(BlockRecognizer):
 
     def _report(self, horizon: int, *, at_end: bool = False) -> list[Phone]:
         names = self._weights.labels
-        segments: list[Labelled] = [(names[n], a, b) for n, a, b in self._search.segments(self._told)]
-        chosen = due(self._voicing.spoken(segments), self._told, horizon, at_end=at_end)
-        phones = []
-        for label, a, b in chosen:
-            stop_s = min(b / FRAME_HZ, self._came / RATE_HZ) if at_end else b / FRAME_HZ
-            if stop_s > a / FRAME_HZ:
-                phones.append(Phone(label, a / FRAME_HZ, stop_s, confidence=1.0 if label == SILENCE else UNSURE))
-            self._told = b
+        segments = self._voicing.spoken([(names[n], a, b) for n, a, b in self._search.segments(self._told)])
+        chosen = due(segments, self._told, horizon, at_end=at_end)
+        if chosen:
+            self._told = chosen[-1][2]
         self._search.forget(self._told)
-        return phones
+        end_s = self._came / RATE_HZ
+        self.partial = phones_of(due(segments, self._told, self._search.now), 0.0, end_s)
+        return phones_of(chosen, 0.0, end_s)
 
 
 OTHER_WEIGHT, WHOLE_WEIGHT = 0.6, 1.0

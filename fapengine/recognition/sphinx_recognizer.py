@@ -1,7 +1,6 @@
 """A recognizer that needs no text: PocketSphinx's phone loop, on a stream or on a whole recording."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import groupby
 
 import numpy as np
@@ -9,7 +8,7 @@ from numpy.typing import NDArray
 
 from fapengine.errors import UsageError
 from fapengine.recognition.loudness import FRAME_HZ, HOP, loudness_db, pitch_hz, spoken_frames
-from fapengine.recognition.protocol import RATE_HZ, UNSURE, BlockRecognizer, due
+from fapengine.recognition.protocol import RATE_HZ, BlockRecognizer, due, phones_of
 from fapengine.recognition.sphinx import Frames, frames_of, ipa_of, new_phone_loop
 from fapengine.speech.phone_track import SILENCE, Phone
 
@@ -64,11 +63,7 @@ class SphinxRecognizer(BlockRecognizer):
         if len(self._waiting):
             self._feed(self._waiting)
             self._waiting = self._waiting[:0]
-        phones = self._close()
-        end_s = self._came / RATE_HZ
-        if phones and phones[-1].end_s > end_s > phones[-1].start_s:  # the last frame may be incomplete
-            phones[-1] = replace(phones[-1], end_s=end_s)
-        return phones
+        return self._close()
 
     def reset(self) -> None:
         """Start again: the next sample is the first."""
@@ -96,6 +91,7 @@ class SphinxRecognizer(BlockRecognizer):
         now = len(self._sound) // HOP
         segments = self._segments()
         phones = self._report(due(segments, self._told, now - round(self.look_ahead_s * FRAME_HZ)))
+        self.partial = self._phones(due(segments, self._told, now))
         length_s = now / FRAME_HZ
         label, first, behind = segments[-1] if segments else (SILENCE, 0, now)
         paused = label == SILENCE and behind - first >= (PAUSE_S + self.look_ahead_s) * FRAME_HZ
@@ -147,6 +143,7 @@ class SphinxRecognizer(BlockRecognizer):
         self._loop.end_utt()
         self._extend_pitch(keep=0)
         phones = self._report(due(self._segments(), self._told, 0, at_end=True))
+        self.partial = []
         self._passed += len(self._sound)
         self._begun, self._told = False, 0
         self._sound, self._pitch = self._sound[:0], self._pitch[:0]
@@ -155,11 +152,10 @@ class SphinxRecognizer(BlockRecognizer):
     def _report(self, chosen: Sequence[Frames]) -> list[Phone]:
         if chosen:
             self._told = chosen[-1][2]
-        start_s = self._passed / RATE_HZ
-        return [
-            Phone(label, start_s + a / FRAME_HZ, start_s + b / FRAME_HZ, confidence=1.0 if label == SILENCE else UNSURE)
-            for label, a, b in chosen
-        ]
+        return self._phones(chosen)
+
+    def _phones(self, chosen: Sequence[Frames]) -> list[Phone]:
+        return phones_of(chosen, self._passed / RATE_HZ, self._came / RATE_HZ)
 
 
 def labelled(segments: Sequence[Frames], spoken: NDArray[np.bool_]) -> list[Frames]:

@@ -209,13 +209,19 @@ class RunningProsody:
         """Add prosody to the next phones; see :func:`with_prosody`."""
         if not phones:
             return []
+        found = self.look(phones, soundings)
         self._phones += phones
         self._soundings += soundings
         too_old = next((n for n, phone in enumerate(self._phones) if phone.end_s > phones[-1].end_s - KEPT_S), 0)
         del self._phones[:too_old], self._soundings[:too_old]
-        if sum(phone.duration_s for phone in self._phones if is_vowel(phone)) < KNOWN_S:
+        return found
+
+    def look(self, phones: Sequence[Phone], soundings: Sequence[Sounding]) -> list[Phone]:
+        """Add prosody to phones that may still change; they are not kept."""
+        known = [*self._phones, *phones]
+        if not phones or sum(phone.duration_s for phone in known if is_vowel(phone)) < KNOWN_S:
             return list(phones)
-        return with_prosody(self._phones, self._soundings)[-len(phones) :]
+        return with_prosody(known, [*self._soundings, *soundings])[-len(phones) :]
 
 
 KEPT_S = 30.0

@@ -302,6 +302,11 @@ class GestureGenerator:
             if phone.stress and start_s > now_s:
                 insort(self._nods, (max(start_s - NOD_RISE_S, now_s), start_s, phone), key=lambda nod: nod[:2])
 
+    def forget(self, from_s: float) -> None:
+        """Drop phones that begin at or after a time; others will be heard instead."""
+        self._nods = [nod for nod in self._nods if nod[1] < from_s]
+        self._phrases.forget_from(from_s)
+
     def hush(self, now_s: float) -> list[Ramp]:
         """Drop planned phones, and end the current nod."""
         self._nods.clear()

@@ -42,6 +42,8 @@ _Timed = tuple[float, float, str]
 
 FADE_S = 0.15
 """Time over which a change of plan is blended in."""
+MIN_FADE_S = 0.05
+"""Shortest time for what is left of an earlier change when the plan changes again."""
 MOMENTUM_S = 0.15
 """Longest time over which velocity and acceleration fade when speech is cancelled, however long the fade."""
 AHEAD_PHONES = 5
@@ -257,15 +259,22 @@ class StreamingPlanner:
             own -= 1
         return phones[max(own - REACH, 0) :], min(own, REACH)
 
-    def _follow(self, path: hermite.Path, said: Sequence[tuple[Phone, str]], left_over: Array) -> None:
-        """Follow a new path; its difference to the old one at the edge, ``left_over``, fades."""
+    def _follow(self, path: hermite.Path, said: Sequence[tuple[Phone, str]], left_over: Array, share: float) -> None:
+        """Follow a new path; its difference to what is shown at the edge, ``left_over``, fades.
+
+        A difference that was already fading goes on fading in its time; ``share`` of it, 0 to 1, is new.
+        """
         edge, fade_s = self._due or (self.edge_s, FADE_S)
         self._due = None
         self._renew_holds([(phone, contact) for phone, contact in said if contact != "none"], edge)
         if not isfinite(edge):  # nothing shown yet: nothing to keep
             self._plans = [StreamPlan(-np.inf, path, 0.0, 0.0, self._plans[0].left_over)]
             return
-        momentum_s = min(fade_s, MOMENTUM_S, self._plans[-1].shortest_fade_s(edge))
+        last = self._plans[-1]
+        left_s = max(last.start_s + last.fade_s - edge, MIN_FADE_S)
+        if left_s < fade_s:
+            fade_s = left_s + share * (fade_s - left_s)
+        momentum_s = min(fade_s, MOMENTUM_S, last.shortest_fade_s(edge))
         self._plans.append(StreamPlan(edge, path, fade_s, momentum_s, left_over))
         while self._plans[1].start_s < min(edge, self._shown_s):  # plans that are over
             del self._plans[0]
@@ -273,11 +282,15 @@ class StreamingPlanner:
     def _renew_holds(self, contacts: Sequence[tuple[Phone, str]], edge: float) -> None:
         """Renew holds: late bilabials close as soon as they can; holds that have begun stay."""
         before, self._holds = self._holds, {}
-        # a phone of which only the end has changed closes once, not twice
-        begun_keys = {key[::2]: key for key, hold in before.items() if hold.start_s - RAMP_S < edge}
         for phone, contact in contacts:
             key = phone.start_s, phone.end_s, phone.label
-            same = before.pop(key if key in before else begun_keys.get(key[::2], key), None)
+            near = (  # a phone whose times have changed a little closes once, not twice
+                one
+                for one, hold in before.items()
+                if hold.start_s - RAMP_S < edge and hold.contact == contact
+                if one[0] < phone.end_s and one[1] > phone.start_s
+            )
+            same = before.pop(key if key in before else min(near, default=key), None)
             if same is None and phone.end_s <= edge:  # its time is over, and so is what it had to hold
                 continue
             hold: Hold | None = hold_until(same, max(phone.end_s, edge)) if same else hold_of(phone, contact)
@@ -285,7 +298,7 @@ class StreamingPlanner:
                 hold = hold_late(hold, edge)
             if hold:
                 self._holds[key] = hold
-        begun = [hold for hold in before.values() if hold.start_s - RAMP_S < edge]
+        begun = [hold_until(hold, edge) for hold in before.values() if hold.start_s - RAMP_S < edge]
         seen_s = min(edge, self._shown_s) - RAMP_S
         self._kept_holds = [hold for hold in (*self._kept_holds, *begun) if hold.stop_s > seen_s]
 
@@ -334,9 +347,14 @@ def plan_together(planners: Sequence[StreamingPlanner]) -> None:
         while isfinite(edge_s) and planner._plans[-1].start_s >= edge_s:  # never shown
             planner._plans.pop()
     at_s = np.array([edge_s if isfinite(edge_s) else 0.0 for edge_s in edges_s])
-    left_over = jets_at([planner._plans[-1] for planner in planners], at_s) - hermite.jets_at(paths, at_s)
-    for planner, path, said, lacks in zip(planners, paths, keys.said, left_over, strict=True):
-        planner._follow(path, said, lacks)
+    plans = [planner._plans[-1] for planner in planners]
+    new = hermite.jets_at(paths, at_s)
+    changes = hermite.jets_at([plan.path for plan in plans], at_s) - new
+    left_over = jets_at(plans, at_s) - new
+    sizes = [np.abs(jets[:, :2]).sum(axis=2) @ (1.0, FADE_S) for jets in (changes, left_over - changes)]
+    shares = sizes[0] / np.maximum(sizes[0] + sizes[1], 1e-9)
+    for planner, path, said, lacks, share in zip(planners, paths, keys.said, left_over, shares.tolist(), strict=True):
+        planner._follow(path, said, lacks, share)
 
 
 def jets_at(plans: Sequence[StreamPlan], times_s: Array) -> Array:

@@ -371,6 +371,28 @@ def test_a_revision_replaces_what_is_still_to_come():
     assert kinds(face)[-1] == "finished"
 
 
+def test_a_partial_result_replaces_the_phones_from_its_first_on_also_one_that_is_said():
+    def shown(*changes):
+        face = engine()
+        face.apply("anna", Begin(1), 0.0)
+        face.apply("anna", Append(1, 0, (Phone("m", 0.3, 0.4), Phone("ɑ", 0.4, 0.5))), 0.0)
+        seen = [frames(face, 0.0, 0.46)]
+        for number, phones in enumerate(changes, start=1):
+            face.apply("anna", Append(1, 1, phones, number, keeps_earlier=True), 0.45)
+        face.apply("anna", End(1, 1 + len(changes[-1]), 1.2, len(changes)), 0.45)
+        seen.append(frames(face, 0.46, 1.5))
+        assert [event.kind for event in face.events()] == ["started", "finished"]
+        return np.concatenate(seen), face.counters("anna")
+
+    longer = (Phone("ɑ", 0.4, 0.7), Phone("b", 0.7, 0.8))
+    once, counters = shown(longer)
+    twice, _ = shown((Phone("i", 0.4, 0.6), Phone("s", 0.6, 0.9)), longer)
+    assert (once == twice).all()
+    assert opening(once[round(0.6 * RATE_HZ)]) > 100  # the vowel lasts
+    assert opening(once[round(0.65 * RATE_HZ) :]).min() <= 10  # then b
+    assert (counters.late, counters.lost) == (0, 0)
+
+
 def test_a_missing_phone_is_concealed_and_a_late_one_counted():
     face = engine()
     phones = sentence(["a", "o", "m", "a", "a"])
@@ -795,7 +817,7 @@ def test_whatever_a_revision_takes_gaps_lie_between_phones(seed):
             told.add(Append(1, index, (Phone("a", start_s, start_s + 0.1),)))
         if seed % 2 and (gap := told.gap()):
             told.bridge(gap[2])
-        told.revise(revision, chance.uniform(0.2, 0.9))
+        told.revise(Begin(1, revision=revision), chance.uniform(0.2, 0.9))
         found = told.gap()
         if found is not None:
             before, after, between = found

@@ -14,12 +14,13 @@ from fapengine.errors import ResourceError
 from fapengine.host import hearing as module
 from fapengine.host.hearing import DELAY_S, IDLE_S, MAX_WAITING_S, Hearing
 from fapengine.host.hub import Hub
-from fapengine.recognition.protocol import RATE_HZ, RecognizedPhones
+from fapengine.recognition.protocol import RATE_HZ, RecognizedPhones, Recognizer
+from fapengine.recognition.small_recognizer import SmallRecognizer
 from fapengine.recognition.sphinx_recognizer import LOOK_AHEAD_S, SphinxRecognizer
 from fapengine.speech.phone_track import Phone
 from fapengine.trajectory.style import Style
 from tests.english import english
-from tests.unit.recognition.speech import BABY, FAPU_MM, closures, opening_mm, spoken
+from tests.unit.recognition.speech import BABY, FAPU_MM, closures, no_speech, opening_mm, spoken
 
 WORK_S = 0.03
 """What the ear's process and the pipes take."""
@@ -42,7 +43,7 @@ class EarHere:
     is_ready: bool = True
     look_ahead_s: float = LOOK_AHEAD_S
     waiting_s: float = 0.0
-    ear: SphinxRecognizer = field(default_factory=SphinxRecognizer)
+    ear: Recognizer = field(default_factory=SphinxRecognizer)
     told: list[tuple[float, RecognizedPhones]] = field(default_factory=list)
     stream: int = 0
     heard_s: float = 0.0
@@ -58,7 +59,8 @@ class EarHere:
         self.heard_s += len(samples) / rate_hz
         if not self.is_ready:
             self.waiting_s += len(samples) / rate_hz
-        self._tell(RecognizedPhones(self.stream, self.heard_s, tuple(self.ear.push(samples))))
+        phones = tuple(self.ear.push(samples))
+        self._tell(RecognizedPhones(self.stream, self.heard_s, phones, partial=tuple(self.ear.partial)))
 
     def end(self) -> None:
         self._tell(RecognizedPhones(self.stream, self.heard_s, tuple(self.ear.end()), is_over=True))
@@ -79,6 +81,7 @@ class EarHere:
 class Stage:
     """A hub with ears, on the test's clock."""
 
+    recognizer: Callable[[], Recognizer] = SphinxRecognizer
     clock: Clock = field(default_factory=Clock)
     ears: list[EarHere] = field(default_factory=list)
     told: list[tuple[float, Command]] = field(default_factory=list)
@@ -92,7 +95,7 @@ class Stage:
         self.hearing = Hearing(self.hub, max_recognizers=1, opens=self.open)
 
     def open(self, model: Path | None) -> EarHere:
-        self.ears.append(EarHere(self.clock))
+        self.ears.append(EarHere(self.clock, ear=self.recognizer()))
         return self.ears[-1]
 
     def run(self, duration_s: float, gives: Callable[[int], None] = lambda step: None) -> NDArray[np.float64]:
@@ -123,7 +126,7 @@ def piecewise(samples: NDArray[np.int16], take: Callable[[NDArray[np.int16]], ob
     return gives
 
 
-@pytest.mark.parametrize("delay_s", [DELAY_S, 0.3])
+@pytest.mark.parametrize("delay_s", [DELAY_S, 0.1])
 def test_the_delay_is_what_lips_need(monkeypatch: pytest.MonkeyPatch, delay_s: float) -> None:
     speech = spoken("slt", BABY)
     reference = opening_mm(speech.phones, len(speech.samples) / RATE_HZ, 200 / 3)
@@ -163,6 +166,14 @@ def test_speech_in_a_microphones_sound_is_utterances() -> None:
         shut = [heard[round((time_s - 0.08) * rate_hz) : round((time_s + 0.08) * rate_hz)].min() for time_s in at_s]
         assert np.mean(np.array(shut) < 0.5) > 0.7
     assert np.abs(heard[: round(1.5 * rate_hz)]).max() < 0.5  # a microphone that is open says nothing
+
+
+@pytest.mark.parametrize("name", no_speech())
+def test_no_speech_opens_the_lips_of_a_microphones_face(name: str) -> None:
+    stage = Stage(recognizer=SmallRecognizer)
+    sound = no_speech(2.0)[name]
+    gives = piecewise(sound, lambda piece: stage.hearing.listen("anna", piece, RATE_HZ))
+    assert np.abs(stage.run(2.5, gives)).max() < 0.5
 
 
 def test_a_cancel_makes_a_microphone_deaf_to_what_it_has_heard() -> None:

@@ -51,6 +51,24 @@ def test_phones_are_told_behind_the_look_ahead_and_stay(ear: Recognizer) -> None
         assert after.start_s == pytest.approx(before.end_s, abs=1e-9)
 
 
+def test_a_partial_result_goes_on_where_the_final_phones_end(ear: Recognizer) -> None:
+    samples = spoken("slt", POPPIES).samples
+    ear.reset()
+    end_s, ahead_s = 0.0, []
+    for start in range(0, len(samples), 640):
+        for phone in [*ear.push(samples[start : start + 640])]:
+            end_s = phone.end_s
+        track = [end_s, *(phone.end_s for phone in ear.partial)]
+        assert all(
+            phone.start_s == pytest.approx(at_s, abs=1e-9) for phone, at_s in zip(ear.partial, track, strict=False)
+        )
+        assert track[-1] <= (start + 640) / RATE_HZ
+        ahead_s.append((start + 640) / RATE_HZ - track[-1])
+    assert np.median(ahead_s[20:]) < ear.look_ahead_s  # so they are known sooner than the final ones
+    ear.end()
+    assert not ear.partial
+
+
 @settings(max_examples=4)
 @given(size_ms=st.sampled_from([10, 20, 37, 200]), first=st.integers(0, 4000))
 def test_pieces_of_any_length_give_the_same_phones(ear: Recognizer, size_ms: int, first: int) -> None:

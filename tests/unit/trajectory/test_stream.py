@@ -205,6 +205,31 @@ def test_a_closure_that_has_begun_is_finished_though_its_phone_is_revised():
     assert planner.counts.revised == 1
 
 
+def test_a_bilabial_whose_times_change_a_little_while_it_is_shut_closes_once():
+    planner = SingleStream(english())
+    planner.feed([Phone("ɑ", 0.3, 0.6), Phone("b", 0.6, 0.7), Phone("ɑ", 0.7, 1.0)])
+    planner.frames(times_until(0.62))
+    (hold,) = [hold for hold in planner.holds if hold.contact == "lips"]
+    planner.feed([Phone("ɑ", 0.3, 0.59), Phone("p", 0.59, 0.69), Phone("ɑ", 0.69, 1.0)])
+    assert [one for one in planner.holds if one.contact == "lips"] == [hold]
+
+
+def test_a_change_that_fades_goes_on_fading_when_the_same_phones_are_planned_again():
+    def shown(again: bool) -> np.ndarray:
+        planner, values = SingleStream(english()), []
+        planner.feed([Phone("ɑ", 0.3, 0.6)])
+        for time in times_until(0.7):
+            if abs(time - 0.4) < 1e-9:
+                planner.feed([Phone("i", 0.35, 0.6)])
+            if again and time > 0.4:
+                planner.feed([Phone("i", 0.35, 0.6 + 1e-5 * time)])  # only its end changes, and hardly
+            values.append(planner.frames(np.array([time]))[0])
+        return opening(np.array(values))
+
+    changed = np.abs(shown(again=True) - shown(again=False))[round(0.42 * RATE_HZ) :].max()
+    assert changed < 0.1 * shown(again=False).max()
+
+
 def test_a_closure_that_is_over_is_not_made_again_when_what_followed_is_taken_back():
     planner = SingleStream(english())
     said = phones(["b", "ɑ", "s", "z", "ɑ", "s", "ɑ"], 0.1, lead_s=0.1)
