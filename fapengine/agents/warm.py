@@ -57,9 +57,10 @@ def open_face(options: AgentOptions) -> AgentFace:
     """Take a warm face with these options, or open one; raises as :meth:`fapengine.agents.face.AgentFace.open`."""
     with _lock:
         entry = next((one for one in _warm if one[:2] == (os.getpid(), options)), None)
-        if entry is None:
-            return AgentFace.open(options)
-        _warm.remove(entry)
+        if entry is not None:
+            _warm.remove(entry)
+    if entry is None:
+        return AgentFace.open(options)
     Thread(target=_replace, args=(options,), daemon=True).start()
     return entry[2]
 

@@ -102,7 +102,7 @@ class World:
         sender = Sender(("127.0.0.1", self._port))
         name = self._new_name()
         self._ear.frames.clear()
-        for _ in range(SOON // AGAIN):  # a text that the dead one had is lost, and told so
+        for _ in range(SOON // AGAIN):  # the text that the dead one had is spoken by the next
             sender.tell("/fap/1/text", "sss", name, "Mama mama mama.", "")
             if becomes(lambda: max(self._ear.jaw(name), default=0) >= OPEN, AGAIN):
                 break
