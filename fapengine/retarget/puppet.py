@@ -23,9 +23,8 @@ from fapengine._arrays import Array, freeze
 from fapengine.geometry.surface import vertex_normals
 from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import PUPIL_SHARE, Bone, FaceMesh, Material, iris_share
-from fapengine.retarget.arkit import arkit_map
 from fapengine.retarget.blendshape_names import OCULUS, OCULUS_SPELLINGS
-from fapengine.retarget.skeleton import CHEST, FACE, Joint, face_joints, on_body, rest_matrices
+from fapengine.retarget.skeleton import CHEST, FACE, Joint, arkit_shapes, face_joints, on_body, rest_matrices
 from fapengine.retarget.visemes import oculus_map
 
 METRES_PER_MM = 1e-3
@@ -190,10 +189,9 @@ def _displacements(
 @cache
 def _shape_faps() -> dict[str, Array]:
     """(68,) FAPU of each shape at full weight: ARKit's 52, then the visemes in the spelling of avatars."""
-    arkit, oculus = arkit_map(), oculus_map()
+    oculus = oculus_map()
     visemes = {OCULUS_SPELLINGS[name.lower()]: row for name, row in zip(oculus.names, oculus.faps, strict=True)}
-    shapes = dict(zip(arkit.names, arkit.faps, strict=True))
-    return shapes | {f"viseme_{name}": visemes.get(name, np.zeros(68)) for name in OCULUS}
+    return arkit_shapes() | {f"viseme_{name}": visemes.get(name, np.zeros(68)) for name in OCULUS}
 
 
 def _part(mesh: FaceMesh, name: str, rest: Array, moved: Mapping[str, Shape]) -> Part | None:

@@ -39,6 +39,7 @@ from fapengine.retarget.skeleton import BODY, FACE
 from fapengine.retarget.visemes import OCULUS_NAMES, VRM1_NAMES, approximate_presets, approximate_visemes
 from tests.browser.chromium import Browser
 from tests.oracles.scenes import check_with_validator, served
+from tests.processes import start
 
 Array = NDArray[np.float64]
 HEAD, TEXT = "woman", "My mama bought a bomb."
@@ -357,14 +358,16 @@ def closure_frame(performance: Performance, close: Array) -> int:
 
 def _import(place: Path) -> None:
     """Import the project's files by Godot's editor, which does not end by itself."""
-    with subprocess.Popen([*GODOT, "--editor", "--quit", "--path", str(place)], stdout=subprocess.DEVNULL,
-                          stderr=subprocess.DEVNULL, start_new_session=True) as editor:  # fmt: skip
+    silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "start_new_session": True}
+    with start([*GODOT, "--editor", "--quit", "--path", str(place)], **silent) as editor:
         stop_s = time.monotonic() + 300
-        while not list((place / ".import").glob("*.md5")):
-            assert editor.poll() is None, "Godot's editor ended without an import"
-            assert time.monotonic() < stop_s, "Godot's editor does not import"
-            time.sleep(0.5)
-        os.killpg(editor.pid, signal.SIGKILL)
+        try:
+            while not list((place / ".import").glob("*.md5")):
+                assert editor.poll() is None, "Godot's editor ended without an import"
+                assert time.monotonic() < stop_s, "Godot's editor does not import"
+                time.sleep(0.5)
+        finally:
+            os.killpg(editor.pid, signal.SIGKILL)  # xvfb-run, its X server and the editor
 
 
 def check_programs(root: Path) -> None:

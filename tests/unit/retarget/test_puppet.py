@@ -17,13 +17,12 @@ from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import FaceMesh, Material
 from fapengine.mpeg4 import fap
-from fapengine.retarget.arkit import arkit_map
 from fapengine.retarget.blend import ARKIT_NAMES
 from fapengine.retarget.blendshape_names import OCULUS
 from fapengine.retarget.moods import MOODS
 from fapengine.retarget.notice import ICT_COPYRIGHT
 from fapengine.retarget.puppet import EYE_TEXELS, HEAD, JAW, JOINTS, Puppet, eye_texture, make_puppet
-from fapengine.retarget.skeleton import CHEST, EXTRAS, extra_shapes, mood_shapes
+from fapengine.retarget.skeleton import CHEST, EXTRAS, arkit_shapes, extra_shapes, mood_shapes
 from fapengine.retarget.visemes import VRM1_NAMES, presets_to_faps
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -64,7 +63,7 @@ def test_every_shape_is_there(puppet: Puppet) -> None:
 def test_a_shape_moves_the_face_as_its_faps_do(head: FaceMesh, puppet: Puppet, name: str) -> None:
     vertices, _, part = part_of(puppet, "Face")
     rows = rows_of(head, Material.SKIN, Material.LIP)
-    faps = arkit_map().faps[ARKIT_NAMES.index(name)]
+    faps = arkit_shapes()[name]
     shown = 1000 * (vertices + part.shapes[name].moves)
     np.testing.assert_allclose(shown, deform(head, faps)[rows], atol=0.021)  # mm: what is left out as negligible
     assert np.abs(part.shapes[name].moves).max() > 3e-3
@@ -234,7 +233,7 @@ def test_presets_of_a_vrm_move_what_they_stand_for(head: FaceMesh, standing: Pup
     rows = dict(zip(VRM1_NAMES, presets_to_faps(np.eye(len(VRM1_NAMES))), strict=True))
     face = standing.parts[0]
     used = rows_of(head, Material.SKIN, Material.LIP)
-    for name in (*MOODS, "relaxed", "aa", "ih", "ou", "ee", "oh", "blink", "blinkLeft"):
+    for name in (*MOODS, "relaxed", "aa", "ih", "ou", "ee", "oh"):
         shown = face.vertices.astype(np.float64)
         for bind in bound[name]:
             if bind.mesh == 0:
@@ -242,3 +241,11 @@ def test_presets_of_a_vrm_move_what_they_stand_for(head: FaceMesh, standing: Pup
         wanted = (deform(head, rows[name]) - head.vertices_mm)[used] / 1000
         np.testing.assert_allclose(shown - face.vertices, wanted, atol=6e-5, err_msg=name)
         assert np.abs(wanted).max() > 1e-3, name
+
+
+@pytest.mark.parametrize(("name", "lids"), [("eyeBlinkLeft", ("3.1", "3.3")), ("eyeBlinkRight", ("3.2", "3.4"))])
+def test_a_blink_closes_the_eye(head: FaceMesh, name: str, lids: tuple[str, str]) -> None:
+    upper, lower = (head.feature_points[point] for point in lids)
+    shown = deform(head, arkit_shapes()[name])
+    assert abs(shown[upper, 1] - shown[lower, 1]) < 0.3  # mm; 2 by the measured row alone
+    assert head.vertices_mm[upper, 1] - head.vertices_mm[lower, 1] > 8
