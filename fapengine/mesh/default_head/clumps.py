@@ -30,7 +30,7 @@ SHADES = (0.50, 0.85, 1.12, 0.90, 0.55)
 """Shade across a clump: dark where it goes below its neighbours."""
 TAPER_AT, TAPER = (0.0, 0.15, 0.45, 0.75, 0.92, 1.0), (0.62, 0.95, 1.0, 0.78, 0.40, 0.03)
 HANGING_TAPER = (0.5, 0.9, 1.0, 1.0, 0.95, 0.6)
-ARCH, HANGING_ARCH = 0.55, 0.36
+ARCH, HANGING_ARCH, LINING_ARCH = 0.55, 0.36, 0.18
 """Depth of the edges of a clump below its middle, relative to its half width."""
 TOP_MM = 142.5
 """Height of the measured part of the scalp."""
@@ -147,7 +147,8 @@ def _laid(group: _Group, scalp: Scalp, style: HeadStyle, seed: int, detail: floa
         taper, arch = (TAPER[0] * group.fine, *TAPER[1:]), ARCH
     else:
         middle, out = _hung(group, scalp, style, wild, other, steps)
-        taper, arch = (HANGING_TAPER[0] * group.fine, *HANGING_TAPER[1:]), HANGING_ARCH
+        taper = (HANGING_TAPER[0] * group.fine, *HANGING_TAPER[1:])
+        arch = LINING_ARCH if group.is_lining else HANGING_ARCH
     aside = unit_vectors(np.cross(np.gradient(middle, axis=1), out), 1e-6)
     half = 0.5 * group.width_mm * (1 + 0.15 * other)[:, None] * np.interp(np.linspace(0, 1, steps), TAPER_AT, taper)
     across = np.linspace(-1.0, 1.0, wide)
