@@ -79,7 +79,7 @@ def import_head(
     from fapengine.files.pictures import save_png
     from fapengine.speech.plausible import refuse
 
-    sheet = output.with_name(f"{output.name}.png")
+    sheet = output.parent / f"{output.resolve().name}.png"  # also beside "."
     writing.check([*files_in(output, OWNED), sheet], [mesh, points, mapping])
     rig = nearness = None
     if complete and (adapt or is_profile(mesh)):
