@@ -126,6 +126,9 @@ class _Stream:
         self._came = 0
         self._prosody = RunningProsody()
         self._soundings = RunningSoundings()
+        self._looked_at: list[Phone] = []
+        """Phones of the recognizer that may still change, and the same with loudness and stress."""
+        self._partial: tuple[Phone, ...] = ()
         self._resampler: Any = None
         if rate_hz != RATE_HZ:
             from av import AudioResampler
@@ -143,11 +146,11 @@ class _Stream:
         if samples is None:
             phones += self._recognizer.end()
         phones = self._prosody.push(phones, self._soundings.of(phones))
-        partial = [] if samples is None else self._recognizer.partial
-        return RecognizedPhones(
-            self.number, self._came / self._rate_hz, tuple(phones), samples is None,
-            tuple(self._prosody.look(partial, self._soundings.look(partial))),
-        )  # fmt: skip
+        if self._recognizer.partial is not self._looked_at:
+            self._looked_at = self._recognizer.partial
+            self._partial = tuple(self._prosody.look(self._looked_at, self._soundings.look(self._looked_at)))
+        position_s = self._came / self._rate_hz
+        return RecognizedPhones(self.number, position_s, tuple(phones), samples is None, self._partial)
 
     def _resampled(self, samples: NDArray[np.int16] | None) -> list[NDArray[np.int16]]:
         if self._resampler is None:
