@@ -30,7 +30,7 @@ SHADES = (0.50, 0.85, 1.12, 0.90, 0.55)
 """Shade across a clump: dark where it goes below its neighbours."""
 TAPER_AT, TAPER = (0.0, 0.15, 0.45, 0.75, 0.92, 1.0), (0.62, 0.95, 1.0, 0.78, 0.40, 0.03)
 HANGING_TAPER = (0.5, 0.9, 1.0, 1.0, 0.95, 0.6)
-ARCH, HANGING_ARCH, LINING_ARCH = 0.55, 0.36, 0.18
+ARCH, HANGING_ARCH, LINING_ARCH = 0.55, 0.26, 0.20
 """Depth of the edges of a clump below its middle, relative to its half width."""
 TOP_MM = 142.5
 """Height of the measured part of the scalp."""
@@ -102,8 +102,7 @@ def _short_groups() -> list[_Group]:
 
 
 def _hanging_groups(end_mm: float) -> list[_Group]:
-    crown = _line((130, 143.3), (230, 143.3), 5)
-    groups = [_Group(crown, (0, -0.2, -1), (0, -1, 0), 0, 34, (2.5, 6, 6, 5), end_mm=end_mm)]
+    groups = []
     for side in (1.0, -1.0):
         ring = _line((178 * side, 60), (66 * side, 64), 9)
         middle = _line((176 * side, 104), (56 * side, 88), 9)
