@@ -37,8 +37,11 @@ The folders are layers; imports go down only (``pyproject.toml``, import-linter)
 ====  ===============================================  ==========================================================
 """
 
+import os
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
+
+os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # before onnxruntime is imported, by whomever
 
 if TYPE_CHECKING:
     from fapengine.app.face import Face

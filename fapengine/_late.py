@@ -4,7 +4,6 @@ With numpy alone, in a small container or a browser, fapengine plans, encodes an
 reading images need more.
 """
 
-import os
 from importlib import import_module
 from importlib.util import find_spec
 from types import ModuleType
@@ -12,7 +11,6 @@ from typing import Any
 
 from fapengine.errors import ResourceError
 
-os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # before onnxruntime is imported, by whomever
 EXTRAS = {
     **dict.fromkeys(("av", "pillow", "font-source-sans-pro"), '"fapengine[video]"'),
     "aiohttp": '"fapengine[live]"',
