@@ -40,7 +40,7 @@ help:
 	@echo "make release-check  build what would be published, install it into a bare environment and use it there"
 	@echo "make bench  speed, as ratios against named yardsticks"
 	@echo "make soak   use a live server for 30 minutes or MINUTES=n: nothing grows, nothing is left undone"
-	@echo "make oracles  other programs: gltf-validator, three.js, three-vrm, TalkingHead, Blender, Pyodide, Godot, coturn, NATS; Pipecat, LiveKit; axe-core, Firefox; needs Node"
+	@echo "make oracles  other programs: gltf-validator, three.js, three-vrm, TalkingHead, Blender, Pyodide, Godot, coturn, NATS, ExifTool; Pipecat, LiveKit; axe-core, Firefox; needs Node"
 	@echo "make pyodide  the core in WebAssembly writes the bytes that it writes here; needs npm"
 	@echo "make npm    the package fapengine-face for pages of your own: out/fapengine-face-VERSION.tgz; needs npm"
 	@echo "make docs   the documentation as a site: out/site/index.html"
@@ -147,12 +147,12 @@ BUNDLERS := vite@8.3.8 @vitejs/plugin-react@6.3.0 react@19.3.1 react-dom@19.3.1 
 # are tried too, as far as they lie in out/oracles/avatars; Blender (with python3-numpy), coturn, godot3, godot3-server and mono-mcs of Debian, where they are
 # installed. axe-core, TypeScript and, where it is installed, Firefox judge the page and the npm package. Ten minutes.
 oracles:
+	.ci/system-packages $(PYTHON) oracles
 	mkdir -p out/oracles
 	npm install --prefix out/oracles --no-save --no-audit --no-fund rhubarb-lip-sync-wasm@0.1.8 @met4citizen/headaudio@0.1.0 \
 	    gltf-validator@2.0.0-dev.3.10 three@0.187 @pixiv/three-vrm@3.5.5 @met4citizen/talkinghead@1.7.0 axe-core@4.10.3 typescript@5.9.3 $(PYODIDE) $(BUNDLERS)
 	$(BIN)/python -m tests.oracles out/oracles
 	$(BIN)/python -m tests.browser.oracles
-	.ci/system-packages $(PYTHON) oracles
 	$(BIN)/python -m tests.oracles.bus
 	$(PYTHON) -m venv out/oracles/frameworks
 	out/oracles/frameworks/bin/python -m pip install --quiet --upgrade "pip>=25.1"

@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
@@ -160,6 +161,19 @@ def test_every_file_has_a_licence_whose_text_is_here() -> None:
     for row in reuse["annotations"]:
         for pattern in [row["path"]] if isinstance(row["path"], str) else row["path"]:
             assert next(ROOT.glob(pattern.removesuffix("/**")), None), pattern
+
+
+def test_every_picture_and_figure_has_a_command_that_exists() -> None:
+    text = (ROOT / "REPRODUCE.md").read_text()
+    rows = text.split("## ")[1].split("\n|")[3:]
+    named = [name for row in rows for name in re.findall(r"`([^`]+)`", row.split("|")[0])]
+    for name in named:
+        assert next((ROOT / "docs" / "pictures").glob(name), None), name
+    pictures = {path.name for path in (ROOT / "docs" / "pictures").iterdir()}
+    assert {name for name in pictures if not any(fnmatch(name, each) for each in named)} == set()
+    modules = set(re.findall(r"\b(?:design|bench)\.[a-z_]+", text))
+    assert len(modules) >= 15
+    assert [name for name in modules if not (ROOT / f"{name.replace('.', '/')}.py").exists()] == []
 
 
 def test_changelog_keeps_its_form() -> None:

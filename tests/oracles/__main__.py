@@ -5,6 +5,7 @@ from pathlib import Path
 
 from tests.oracles.bare import check_bare_environment
 from tests.oracles.engines import check_receivers
+from tests.oracles.marks import check_with_exiftool
 from tests.oracles.programs import check_programs
 from tests.oracles.pyodide import check_in_pyodide
 from tests.oracles.scenes import check_with_blender, check_with_three, check_with_validator, write_scenes
@@ -19,6 +20,7 @@ def main(root: Path) -> None:
     check_with_validator([path.resolve() for path in paths], modules)
     check_with_three(scenes, modules)
     check_with_blender(scenes)
+    check_with_exiftool()
     check_programs(root)
     check_bare_environment(root)
     check_in_pyodide(root)

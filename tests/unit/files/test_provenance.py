@@ -1,9 +1,6 @@
 """Files say that they are synthetic, as programs of others read it; without the mark they are the same otherwise."""
 
-import json
-import shutil
 import struct
-import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
@@ -117,17 +114,3 @@ def test_the_switch_ends_with_its_block_and_nothing_inside_switches_it_on() -> N
             assert (mark(), xmp()) == ({}, b"")
         assert not mark()
     assert mark() == {"digitalSourceType": SYNTHETIC}
-
-
-@pytest.mark.skipif(not shutil.which("exiftool"), reason="exiftool is not installed")
-def test_exiftool_reads_every_mark(tmp_path: Path) -> None:
-    for suffix in SUFFIXES:
-        film(tmp_path / f"film{suffix}")
-    film(tmp_path / "one.webp", frames=1)
-    save_png(tmp_path / "face.png", FRAMES[0])
-    told = subprocess.run(["exiftool", "-j", str(tmp_path)], capture_output=True, check=True, timeout=60).stdout
-    rows = {Path(row["SourceFile"]).name: row for row in json.loads(told)}
-    read = {name: row.get("DigitalSourceType", row.get("Digitalsourcetype")) for name, row in rows.items()}
-    assert len(read) == len(SUFFIXES) + 2
-    assert set(read.values()) == {SYNTHETIC}
-    assert not any("Warning" in row or "Error" in row for row in rows.values())
