@@ -40,6 +40,8 @@ LOOK_S = 0.5
 """Interval at which a child checks for its parent."""
 BACK_OFF_S = (0.0, 0.5)
 """Times from the first and the second failure in a row to the next start; the third failure is the last."""
+WORK = 50
+"""Pieces of work, such as images, after which a failure is forgotten: 2 s at 25 per second."""
 
 Head = dict[str, Any]
 Message = tuple[Head, bytes]
@@ -231,27 +233,32 @@ class Child:
 class Restarts:
     """When a child that has ended is started again: at once, then later, after three failures in a row never. Stateful.
 
+    A child that ends before it has done :data:`WORK` has failed again, even if it has worked.
+
     Examples
     --------
     >>> restarts = Restarts()
     >>> restarts.failed(), restarts.failed(), restarts.failed()
     (0.0, 0.5, None)
-    >>> restarts.worked()
+    >>> for _ in range(WORK):
+    ...     restarts.worked()
     >>> restarts.failed()
     0.0
     """
 
     def __init__(self) -> None:
-        self._failures = 0
+        self._failures = self._done = 0
 
     def failed(self) -> float | None:
         """Count an end; return the time to the next start, s, or None."""
-        self._failures += 1
+        self._failures, self._done = self._failures + 1, 0
         return BACK_OFF_S[self._failures - 1] if self._failures <= len(BACK_OFF_S) else None
 
     def worked(self) -> None:
-        """Forget the failures: the child has done some work."""
-        self._failures = 0
+        """Count a piece of work."""
+        self._done += 1
+        if self._done >= WORK:
+            self._failures = 0
 
 
 def _checked(message: Message) -> Message:

@@ -34,7 +34,7 @@ class Refused extends Error {}
 class Call {
   constructor(path, on) {
     this.path = path;
-    this.on = on; // { lost(why): once, if the call ends by itself; media(): when media comes }
+    this.on = on; // { lost(why): once, if the call ends by itself; pictures(): while pictures come }
     this.peer = new RTCPeerConnection({ iceServers: [] });
     this.peer.onconnectionstatechange = () => this.peer.connectionState === "failed" && this.fail();
   }
@@ -78,12 +78,15 @@ class Call {
   async look() {
     if (["disconnected", "closed"].includes(this.peer.connectionState)) return this.fail();
     if (this.path !== "whep") return; // nothing comes
-    let count = 0;
-    for (const one of (await this.peer.getStats()).values())
-      if (one.type === "inbound-rtp") count += (one.framesDecoded ?? 0) + (one.packetsReceived ?? 0);
+    let [count, pictures] = [0, 0];
+    for (const one of (await this.peer.getStats()).values()) {
+      if (one.type !== "inbound-rtp") continue;
+      pictures += one.framesDecoded ?? 0;
+      count += one.packetsReceived ?? 0;
+    }
     const now = performance.now();
     if (count !== this.count) {
-      if (count) this.on.media();
+      if (pictures) this.on.pictures();
       this.moved = now;
     } else if (now - this.moved > (count ? SILENT_MS : CONNECT_MS)) return this.fail();
     this.count = count;
@@ -120,7 +123,7 @@ class Line {
 
   // The first call: throws if it cannot be made.
   async dial() {
-    const on = { lost: (why) => this.lost(why), media: () => (this.wait = FIRST_WAIT_MS) };
+    const on = { lost: (why) => this.lost(why), pictures: () => (this.wait = FIRST_WAIT_MS) };
     this.call = new Call(this.path, on);
     try {
       this.prepare(this.call.peer);
@@ -182,7 +185,8 @@ function receive(peer) {
 function play(media) {
   if (!watching || face.srcObject === media) return;
   face.srcObject = media;
-  face.play().catch(() => {
+  face.play().catch(({ name }) => {
+    if (name !== "NotAllowedError") return; // another call came meanwhile
     face.muted = true; // a browser that wants a click first
     face.play();
     show();
@@ -193,8 +197,14 @@ async function call() {
   complain("");
   tell("Calling …");
   const own = (watching = new Line("whep", receive, {
-    lost: () => tell("The connection was lost; calling again …"),
-    answered: () => tell("Answered; the face is being drawn."),
+    lost: (why) => {
+      tell("The connection was lost; calling again …");
+      complain(why);
+    },
+    answered: () => {
+      tell("Answered; the face is being drawn.");
+      complain("");
+    },
     over: hangUp,
   }));
   show();

@@ -112,11 +112,12 @@ class AgentFace:
         ResourceError
             If a process cannot be started.
         """
+        profile = load_profile(Path(options.profile) if "/" in options.profile else options.profile)
+        pronounce = _pronouncer(options.voice)
         recognizer = RecognizerProcess.open() if options.hears else None
         host = StreamHost(
-            load_profile(Path(options.profile) if "/" in options.profile else options.profile),
-            rng=np.random.default_rng(options.seed), style=options.style, recognizer=recognizer,
-            pronounce=_pronouncer(options.voice),
+            profile, rng=np.random.default_rng(options.seed), style=options.style, recognizer=recognizer,
+            pronounce=pronounce,
         )  # fmt: skip
         face = cls(host, options.frame_rate_hz)
         face.recognizer = recognizer
@@ -235,7 +236,10 @@ class AgentFace:
 
     def _supervise(self, now_s: float) -> None:
         """Start a recognizer again that has ended; the host has it once it is ready."""
-        if self.recognizer is None or self.host.hears or now_s < self._retry_s:
+        if self.host.hears:
+            self._restarts.worked()
+            return
+        if self.recognizer is None or now_s < self._retry_s:
             return
         try:
             if self._is_gone:
@@ -252,7 +256,6 @@ class AgentFace:
             self._is_gone, self._retry_s = True, now_s + wait_s
             return
         if self.recognizer.is_ready:
-            self._restarts.worked()
             self.host.listen_with(self.recognizer)
 
     # Images ----------------------------------------------------------------------------------------------------------

@@ -84,6 +84,7 @@ class FaceGenerator(avatar.VideoGenerator):  # type: ignore[misc, unused-ignore]
             await asyncio.sleep(self.face.wait_s(time.monotonic(), LIVEKIT_AHEAD_S))
             now_s = time.monotonic()
             frame, events = self.face.frame(now_s)
+            self._ends_s.extend(now_s + self.face.unplayed_s(now_s) for event in events if event.kind == "finished")
             self.face.show(frame)
             for sound in frame.sounds:
                 data = sound.samples.astype("<i2").tobytes()
@@ -91,7 +92,6 @@ class FaceGenerator(avatar.VideoGenerator):  # type: ignore[misc, unused-ignore]
             picture = await self.face.drawn(self.face.wait_s(time.monotonic(), LIVEKIT_AHEAD_S))
             if picture is not None:
                 yield rtc.VideoFrame(*self._size, rtc.VideoBufferType.RGB24, picture.pixels)
-            self._ends_s.extend(now_s + self.face.unplayed_s(now_s) for event in events if event.kind == "finished")
             while self._ends_s and self._ends_s[0] <= time.monotonic():
                 self._ends_s.popleft()
                 yield avatar.AudioSegmentEnd()

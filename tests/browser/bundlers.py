@@ -87,8 +87,10 @@ def opened(folder: Path) -> Iterator[str]:
     with start(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
         assert process.stdout is not None
         assert process.stdout.readline()  # it listens
-        yield f"http://127.0.0.1:{port}/"
-        process.terminate()
+        try:
+            yield f"http://127.0.0.1:{port}/"
+        finally:
+            process.terminate()
 
 
 async def check_bundlers(modules: Path, package: Path) -> None:

