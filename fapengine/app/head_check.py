@@ -160,7 +160,7 @@ def _judge(heights_mm: Sequence[Mapping[str, float]], labels: Sequence[str]) -> 
     open_lids = [side for side in ("left", "right") if (facts[f"{side}_lid_mm"] or 0.0) > MET_MM]
     remarks += [f"lids: the {side} eye stays {facts[f'{side}_lid_mm']:.1f} mm open in a blink" for side in open_lids]
     if facts["left_lid_mm"] is None and facts["right_lid_mm"] is None:
-        said.append("lids unknown")
+        said.append("lids not measured")
     else:
         said.append("lids stay open" if open_lids else "lids close")
     return SelfTest(", ".join(said), tuple(remarks), facts)
@@ -169,7 +169,7 @@ def _judge(heights_mm: Sequence[Mapping[str, float]], labels: Sequence[str]) -> 
 def _judge_lips(facts: dict[str, float | None]) -> list[str]:
     opening, closed = facts[f"lips_{AH}_mm"], facts[f"lips_{CLOSED}_mm"]
     if opening is None or closed is None:
-        return ["lips unknown"]
+        return ["lips not measured"]
     closes = "close" if closed <= MET_MM else f"stay {closed:.1f} mm open"
     return [
         f"lips open {opening:.0f} mm on {AH} (expected {OPENING_MM[0]:g} to {OPENING_MM[1]:g})",

@@ -71,7 +71,7 @@ def import_head(
 
     from fapengine.app.head_check import draw_sheet, self_test
     from fapengine.cli._printing import print_remarks, print_result, spell_nearness
-    from fapengine.errors import UsageError
+    from fapengine.errors import ResourceError, UsageError
     from fapengine.files.heads.dense import is_profile, load_dense_head
     from fapengine.files.heads.folder import OWNED, save_head
     from fapengine.files.heads.import_file import adapt_head_file, import_head_file
@@ -97,7 +97,12 @@ def import_head(
     if strict:
         refuse(remarks, str(mesh))
     save_head(output, imported.mesh, replace(info, licence=licence or info.licence or "not stated"), rig)
-    save_png(sheet, draw_sheet(imported.mesh))
+    drawn = None
+    try:
+        save_png(sheet, draw_sheet(imported.mesh))
+        drawn = f"{sheet}: rest, phones, blink, joy and gaze"
+    except ResourceError as error:  # a head needs no OpenGL until it is shown
+        remarks = (*remarks, f"contact sheet: not drawn; {error}")
     shapes = f", {len(info.used)} shapes" if info.used else ""
     lines = [
         f"{output}: {len(imported.mesh.vertices_mm)} vertices,"
@@ -116,9 +121,9 @@ def import_head(
     for note in () if as_json else imported.notes:
         typer.echo(f"note: {note}", err=True)
     print_remarks(remarks)
-    lines += [f"{sheet}: rest, phones, blink, joy and gaze", tested.summary]
+    lines += [*filter(None, [drawn]), tested.summary]
     facts = _describe(imported, info, output) | {"remarks": list(remarks)}
-    facts |= {"self_test": tested.facts, "contact_sheet": str(sheet)}
+    facts |= {"self_test": tested.facts, "contact_sheet": str(sheet) if drawn else None}
     facts |= {"nearness": asdict(nearness)} if nearness else {}
     print_result(facts, *lines, as_json=as_json)
 

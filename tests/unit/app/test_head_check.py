@@ -65,7 +65,7 @@ def test_lids_that_stay_open(head: FaceMesh) -> None:
 def test_a_mesh_without_points_says_that_nothing_is_known(head: FaceMesh) -> None:
     tested = self_test(replace(head, feature_points={"2.1": head.feature_points["2.1"]}))
     assert tested.remarks == ()
-    assert tested.summary == "lips unknown, lids unknown"
+    assert tested.summary == "lips not measured, lids not measured"
     assert tested.facts["lips_ɑ_mm"] is None
 
 
@@ -84,7 +84,7 @@ def test_an_avatar_file_is_measured_by_its_own_shapes(tmp_path: Path) -> None:
     assert tested.facts["lips_m_mm"] < 1.0
     assert tested.facts["left_lid_mm"] < 3.0  # a straight way round the ball; 13 mm at rest
     gone = check_avatar(avatar_file(tmp_path / "b.glb", {"jawOpen": "jawOpen"}))
-    assert gone.summary == "lips unknown, lids unknown"  # no lids show where the face is
+    assert gone.summary == "lips not measured, lids not measured"  # no lids show where the face is
 
 
 def test_a_mouth_without_jaw_open_follows_its_vowels(tmp_path: Path) -> None:

@@ -16,9 +16,10 @@ import trimesh
 from PIL import Image
 from typer.testing import CliRunner
 
+from fapengine.app import head_check
 from fapengine.app.head_check import poses
 from fapengine.cli.main import app
-from fapengine.errors import DataError, ProfileError, UnsupportedError, UsageError
+from fapengine.errors import DataError, ProfileError, ResourceError, UnsupportedError, UsageError
 from fapengine.files.heads import meshes
 from fapengine.files.heads.load import load_head, load_head_info, load_levels
 from fapengine.files.heads.meshes import load_neutral, load_rig
@@ -115,7 +116,18 @@ def test_an_import_ends_with_a_test_of_the_head_and_a_sheet(adopted, avatar, tmp
     assert found["contact_sheet"] == f"{head}.png"
     with Image.open(f"{head}.png") as sheet:
         assert min(sheet.size) > 600
-    last = run("head", "import", avatar, "-o", tmp_path / "again").stdout.splitlines()[-1]
+
+
+def test_without_opengl_an_import_has_no_sheet(avatar, tmp_path, monkeypatch):
+    def refuse(*_: object, **__: object) -> None:
+        raise ResourceError("OpenGL: no context (libEGL.so not loaded)")
+
+    monkeypatch.setattr(head_check, "FaceRenderer", refuse)
+    result = run("head", "import", avatar, "-o", tmp_path / "again")
+    last = result.stdout.splitlines()[-1]
+    assert "contact sheet: not drawn; OpenGL: no context" in result.stderr
+    assert load_head_info(str(tmp_path / "again")).source == "avatar.glb"
+    assert not (tmp_path / "again.png").exists()
     assert re.fullmatch(r"lips open \d+ mm on ɑ \(expected 8 to 20\), close on m, lids close", last)
 
 
