@@ -355,7 +355,7 @@ def main() -> None:
         if step % 500 == 0 or done >= 1.0:
             about = {
                 "made_by": "bench/ear_speech.py, bench/ear_train.py, bench/ear_join.py",
-                "licence": "Apache-2.0; data: NOTICE",
+                "licence": "CC-BY-SA-3.0: small_recognizer.npz.license",
                 "steps": step,
                 "earlier_steps": earlier,
                 "seed": options.seed,

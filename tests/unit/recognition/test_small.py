@@ -98,6 +98,12 @@ def test_damaged_weights_are_refused_or_read(at: float, byte: int) -> None:
         read_weights(bytes(data))
 
 
+def test_weights_state_the_licence_of_the_file_beside_them() -> None:
+    with np.load(WEIGHTS) as arrays:
+        stated = json.loads(str(arrays["about"]))["licence"].partition(":")[0]
+    assert f"SPDX-License-Identifier: {stated}" in WEIGHTS.with_suffix(".npz.license").read_text()
+
+
 @pytest.mark.parametrize("part", [0, 10, 1000, -1])
 def test_cut_weights_are_refused(part: int) -> None:
     with pytest.raises(DataError, match="weights"):
