@@ -101,7 +101,7 @@ def test_damaged_weights_are_refused_or_read(at: float, byte: int) -> None:
 def test_weights_state_the_licence_of_the_file_beside_them() -> None:
     with np.load(WEIGHTS) as arrays:
         stated = json.loads(str(arrays["about"]))["licence"].partition(":")[0]
-    assert f"SPDX-License-Identifier: {stated}" in WEIGHTS.with_suffix(".npz.license").read_text()
+    assert WEIGHTS.with_suffix(".npz.license").read_text().splitlines()[-1].endswith(f": {stated}")
 
 
 @pytest.mark.parametrize("part", [0, 10, 1000, -1])
