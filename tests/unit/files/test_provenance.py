@@ -47,6 +47,16 @@ def as_boxes(path: Path) -> str:
     return ""
 
 
+def as_blocks(path: Path) -> str:
+    """Skip the extension of a GIF as a decoder does that does not know it (GIF89a, 26): the trailer follows."""
+    data = path.read_bytes()
+    start = at = data.index(b"\x21\xff\x0bXMP DataXMP") + 14
+    while data[at]:
+        at += 1 + data[at]
+    assert data[at:] == b"\0\x3b"
+    return source_of(data[start:at])
+
+
 def as_pillow_reads(path: Path) -> str:
     with Image.open(path) as image:
         image.load()
@@ -61,7 +71,7 @@ def source_of(packet: bytes | tuple[bytes, int]) -> str:
 
 READERS: dict[str, Callable[[Path], str]] = {
     ".mp4": as_boxes, ".mov": as_boxes, ".webm": as_av_reads, ".mkv": as_av_reads, ".webp": as_pillow_reads,
-    ".gif": lambda path: source_of(path.read_bytes()),
+    ".gif": as_blocks,
 }  # fmt: skip
 
 
