@@ -24,7 +24,7 @@ from fapengine.mpeg4.track import FapTrack
 from fapengine.recognition.protocol import Recognizer
 from fapengine.recognition.small_recognizer import SmallRecognizer
 from fapengine.recognition.sphinx_recognizer import SphinxRecognizer
-from fapengine.render.drawing import Drawing, parse_edges
+from fapengine.render.drawing import RenderOptions, parse_edges
 from fapengine.render.renderer import FaceRenderer
 from fapengine.speech.marks import words_of
 from fapengine.voices.espeak import EspeakVoice
@@ -112,7 +112,7 @@ def measured() -> dict[str, float]:
     for name, ear in ears.items():
         costs[name] = max(_cpu_s(partial(by_ear, ear), length_s) - costs["stage, alone"], 0.0)
     count = len(frames)
-    track = FapTrack.of(np.array(frames), rate_hz=RATE_HZ)
+    track = FapTrack.from_values(np.array(frames), rate_hz=RATE_HZ)
     costs["FAPs as OSC"] = _cpu_s(lambda: encode_track(track, session="a"), count / RATE_HZ)
     return costs | _pictures(frames)
 
@@ -122,8 +122,8 @@ def _pictures(frames: list[np.ndarray]) -> dict[str, float]:
     size: tuple[int, int] = (SIDE_PX, SIDE_PX)
     listening: list[bytes] = []
     head = load_head_for_calls("default", size)
-    hard = Drawing(size=size, samples=parse_edges("none"))
-    with FaceRenderer(head, Drawing(size=size)) as renderer, FaceRenderer(head, hard) as other:
+    hard = RenderOptions(size=size, samples=parse_edges("none"))
+    with FaceRenderer(head, RenderOptions(size=size)) as renderer, FaceRenderer(head, hard) as other:
         pictures = [renderer.draw(faps).copy() for faps in frames[:DRAWN]]
         works: dict[str, Callable[[], object]] = {
             "drawing": lambda: [renderer.draw(faps).tobytes() for faps in frames[:DRAWN]],

@@ -23,7 +23,7 @@ from fapengine.files.profiles import load_profile
 from fapengine.host.listeners import Spoken
 from fapengine.mesh.default_head.head import build_head
 from fapengine.server.calls.tracks import VIDEO_HZ, FilmTracks
-from fapengine.server.config import CallChoice, Listen, ServeConfig
+from fapengine.server.config import CallChoice, Listen, ServerConfig
 from fapengine.server.film.soundtrack import RATE_HZ
 from fapengine.server.server import Server
 from fapengine.trajectory.style import Style
@@ -118,8 +118,10 @@ class Seen:
 async def call(text: str, size: int = SIZE_PX, rate_hz: float = 30.0) -> Seen:
     """Call a server of one's own, let it speak, and hang up."""
     number_pictures()
-    config = ServeConfig(
-        listen=Listen(port=0, web_port=0), style=Style.still(), calls=CallChoice(on=True, size=size, rate_hz=rate_hz)
+    config = ServerConfig(
+        listen=Listen(port=0, web_port=0),
+        style=Style.speech_only(),
+        calls=CallChoice(on=True, size=size, rate_hz=rate_hz),
     )
     server = Server(config, load_profile("grid_s1_en"), build_head())
     await server.start()

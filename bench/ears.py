@@ -112,7 +112,7 @@ class Streamed:
     def __call__(self, speech: Spoken) -> PhoneTrack:
         """Hear a sentence."""
         self._ear.reset()
-        return PhoneTrack.of(self._ear.push(speech.samples) + self._ear.end())
+        return PhoneTrack.from_phones(self._ear.push(speech.samples) + self._ear.end())
 
 
 EARS: dict[str, Callable[[Spoken], PhoneTrack]] = {
@@ -225,7 +225,7 @@ def filmed_clips(folder: Path) -> list[Clip]:
             for n, label in zip(mine, data["phone"][mine].tolist(), strict=True)
         ]  # fmt: skip
         samples, _ = load_sound(folder / f"{name}.flac", rate_hz=RATE_HZ)
-        clips.append(Clip(Spoken(text, samples, PhoneTrack.of(phones, tolerance_s=0.01)), opening, FILMED_HZ))
+        clips.append(Clip(Spoken(text, samples, PhoneTrack.from_phones(phones, tolerance_s=0.01)), opening, FILMED_HZ))
     return clips
 
 

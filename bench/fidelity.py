@@ -128,7 +128,7 @@ def _corpus(data: Mapping[str, Array]) -> Corpus:
             name = SILENCE if label.lower() in SILENCES else to_ipa(label, "arpabet")[0]
             start_s, end_s = float(data["phone_start"][n]), float(data["phone_end"][n])
             phones.append(Phone(name, start_s, end_s, word=word_at(words, (start_s + end_s) / 2)))
-        track = PhoneTrack.of(phones, tolerance_s=0.01)
+        track = PhoneTrack.from_phones(phones, tolerance_s=0.01)
         spoken = [phone for phone in track.phones if not phone.is_silence]
         if not spoken:
             continue

@@ -47,7 +47,7 @@ def make_session(folder: Path, takes: int, frames: int, markers: int) -> None:
     for index in range(takes):
         edges = np.linspace(0.2, frames / RATE_HZ - 0.2, max(3, frames // 3))
         phones = [Phone(str(rng.choice(spoken)), a, b) for a, b in pairwise(edges)]
-        track = PhoneTrack.of(
+        track = PhoneTrack.from_phones(
             [Phone("_", 0.0, 0.2), *phones, Phone("_", edges[-1], frames / RATE_HZ)], tolerance_s=1e-6
         )
         moved = profile.space.to_points_mm(weights_of(track, profile, np.arange(frames) / RATE_HZ, context=False))

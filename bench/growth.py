@@ -52,7 +52,7 @@ def track(frames: int) -> FapTrack:
     """FAPs that move."""
     values = np.zeros((frames, 68), np.int32)
     values[:, 2:14] = (100 * np.abs(np.sin(np.arange(frames) / 5)))[:, None]
-    return FapTrack.of(values, rate_hz=30.0)
+    return FapTrack.from_values(values, rate_hz=30.0)
 
 
 def markers(frames: int) -> MarkerTrack:

@@ -65,7 +65,7 @@ def main() -> None:
     phones = fapengine.speak(TEXT).phones
     counts = [count(phones, seed) for seed in range(options.seeds)]
     found = {name: [getattr(one, name) for one in counts] for name in Counts.__slots__}
-    silence = PhoneTrack.of([Phone("_", 0.0, 600.0)])
+    silence = PhoneTrack.from_phones([Phone("_", 0.0, 600.0)])
     silent = [len(blinks(lived(silence, seed))) / 10 for seed in range(3)]
     figures = {**found, "silent_blinks_per_min": silent}
     if options.json:

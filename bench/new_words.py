@@ -64,7 +64,7 @@ def only_words(clip: Clip, words: frozenset[str], rate_hz: float) -> Clip | None
     phones = [
         phone for phone in clip.phones.phones if any(word.start_s <= middle(phone) <= word.end_s for word in mine)
     ]
-    return replace(clip, spoken=shown, phones=PhoneTrack.of(phones, tolerance_s=0.01)) if shown.any() else None
+    return replace(clip, spoken=shown, phones=PhoneTrack.from_phones(phones, tolerance_s=0.01)) if shown.any() else None
 
 
 def middle(phone: Phone) -> float:

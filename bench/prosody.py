@@ -56,7 +56,7 @@ def parts_of(voice: str, text: str) -> tuple[np.ndarray, PhoneTrack, float]:
         for n in range(len(PARTS_DB))
         for phone in said
     ]
-    return sound, PhoneTrack.of(phones, tolerance_s=0.02), length_s
+    return sound, PhoneTrack.from_phones(phones, tolerance_s=0.02), length_s
 
 
 def without_prosody(phones: PhoneTrack) -> PhoneTrack:

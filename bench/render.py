@@ -51,7 +51,7 @@ from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.render.context import create_context
-from fapengine.render.drawing import DEFAULT_DRAWING, Drawing
+from fapengine.render.drawing import DEFAULT_RENDER_OPTIONS, RenderOptions
 from fapengine.render.renderer import FaceRenderer
 
 PEER_FILE = Path(__file__).with_name("render_peers.py")
@@ -59,7 +59,7 @@ START_LIMIT_S, ROUND_LIMIT_S, END_LIMIT_S = 90.0, 60.0, 5.0
 SLICE_S = 0.15
 """How long a contender draws in a round."""
 HD, FULL_HD = (1280, 720), (1920, 1080)
-REFERENCE_DRAWING = DEFAULT_DRAWING
+REFERENCE_DRAWING = DEFAULT_RENDER_OPTIONS
 """Drawing of the verbs, where nothing else is asked."""
 PARTS = {
     "without a painting": "its texture",
@@ -145,7 +145,7 @@ class Case:
     """One of ours."""
 
     mesh: FaceMesh
-    drawing: Drawing = REFERENCE_DRAWING
+    drawing: RenderOptions = REFERENCE_DRAWING
 
     @property
     def is_usual(self) -> bool:

@@ -80,7 +80,10 @@ SETS: dict[str, tuple[Callable[[Array], Array], Callable[[Array], Array]]] = {
     "plain": (lambda faps: arkit_map().approximate_weights(faps), arkit_to_faps),
     "oculus": (approximate_visemes, visemes_to_faps),
     "vrm0": (approximate_presets, presets_to_faps),
-    "mpeg4": (lambda faps: fractions_of(as_visemes(FapTrack.of(to_codable(faps), rate_hz=RATE_HZ))), fractions_to_faps),
+    "mpeg4": (
+        lambda faps: fractions_of(as_visemes(FapTrack.from_values(to_codable(faps), rate_hz=RATE_HZ))),
+        fractions_to_faps,
+    ),
 }
 FOLLOWERS: dict[str, Callable[[], ArkitFollower | VisemeFollower | PresetFollower]] = {
     "arkit": ArkitFollower, "oculus": VisemeFollower, "vrm0": PresetFollower,
@@ -178,7 +181,7 @@ def of_a_set(name: str, sentences: list[Array]) -> dict[str, float]:
     weights = [there(faps) for faps in sentences]
     row = {"frame_us": (time.process_time() - begin) / count * 1e6, "largest_step": largest_step(name, weights)}
     pairs = [
-        tuple(mouth_of(FapTrack.of(to_codable(values), rate_hz=RATE_HZ)) for values in (back(found), faps))
+        tuple(mouth_of(FapTrack.from_values(to_codable(values), rate_hz=RATE_HZ)) for values in (back(found), faps))
         for found, faps in zip(weights, sentences, strict=True)
     ]
     closures = [closures_of_truth(shown, wanted) for shown, wanted in pairs]

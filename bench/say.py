@@ -26,7 +26,7 @@ from fapengine.app.talk import write_talk
 from fapengine.files.sound import load_sound
 from fapengine.mesh.default_head.head import build_head
 from fapengine.render.context import create_context
-from fapengine.render.drawing import Drawing
+from fapengine.render.drawing import RenderOptions
 from fapengine.render.renderer import FaceRenderer
 from fapengine.voices.espeak import EspeakVoice
 
@@ -78,7 +78,7 @@ def whole_job(text: str) -> Report:
 def drawing() -> dict[str, float]:
     """Milliseconds a frame: drawing the head, and the yardstick, an empty picture of that size."""
     frames = np.random.default_rng(1).normal(0, 80, (60, 68))
-    with FaceRenderer(build_head(), Drawing(samples=0)) as renderer:
+    with FaceRenderer(build_head(), RenderOptions(samples=0)) as renderer:
         ours = min(_seconds(lambda: list(renderer.frames(frames))) for _ in range(ROUNDS)) / len(frames)
     with create_context() as context:
         target: moderngl.Framebuffer = context.framebuffer([context.texture((512, 512), 4)])

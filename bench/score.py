@@ -33,7 +33,7 @@ def main() -> None:
     scores: dict[str, list[Score]] = {"filmed": [], "planned": [], "planned against filmed": []}
     for clip in corpus.clips[:: options.every]:
         faps = displacements_to_faps(clip.points, NAMES, fapu)
-        filmed = mouth_of(FapTrack.of(np.round(faps).astype(int), rate_hz=corpus.rate_hz))
+        filmed = mouth_of(FapTrack.from_values(np.round(faps).astype(int), rate_hz=corpus.rate_hz))
         planned = mouth_of(fapengine.animate(clip.phones, rate_hz=corpus.rate_hz).track)
         scores["filmed"].append(score_mouth(filmed, phones=clip.phones))
         scores["planned"].append(score_mouth(planned, phones=clip.phones))

@@ -53,4 +53,4 @@ def talking_face(frames: int, *, seed: int = 777, rate_hz: float = 25.0) -> FapT
     for number in (14, 15, 16, 17, 18, 39, 40, 41, 42, 43, 44, 45, 46, 61, 62, 63, 64):
         values[:, fap.column(number)] = syllables(-40, 40)
     at_frames = (np.arange(frames) / rate_hz * fine).astype(int)
-    return FapTrack.of(np.round(values[at_frames]).astype(np.int64), rate_hz=rate_hz)
+    return FapTrack.from_values(np.round(values[at_frames]).astype(np.int64), rate_hz=rate_hz)

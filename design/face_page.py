@@ -31,7 +31,7 @@ from fapengine.mesh.rig.import_head import import_head
 from fapengine.mpeg4 import fap
 from fapengine.profiles import Profile
 from fapengine.render.camera import Camera, preset
-from fapengine.render.drawing import Drawing
+from fapengine.render.drawing import RenderOptions
 from fapengine.render.renderer import FaceRenderer
 from fapengine.trajectory.closures import close_lips
 from fapengine.trajectory.expression import expression_faps
@@ -82,7 +82,7 @@ def pose(profile: Profile, name: str) -> NDArray[np.float64]:
 
 
 def draw(head: FaceMesh, faps: Sequence[NDArray[np.float64]], camera: Camera, size: int) -> list[NDArray[np.uint8]]:
-    with FaceRenderer(head, Drawing(size=(size, size), camera=camera)) as renderer:
+    with FaceRenderer(head, RenderOptions(size=(size, size), camera=camera)) as renderer:
         return list(renderer.frames(faps))
 
 
@@ -142,7 +142,7 @@ def real_face(standard: FaceMesh) -> FaceMesh:
 def main() -> None:
     profile, head, still = load_profile("grid_s1_en"), build_head(), np.zeros(fap.FAP_COUNT)
     views = {name: draw(head, [still], preset(name), 400)[0] for name in ("front", "three-quarter", "profile")}
-    with FaceRenderer(head, Drawing(size=(400, 400), wire=True)) as renderer:
+    with FaceRenderer(head, RenderOptions(size=(400, 400), wire=True)) as renderer:
         views[f"{len(head.vertices_mm)} vertices"] = renderer.draw(still)
     sheet("face-views", views, 2)
     visemes = draw(head, [pose(profile, name) for name in VISEMES], CLOSE, 260)

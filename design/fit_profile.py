@@ -204,7 +204,7 @@ def spoken(speech, clip) -> PhoneTrack:
         said = (start_s + end_s) / 2
         word = words[(speech["word_start"][words] <= said) & (said <= speech["word_end"][words])]
         phones.append(Phone(name, start_s, end_s, word=str(speech["word"][word[0]]) if len(word) else ""))
-    return PhoneTrack.of(phones, tolerance_s=0.01)
+    return PhoneTrack.from_phones(phones, tolerance_s=0.01)
 
 
 def learn_context(space, points, speech, clips, known):

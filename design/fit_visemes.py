@@ -140,8 +140,8 @@ def spoken(profile: Profile, labels: list[str], phone_s: float) -> tuple[np.ndar
     phones = [Phone(label, 0.3 + phone_s * n, 0.3 + phone_s * (n + 1)) for n, label in enumerate(labels)]
     phones.append(Phone("_", phones[-1].end_s, phones[-1].end_s + 0.4))
     track = plan(
-        PhoneTrack.of(phones), profile, rng=np.random.default_rng(0), rate_hz=RATE_HZ,
-        style=Style.still(method="context"),
+        PhoneTrack.from_phones(phones), profile, rng=np.random.default_rng(0), rate_hz=RATE_HZ,
+        style=Style.speech_only(method="context"),
     ).track  # fmt: skip
     return track.values.astype(float), phones[:-1]
 

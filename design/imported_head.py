@@ -24,7 +24,7 @@ from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import to_codable
 from fapengine.render.camera import preset
-from fapengine.render.drawing import Drawing
+from fapengine.render.drawing import RenderOptions
 from fapengine.render.renderer import FaceRenderer
 
 PICTURE = Path(__file__).resolve().parent.parent / "docs" / "pictures" / "imported.jpg"
@@ -53,9 +53,9 @@ def main(data: Path) -> None:
     blink = np.zeros(fap.FAP_COUNT)
     blink[[fap.column(19), fap.column(20)]] = 1024
     frames = to_codable(np.concatenate([rows[chosen], blink[None]]))
-    with FaceRenderer(mesh, Drawing(size=(300, 300))) as renderer:
+    with FaceRenderer(mesh, RenderOptions(size=(300, 300))) as renderer:
         pictures = list(renderer.frames(frames))
-    with FaceRenderer(mesh, Drawing(size=(300, 300), camera=preset("three-quarter"))) as renderer:
+    with FaceRenderer(mesh, RenderOptions(size=(300, 300), camera=preset("three-quarter"))) as renderer:
         pictures.append(renderer.draw(frames[SHOWN.index("joy")]))
     names = [*((name, labels[index][1]) for name, index in zip(SHOWN, chosen, strict=True)), ("blink", ""), ("joy", "")]
     sheet = contact_sheet(pictures, names, title="ICT-FaceKit's face, moved by FAPs")
@@ -83,7 +83,7 @@ def spell(vertices_mm: np.ndarray) -> str:
 def rate(mesh: FaceMesh) -> float:
     """Frames a second, every FAP moving a little."""
     faps = np.random.default_rng(0).normal(0, 40, (FRAMES, fap.FAP_COUNT))
-    with FaceRenderer(mesh, Drawing(samples=0)) as renderer:
+    with FaceRenderer(mesh, RenderOptions(samples=0)) as renderer:
         list(renderer.frames(faps[:8]))
         start = time.perf_counter()
         count = len(list(renderer.frames(faps)))

@@ -18,7 +18,7 @@ from fapengine.files.pictures import contact_sheet
 from fapengine.files.profiles import load_profile
 from fapengine.mesh.default_head.head import build_head
 from fapengine.render.camera import Camera
-from fapengine.render.drawing import Drawing
+from fapengine.render.drawing import RenderOptions
 from fapengine.render.renderer import FaceRenderer
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.trajectory.planner import plan
@@ -47,10 +47,10 @@ def pose(*labels: str, at: int = 0) -> NDArray[np.int32]:
     each_s = 0.4 if len(labels) == 1 else 0.12
     edges = [0.3 + each_s * index for index in range(len(labels) + 1)]
     spoken = [Phone(label, *span) for label, span in zip(labels, pairwise(edges), strict=True)]
-    track = PhoneTrack.of([Phone(SILENCE, 0.0, 0.3), *spoken, Phone(SILENCE, edges[-1], edges[-1] + 0.3)])
+    track = PhoneTrack.from_phones([Phone(SILENCE, 0.0, 0.3), *spoken, Phone(SILENCE, edges[-1], edges[-1] + 0.3)])
     profile = load_profile("grid_s1_en")
     rng = np.random.default_rng(0)
-    return plan(track, profile, rng=rng, rate_hz=100.0, style=Style.still()).track.values[
+    return plan(track, profile, rng=rng, rate_hz=100.0, style=Style.speech_only()).track.values[
         round(100 * (edges[at] + each_s / 2))
     ]
 
@@ -61,7 +61,7 @@ def main() -> None:
     poses = [pose(label) for label in PHONES]
     head, seen = build_head(), []
     for camera in VIEWS:
-        with FaceRenderer(head, Drawing(size=TILE, camera=camera, samples=4)) as renderer:
+        with FaceRenderer(head, RenderOptions(size=TILE, camera=camera, samples=4)) as renderer:
             seen.append([renderer.draw(row)[..., :3].copy() for row in poses])
     frames = [np.hstack(both) for both in zip(*seen, strict=True)]
     labels = [("rest" if label == SILENCE else label, note) for label, note in PHONES.items()]

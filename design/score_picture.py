@@ -27,7 +27,7 @@ def main() -> None:
     spoken = fapengine.speak(SENTENCE, rate_hz=RATE_HZ)
     cues = format_rhubarb(cues_of_phones(spoken.phones, duration_s=spoken.duration_s), ".json")
     shaped = fapengine.animate(parse_timings(cues), rate_hz=RATE_HZ).track.values
-    late = FapTrack.of(
+    late = FapTrack.from_values(
         np.concatenate([np.repeat(shaped[:1], LATE_FRAMES, axis=0), shaped[:-LATE_FRAMES]]), rate_hz=RATE_HZ
     )
     made, truth = mouth_of(late), mouth_of(spoken.track)

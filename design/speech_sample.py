@@ -144,7 +144,7 @@ def to_track(phones: list[tuple[str, float, float]]) -> PhoneTrack:
         Phone(SILENCE if label.lower() in SILENCES else to_ipa(label, "arpabet")[0], start, end)
         for label, start, end in phones
     ]
-    return PhoneTrack.of(spelled, tolerance_s=0.01)
+    return PhoneTrack.from_phones(spelled, tolerance_s=0.01)
 
 
 def plan_scores(track: PhoneTrack, profile: Profile) -> Array:

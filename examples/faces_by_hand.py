@@ -8,6 +8,6 @@ surprise = fapengine.FapTrack.pose(
     raise_l_m_eyebrow=200, raise_r_m_eyebrow=200, raise_l_o_eyebrow=150, raise_r_o_eyebrow=150,
     close_t_l_eyelid=-200, close_t_r_eyelid=-200,
 )  # fmt: skip
-drawing = fapengine.Drawing.parse(camera="three-quarter", background="none")
+drawing = fapengine.RenderOptions.parse(camera="three-quarter", background="none")
 fapengine.save(surprise, "out/surprise.png", drawing=drawing)
 print("see out/surprise.png")

@@ -9,9 +9,9 @@ with fapengine.Face(rate_hz=50.0) as face:  # without a sound card it keeps time
     frames, off_ms = [], [0.0]
     for faps in face.frames():  # each when it is due; in a loop of your own: face.frame()
         frames.append(faps)
-        off_ms.append(1000 * abs(face.off_s or 0.0))
+        off_ms.append(1000 * abs(face.sync_error_s or 0.0))
     device = face.sound
 
-track = fapengine.FapTrack.of(np.array(frames), rate_hz=50.0)
+track = fapengine.FapTrack.from_values(np.array(frames), rate_hz=50.0)
 fapengine.save(track, "out/hello_visemes.csv", shapes="oculus")
 print(f"{device}: {len(track)} frames, at most {max(off_ms):.1f} ms from the sound: out/hello_visemes.csv")

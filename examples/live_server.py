@@ -16,7 +16,7 @@ receiver.setblocking(False)
 
 async def main() -> None:
     """Let the server speak, and save what it shows."""
-    config = fapengine.ServeConfig(sinks=(f"fba://127.0.0.1:{receiver.getsockname()[1]}",))
+    config = fapengine.ServerConfig(sinks=(f"fba://127.0.0.1:{receiver.getsockname()[1]}",))
     config = replace(config, listen=replace(config.listen, port=0, web_port=None))
     server = fapengine.Server(config)
     await server.start()
@@ -27,7 +27,7 @@ async def main() -> None:
         frames += decoder.feed(await asyncio.get_running_loop().sock_recv(receiver, 65536))
     server.stop()
     await running
-    track = fapengine.FapTrack.of(np.array([frame.values for frame in frames]), rate_hz=config.face.rate_hz)
+    track = fapengine.FapTrack.from_values(np.array([frame.values for frame in frames]), rate_hz=config.face.rate_hz)
     print(f"{len(track)} frames: {fapengine.save(track, 'out/live.fap')}")
 
 

@@ -16,7 +16,7 @@ speech = fapengine.speak("My mother made marmalade.").speech
 
 async def main() -> None:
     """Play the microphone: 20 ms of a voice every 20 ms, and save what the server shows."""
-    config = fapengine.ServeConfig(sinks=(f"fba://127.0.0.1:{receiver.getsockname()[1]}",))
+    config = fapengine.ServerConfig(sinks=(f"fba://127.0.0.1:{receiver.getsockname()[1]}",))
     server = fapengine.Server(replace(config, listen=replace(config.listen, port=0, web_port=None)))
     await server.start()
     running = asyncio.create_task(server.run())
@@ -24,14 +24,14 @@ async def main() -> None:
     running.get_loop().add_reader(receiver, lambda: frames.extend(decoder.feed(receiver.recv(65536))))
     with fapengine.Client(*server.osc_address, session="anna") as face:
         for piece in np.array_split(speech.samples, round(speech.duration_s / 0.02)):
-            number = face.sound(piece, speech.sample_rate_hz, utterance=number)
+            number = face.send_audio(piece, speech.sample_rate_hz, utterance=number)
             await asyncio.sleep(0.02)
         face.end(number)
         while not any(event.kind == "finished" for event in face.events()):
             await asyncio.sleep(0.02)
     server.stop()
     await running
-    track = fapengine.FapTrack.of(np.array([frame.values for frame in frames]), rate_hz=config.face.rate_hz)
+    track = fapengine.FapTrack.from_values(np.array([frame.values for frame in frames]), rate_hz=config.face.rate_hz)
     print(f"{len(track)} frames: {fapengine.save(track, 'out/heard.fap')}")
 
 

@@ -59,8 +59,8 @@ if TYPE_CHECKING:
     from fapengine.mesh.face_mesh import FaceMesh as Head
     from fapengine.mpeg4.track import FapTrack
     from fapengine.profiles import Profile
-    from fapengine.render.drawing import Drawing
-    from fapengine.server.config import ServeConfig
+    from fapengine.render.drawing import RenderOptions
+    from fapengine.server.config import ServerConfig
     from fapengine.server.server import Server
     from fapengine.speech.phone_track import Phone, PhoneTrack
     from fapengine.trajectory.expression import Mood
@@ -74,7 +74,6 @@ __all__ = [
     "Client",
     "DataError",
     "Decoder",
-    "Drawing",
     "Encoder",
     "EncoderOptions",
     "Expression",
@@ -88,9 +87,10 @@ __all__ = [
     "Phone",
     "PhoneTrack",
     "Profile",
+    "RenderOptions",
     "ResourceError",
-    "ServeConfig",
     "Server",
+    "ServerConfig",
     "Speech",
     "Style",
     "UsageError",
@@ -108,7 +108,7 @@ __all__ = [
 ]
 
 _MODULES = {
-    "render.drawing": ("Drawing",),
+    "render.drawing": ("RenderOptions",),
     "app.face": ("Face",),
     "app.heads": ("load_head",),
     "app.motion": ("frames", "load", "save", "weights"),
@@ -119,7 +119,7 @@ _MODULES = {
     "errors": ("DataError", "FapEngineError", "ResourceError", "UsageError"),
     "files.profiles": ("load_profile",),
     "clients.sender": ("Client",),
-    "server.config": ("ServeConfig",),
+    "server.config": ("ServerConfig",),
     "server.server": ("Server",),
     "mesh.default_head.style": ("HeadStyle",),
     "mesh.face_mesh": ("Head",),

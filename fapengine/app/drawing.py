@@ -12,15 +12,15 @@ from fapengine.mesh.deform import Pose
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mpeg4.track import FapTrack
 from fapengine.render.camera import turned
-from fapengine.render.drawing import DEFAULT_DRAWING, Drawing, Picture
+from fapengine.render.drawing import DEFAULT_RENDER_OPTIONS, Picture, RenderOptions
 
 if TYPE_CHECKING:
     from fapengine.render.renderer import CrowdRenderer
 
 
-def resized(drawing: Drawing | None, size: tuple[int, int] | None) -> Drawing:
+def resized(drawing: RenderOptions | None, size: tuple[int, int] | None) -> RenderOptions:
     """Return drawing options, by default the standard ones, with another image size if given."""
-    drawing = drawing or DEFAULT_DRAWING
+    drawing = drawing or DEFAULT_RENDER_OPTIONS
     return drawing if size is None else replace(drawing, size=size)
 
 
@@ -39,7 +39,7 @@ def side_by_side(tracks: Sequence[FapTrack]) -> tuple[float, NDArray[np.int32]]:
     rate_hz : float
     rows : (T, tracks, 68) int32, FAPU
     """
-    columns = [track.even_values() for track in tracks]
+    columns = [track.filled_values() for track in tracks]
     rate_hz, shown = on_one_axis(list(map(len, columns)), [track.rate_hz for track in tracks])
     return rate_hz, np.stack([column[rows] for column, rows in zip(columns, shown, strict=True)], axis=1)
 
@@ -68,13 +68,13 @@ def crowd_columns(faces: int) -> int:
     return faces if faces <= 4 else -(-faces // round(faces**0.5))
 
 
-def crowd_size(drawing: Drawing, faces: int) -> tuple[int, int]:
+def crowd_size(drawing: RenderOptions, faces: int) -> tuple[int, int]:
     """Width and height, in pixels, of the image of all faces."""
     columns = crowd_columns(faces)
     return columns * drawing.size[0], -(-faces // columns) * drawing.size[1]
 
 
-def open_crowd(meshes: Sequence[FaceMesh], drawing: Drawing) -> "CrowdRenderer":
+def open_crowd(meshes: Sequence[FaceMesh], drawing: RenderOptions) -> "CrowdRenderer":
     """Create the renderer for several faces; the size in ``drawing`` is that of one face.
 
     Raises

@@ -36,7 +36,7 @@ from fapengine.mesh.default_head.style import MEASURED
 from fapengine.mesh.deform import Pose
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.profiles import Profile
-from fapengine.render.drawing import Drawing
+from fapengine.render.drawing import RenderOptions
 from fapengine.speaking import DEFAULT_PROFILE
 from fapengine.trajectory.closures import close_lips
 
@@ -212,7 +212,7 @@ def _split(moved: list[Array], where: str) -> tuple[list[Array], Array]:
     return learned, driven
 
 
-def run_drive(job: DriveJob, drawing: Drawing) -> DriveReport:
+def run_drive(job: DriveJob, drawing: RenderOptions) -> DriveReport:
     """Learn the weights, drive the face, and write arrays and video.
 
     The archive has ``positions`` (T, M, 3) mm of all markers as they were driven (left, up, out), ``labels``,
@@ -291,7 +291,7 @@ def _surface(job: DriveJob, choice: Choice, rest_mm: Array) -> FaceGrid:
     return make_grid(choice.subset, rest_mm, job.columns)
 
 
-def _film(path: Path, grid: FaceGrid, driven: Driven, points: Mapping[str, str], drawing: Drawing) -> bool:
+def _film(path: Path, grid: FaceGrid, driven: Driven, points: Mapping[str, str], drawing: RenderOptions) -> bool:
     """Draw the surface with a dot on each marker, the driving ones large, and beside it a face, if one can be moved."""
     profile, head = load_profile(DEFAULT_PROFILE), load_built(MEASURED)
     faps = face_faps(driven, points, profile, head)

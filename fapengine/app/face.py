@@ -58,14 +58,14 @@ class _Waiting:
 class SoundErrors:
     """Distances of the face from its sound, frame by frame. Stateful."""
 
-    off_s: list[float] = field(default_factory=list)
+    sync_error_s: list[float] = field(default_factory=list)
     """Time by which each frame was ahead of the sound."""
 
     def as_dict(self) -> dict[str, float]:
         """Return the median, 95th percentile and maximum of the absolute values, ms."""
-        if not self.off_s:
+        if not self.sync_error_s:
             return {}
-        off_ms = 1e3 * np.abs(self.off_s)
+        off_ms = 1e3 * np.abs(self.sync_error_s)
         return {"p50": float(np.median(off_ms)), "p95": float(np.percentile(off_ms, 95)), "max": float(off_ms.max())}
 
 
@@ -197,7 +197,7 @@ class Face(GestureMethods):
         self._waiting.append(_Waiting(utterance, ramps, end_s if is_last else None))
         return utterance
 
-    def tell(self, command: Command) -> None:
+    def send_command(self, command: Command) -> None:
         """Apply a command of :mod:`fapengine.engine.commands`."""
         self._check_use()
         if not isinstance(command, COMMANDS):
@@ -206,18 +206,18 @@ class Face(GestureMethods):
 
     def pause(self) -> None:
         """Pause sound and face, the mouth at neutral."""
-        self.tell(Pause())
+        self.send_command(Pause())
 
     def resume(self) -> None:
         """Resume from where it was paused."""
-        self.tell(Resume())
+        self.send_command(Resume())
 
     def stop(self) -> None:
         """Stop the sound, and return to neutral."""
         self._check_use()
         self.speaker.stop()
         self._waiting.clear()
-        self.tell(Cancel())
+        self.send_command(Cancel())
 
     @property
     def is_speaking(self) -> bool:
@@ -230,16 +230,16 @@ class Face(GestureMethods):
         return self.speaker.description
 
     @property
-    def off_s(self) -> float | None:
+    def sync_error_s(self) -> float | None:
         """Time by which the last frame was ahead of the sound; None while nothing sounds."""
-        return self.speaker.off_s
+        return self.speaker.sync_error_s
 
-    def frame(self, lead_s: float = 0.0) -> NDArray[np.int32]:
+    def frame(self, display_latency_s: float = 0.0) -> NDArray[np.int32]:
         """Return the FAPs that are due now; the sinks get them too.
 
         Parameters
         ----------
-        lead_s : float
+        display_latency_s : float
             Time from now until the frame is seen.
 
         Returns
@@ -248,13 +248,13 @@ class Face(GestureMethods):
             Column ``number - 1`` is the FAP of that number.
         """
         self._check_use()
-        check_value("lead_s", lead_s, float)
+        check_value("display_latency_s", display_latency_s, float)
         now_s = self.hub.clock()
         self.speaker.follow(now_s)
         self._express()
-        if self.speaker.off_s is not None:
-            self.errors.off_s.append(self.speaker.off_s)
-        self._shown_s = max(self._shown_s, now_s + lead_s)
+        if self.speaker.sync_error_s is not None:
+            self.errors.sync_error_s.append(self.speaker.sync_error_s)
+        self._shown_s = max(self._shown_s, now_s + display_latency_s)
         frames = self.hub.tick(self._shown_s)
         faps: NDArray[np.int32] = frames.faps[frames.sessions.index(SESSION)]
         return faps
@@ -297,7 +297,7 @@ class Face(GestureMethods):
                 continue
             self._waiting.remove(waiting)
             for ramp in waiting.ramps:
-                self.tell(Express(EXPRESSIONS[ramp.channel], ramp.goal, zero_s + ramp.at_s, ramp.over_s))
+                self.send_command(Express(EXPRESSIONS[ramp.channel], ramp.goal, zero_s + ramp.at_s, ramp.over_s))
             if waiting.rest_s is not None:
                 self.hub.engine.rest(SESSION, zero_s + waiting.rest_s, self.hub.clock())
 

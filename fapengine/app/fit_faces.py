@@ -18,10 +18,10 @@ from fapengine.mesh.default_head.style import MEASURED
 from fapengine.mesh.deform import Pose
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mesh.rig.blendshape_basis import ROW_FAPU
-from fapengine.render.drawing import Drawing
+from fapengine.render.drawing import RenderOptions
 from fapengine.render.renderer import CrowdRenderer, FaceRenderer
 
-FACE = Drawing(size=(PICTURE_PX, PICTURE_PX), rest=0.0)
+FACE = RenderOptions(size=(PICTURE_PX, PICTURE_PX), rest=0.0)
 SCANS = 8
 """Scans drawn at most: as many as in figure 2 of paper 004."""
 SHOWN, FAR = 8, 3.0

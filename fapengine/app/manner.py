@@ -115,7 +115,7 @@ def moods_of(expressions: Expressions, phones: PhoneTrack) -> list[Mood]:
 def check_expressions(expressions: Expressions) -> None:
     """Reject invalid names and strengths before the phones are known. Raises as :func:`moods_of`."""
     if isinstance(expressions, Mapping):
-        moods_of(expressions, PhoneTrack.of([]))
+        moods_of(expressions, PhoneTrack.from_phones([]))
     else:
         for entry in expressions:
             if isinstance(entry, str):

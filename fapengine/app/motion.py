@@ -18,7 +18,7 @@ from fapengine.errors import UsageError
 from fapengine.files.motion import ANIMATED_ENDINGS, BLEND_ENDINGS, RECORDED_ENDINGS, load_motion, shown
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mpeg4.track import FapTrack
-from fapengine.render.drawing import Drawing, Picture
+from fapengine.render.drawing import Picture, RenderOptions
 from fapengine.retarget.blend import ARKIT_NAMES
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ def save(
     *,
     sound: SoundLike | None = None,
     head: str | Path | FaceMesh = "default",
-    drawing: Drawing | None = None,
+    drawing: RenderOptions | None = None,
     size: tuple[int, int] | None = None,
     at_s: float = 0.0,
     shapes: str | None = None,
@@ -92,7 +92,7 @@ def save(
         are averaged; float in -1..1, int16, int32 or uint8, as librosa and soundfile give them.
     head : str, Path or Head
         The head that is drawn: see :func:`fapengine.load_head`.
-    drawing : Drawing, optional
+    drawing : RenderOptions, optional
         How it is drawn.
     size : (int, int), optional
         Width and height in pixels; overrides those of ``drawing``.
@@ -192,7 +192,7 @@ def frames(
     track: FapTrack,
     *,
     head: str | Path | FaceMesh = "default",
-    drawing: Drawing | None = None,
+    drawing: RenderOptions | None = None,
     size: tuple[int, int] | None = None,
 ) -> Iterator[Picture]:
     """Draw a track, one image per frame; frames that the track skips show the one before.
@@ -202,7 +202,7 @@ def frames(
     track : FapTrack
     head : str, Path or Head
         The head that is drawn: see :func:`fapengine.load_head`.
-    drawing : Drawing, optional
+    drawing : RenderOptions, optional
         How it is drawn.
     size : (int, int), optional
         Width and height in pixels; overrides those of ``drawing``.
@@ -219,4 +219,4 @@ def frames(
     ResourceError
         If there is no OpenGL.
     """
-    return draw_frames(shown(track).even_values(), SaveOptions(head=head, drawing=resized(drawing, size)))
+    return draw_frames(shown(track).filled_values(), SaveOptions(head=head, drawing=resized(drawing, size)))

@@ -29,7 +29,7 @@ from fapengine.files.sound import save_wav
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mpeg4.fap import FULL_WEIGHT
 from fapengine.mpeg4.track import FapTrack
-from fapengine.render.drawing import DEFAULT_DRAWING, Drawing, Picture
+from fapengine.render.drawing import DEFAULT_RENDER_OPTIONS, Picture, RenderOptions
 from fapengine.render.renderer import FaceRenderer
 from fapengine.speech.phone_track import PhoneTrack
 
@@ -66,7 +66,7 @@ class SaveOptions:
     name: str = ""
     """Name of an avatar's animation; by default that of the file."""
     head: str | Path | FaceMesh = "default"
-    drawing: Drawing = DEFAULT_DRAWING
+    drawing: RenderOptions = DEFAULT_RENDER_OPTIONS
     at_s: float = 0.0
     """Time of the frame that a single image shows."""
     shapes: str | None = None
@@ -87,7 +87,7 @@ class SaveOptions:
         cls,
         *,
         sound: SoundLike | None = None,
-        drawing: Drawing | None,
+        drawing: RenderOptions | None,
         size: tuple[int, int] | None,
         kbit_s: float | None,
         encoding: EncoderOptions | None,
@@ -267,12 +267,12 @@ def timed_visemes(
         return visemes_of_phones(phones, shapes, duration_s=len(sound[0]) / sound[1] if sound else None)
     if not len(track):
         raise UsageError("track: contains no frames")
-    faps = shown(track).even_values()
+    faps = shown(track).filled_values()
     if shapes == RHUBARB:
         from fapengine.retarget.visemes import approximate_shapes
 
         return visemes_of_frames(approximate_shapes(faps, track.rate_hz), track.rate_hz, shapes)
-    first, second, blend, _ = as_visemes(FapTrack.of(faps, rate_hz=track.rate_hz)).visemes.T
+    first, second, blend, _ = as_visemes(FapTrack.from_values(faps, rate_hz=track.rate_hz)).visemes.T
     return visemes_of_frames(np.where(2 * blend >= FULL_WEIGHT, first, second).tolist(), track.rate_hz, shapes)
 
 
@@ -287,7 +287,7 @@ def _write_image(track: FapTrack, path: Path, options: SaveOptions) -> None:
 
 def _write_images(track: FapTrack, path: Path, options: SaveOptions) -> None:
     def images() -> Iterator[Picture]:
-        for number, picture in enumerate(draw_frames(track.even_values(), options)):
+        for number, picture in enumerate(draw_frames(track.filled_values(), options)):
             options.on_image(number, picture)
             yield picture
 

@@ -22,7 +22,7 @@ from fapengine.files.profiles import load_profile
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mpeg4.track import FapTrack
 from fapengine.profiles import Profile
-from fapengine.render.drawing import Drawing
+from fapengine.render.drawing import RenderOptions
 from fapengine.speaking import DEFAULT_PROFILE, DEFAULT_VOICE
 from fapengine.speech.marks import TimedMark, read_marks
 from fapengine.speech.phone_track import PhoneTrack
@@ -118,7 +118,7 @@ class Performance:
         path: str | Path,
         *,
         head: str | Path | FaceMesh = "default",
-        drawing: Drawing | None = None,
+        drawing: RenderOptions | None = None,
         size: tuple[int, int] | None = None,
         at_s: float = 0.0,
         shapes: str | None = None,
@@ -223,7 +223,7 @@ def visemes(
     Examples
     --------
     >>> from fapengine import Phone
-    >>> visemes(PhoneTrack.of([Phone("m", 0.0, 0.1), Phone("a", 0.1, 0.3)]), "oculus")
+    >>> visemes(PhoneTrack.from_phones([Phone("m", 0.0, 0.1), Phone("a", 0.1, 0.3)]), "oculus")
     [('PP', 0.0, 0.1), ('aa', 0.1, 0.3)]
     """
     if isinstance(source, Performance):

@@ -12,7 +12,7 @@ def ticker(phones: PhoneTrack, position_s: float) -> tuple[str, str, str]:
     Examples
     --------
     >>> from fapengine.speech.phone_track import Phone
-    >>> track = PhoneTrack.of([Phone("h", 0.0, 0.1), Phone("a", 0.1, 0.2), Phone("j", 0.3, 0.4)])
+    >>> track = PhoneTrack.from_phones([Phone("h", 0.0, 0.1), Phone("a", 0.1, 0.2), Phone("j", 0.3, 0.4)])
     >>> ticker(track, 0.15), ticker(track, 9.0)
     (('h', 'a', '· j'), ('h a · j', '', ''))
     """

@@ -16,7 +16,7 @@ from fapengine.errors import UsageError
 from fapengine.files.heads.load import DEFAULT_HEAD, load_levels
 from fapengine.host.hearing import DELAY_S, Hearing
 from fapengine.recognition.choice import check_recognizer
-from fapengine.render.drawing import Drawing
+from fapengine.render.drawing import RenderOptions
 from fapengine.render.window import FaceWindow
 from fapengine.speech.phone_track import PhoneTrack
 from fapengine.voices.protocol import Speech
@@ -26,7 +26,7 @@ class Screen(Protocol):
     """Shows frames; a context manager."""
 
     @property
-    def lead_s(self) -> float:
+    def display_latency_s(self) -> float:
         """Time from asking for a frame until it is seen."""
 
     def show(self, faps: NDArray[np.int32], position_s: float) -> bool:
@@ -122,7 +122,7 @@ def _run(face: Face, screen: Screen, ticks: Ticks, utterance: int) -> None:
         ticks.wait()
         zero_s = face.speaker.zero_s(utterance)
         position_s = face.hub.clock() - zero_s if zero_s is not None else position_s
-        if not screen.show(face.frame(screen.lead_s), position_s):
+        if not screen.show(face.frame(screen.display_latency_s), position_s):
             face.stop()
     finish(face, screen, ticks, position_s)
 
@@ -132,7 +132,7 @@ def finish(face: Face, screen: Screen, ticks: Ticks, position_s: float = 0.0) ->
     until_s = face.hub.clock() + REST_S
     while face.hub.clock() < until_s:
         ticks.wait()
-        if not screen.show(face.frame(screen.lead_s), position_s):
+        if not screen.show(face.frame(screen.display_latency_s), position_s):
             return
 
 
@@ -178,7 +178,7 @@ def listen_live(
         hearing = Hearing(face.hub, max_recognizers=1, model=recognizer)
         try:
             hearing.listen(SESSION, np.zeros(0, np.int16), source.rate_hz, source=source)  # the recognizer starts
-            for mood in moods_of(manner.expressions, PhoneTrack.of([])):
+            for mood in moods_of(manner.expressions, PhoneTrack.from_phones([])):
                 face.express(mood.expression, mood.strength)
             with open_screen() as screen:
                 ticks = Ticks(manner.rate_hz)
@@ -204,7 +204,7 @@ def _listen(face: Face, hearing: Hearing, source: Microphone, screen: Screen, ti
             hearing.listen(SESSION, samples, source.rate_hz, source=source)
         now_s = face.hub.clock()
         hearing.tick(now_s)
-        is_shown = screen.show(face.frame(screen.lead_s), now_s - begun_s)
+        is_shown = screen.show(face.frame(screen.display_latency_s), now_s - begun_s)
 
 
 class WindowScreen:
@@ -214,7 +214,7 @@ class WindowScreen:
     ----------
     head : str
         See :func:`fapengine.files.heads.load.load_head`.
-    drawing : Drawing
+    drawing : RenderOptions
         Size and camera.
     rate_hz : float
         Frame rate to keep.
@@ -225,12 +225,12 @@ class WindowScreen:
         If there is no display.
     """
 
-    def __init__(self, head: str = DEFAULT_HEAD, *, drawing: Drawing, rate_hz: float) -> None:
+    def __init__(self, head: str = DEFAULT_HEAD, *, drawing: RenderOptions, rate_hz: float) -> None:
         finest, coarser = load_levels(head)
         self._window = FaceWindow(finest, drawing, coarser=coarser, title="fapengine", hold_hz=rate_hz)
 
     @property
-    def lead_s(self) -> float:
+    def display_latency_s(self) -> float:
         """See :class:`Screen`."""
         return self._window.busy_s
 

@@ -238,7 +238,7 @@ def _told(reached: Reached) -> str:
 
 def face_motion(track: FapTrack, name: str) -> FaceMotion:
     """Return a track with the rotations of the bones; the jaw rotates like that of the built-in head."""
-    faps = track.even_values().astype(np.float64)
+    faps = track.filled_values().astype(np.float64)
     if not len(faps):
         raise UsageError("track: contains no frames")
     transforms = bone_transforms(load_built(MEASURED), faps)

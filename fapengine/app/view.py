@@ -23,7 +23,7 @@ from fapengine.files.pictures import save_png
 from fapengine.files.sound import load_sound
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mpeg4.track import FapTrack
-from fapengine.render.drawing import Drawing
+from fapengine.render.drawing import RenderOptions
 from fapengine.render.live import LevelOfDetail
 from fapengine.render.window import FaceWindow
 
@@ -44,8 +44,8 @@ class Source(ABC):
     """Why nothing was ever shown; empty if something was."""
 
     @abstractmethod
-    def frame(self, lead_s: float) -> Faps:
-        """Return the FAPs, (68,) int32 FAPU, that are seen ``lead_s`` from now."""
+    def frame(self, display_latency_s: float) -> Faps:
+        """Return the FAPs, (68,) int32 FAPU, that are seen ``display_latency_s`` from now."""
 
     @abstractmethod
     def status(self) -> str:
@@ -63,7 +63,7 @@ def run_window(
     head: FaceMesh,
     coarser: Sequence[LevelOfDetail],
     open_source: Callable[[], Source],
-    drawing: Drawing,
+    drawing: RenderOptions,
     *,
     rate_hz: float = 60.0,
     seconds: float | None = None,
@@ -78,7 +78,7 @@ def run_window(
         Coarser levels of detail, or functions that load them when they are needed.
     open_source : callable
         Makes the source, when the window is open; it is closed with the window.
-    drawing : Drawing
+    drawing : RenderOptions
         Camera, and the size of the window in points.
     rate_hz : float
     seconds : float, optional
@@ -144,20 +144,20 @@ class FaceSource(Source):
     def __init__(self, face: Face) -> None:
         self._face = face
 
-    def frame(self, lead_s: float) -> Faps:
+    def frame(self, display_latency_s: float) -> Faps:
         """See :class:`Source`."""
-        return self._face.frame(lead_s)
+        return self._face.frame(display_latency_s)
 
     def status(self) -> str:
         """See :class:`Source`."""
-        if self._face.off_s is not None:
-            return f"{1e3 * self._face.off_s:+.1f} ms from its sound"
+        if self._face.sync_error_s is not None:
+            return f"{1e3 * self._face.sync_error_s:+.1f} ms from its sound"
         return self._face.speaker.description if self._face.speaker.is_silent else ""
 
     def press(self, key: str) -> None:
         """See :class:`Source`."""
         if key == BLINK:
-            self._face.tell(Blink())
+            self._face.send_command(Blink())
         elif key == STOP:
             self._face.stop()
         elif key == PAUSE:
@@ -213,7 +213,7 @@ class TrackSource(Source):
         """Time from the first frame to the frame that is shown."""
         return self._position_s
 
-    def frame(self, lead_s: float) -> Faps:
+    def frame(self, display_latency_s: float) -> Faps:
         """See :class:`Source`."""
         if not self.is_paused:
             now_s = self._clock()
@@ -221,7 +221,7 @@ class TrackSource(Source):
             self._position_s = now_s - self._zero_s
             if self._position_s >= self.duration_s:
                 self.seek(0.0)
-        seen_s = min(max(self._position_s + (0.0 if self.is_paused else lead_s), 0.0), self.duration_s)
+        seen_s = min(max(self._position_s + (0.0 if self.is_paused else display_latency_s), 0.0), self.duration_s)
         row = int(np.searchsorted(self._times_s, seen_s + 1e-9, side="right")) - 1
         faps: Faps = self._track.values[max(row, 0)]
         return faps
@@ -267,7 +267,7 @@ class OscSource(Source):
         self._frames = frames
         self.title = f"fapengine, port {frames.port}"
 
-    def frame(self, lead_s: float) -> Faps:
+    def frame(self, display_latency_s: float) -> Faps:
         """See :class:`Source`."""
         return self._frames.faps()
 
@@ -314,7 +314,7 @@ class ServerSource(Source):
         self._texts, self._voice = list(texts), voice
         self.is_paused = False
 
-    def frame(self, lead_s: float) -> Faps:
+    def frame(self, display_latency_s: float) -> Faps:
         """See :class:`Source`."""
         if self._link.state == "open":
             while self._texts:

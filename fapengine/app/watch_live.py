@@ -218,7 +218,7 @@ def watch_live(
     rows: list[NDArray[np.int32]] = []
     with ExitStack() as stack:
         face = stack.enter_context(
-            Face(style=Style.still(), rate_hz=job.rate_hz, silent=True, sinks=job.sinks, clock=clock)
+            Face(style=Style.speech_only(), rate_hz=job.rate_hz, silent=True, sinks=job.sinks, clock=clock)
         )
         link = _Link(job.server, clock) if job.server is not None else None
         if link is not None:
@@ -231,7 +231,7 @@ def watch_live(
             _run(job, face, eyes, screen, ticks, link, rows)
         took_s = face.hub.clock() - begun_s
     if job.output is not None and rows:
-        save(FapTrack.of(np.stack(rows), rate_hz=job.rate_hz), job.output)
+        save(FapTrack.from_values(np.stack(rows), rate_hz=job.rate_hz), job.output)
     counts = eyes.counts
     delays_ms = 1e3 * np.array(counts.delays_s or [0.0])
     return {
@@ -268,7 +268,7 @@ def _run(
             link.perform(values)
         if job.output is not None:
             rows += [faps] * (ticks.frames + ticks.skipped - len(rows))
-        is_shown = screen.show(face.frame(screen.lead_s), now_s - begun_s)
+        is_shown = screen.show(face.frame(screen.display_latency_s), now_s - begun_s)
         over_s = now_s if eyes.is_over and over_s is None else over_s
         is_eased = over_s is not None and now_s > over_s + HOLD_S + EASE_S
         if is_eased or (job.seconds is not None and now_s >= begun_s + job.seconds):

@@ -14,7 +14,7 @@ from fapengine.files.profiles import load_profile
 from fapengine.laboratory.fit import FitOptions
 from fapengine.models.via_points import STRAIGHT
 from fapengine.profiles import Profile
-from fapengine.render.drawing import Drawing
+from fapengine.render.drawing import RenderOptions
 from fapengine.speaking import DEFAULT_VOICE, PROVENANCE, SpeakingOptions
 from fapengine.speech.formats.registry import ParseOptions, check_options
 from fapengine.voices.choice import VoiceChoice, language_voice
@@ -77,7 +77,9 @@ class Options(SpeakingOptions):
             into = Into(Path(self.into), self.keys, Path(self.map) if self.map else None)
         return SaveOptions(
             head=self.head,
-            drawing=Drawing.parse(size=self.size, camera=self.camera, background=self.background, edges=self.edges),
+            drawing=RenderOptions.parse(
+                size=self.size, camera=self.camera, background=self.background, edges=self.edges
+            ),
             shapes=self.shapes,
             encoding=EncoderOptions(quant=self.quant, kbit_s=self.kbps) if kind == "fba" else None,
             into=into,

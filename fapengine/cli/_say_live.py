@@ -10,7 +10,7 @@ from fapengine.app.say_live import LiveOutput, Screen, WindowScreen, listen_live
 from fapengine.cli._printing import print_result, print_rows
 from fapengine.cli._terminal_screen import TerminalScreen
 from fapengine.errors import ResourceError
-from fapengine.render.drawing import Drawing
+from fapengine.render.drawing import RenderOptions
 from fapengine.speech.phone_track import PhoneTrack
 from fapengine.voices.protocol import Speech
 
@@ -18,7 +18,14 @@ PERCENTILES = {"p50": "half of the frames", "p95": "95 %", "max": "all"}
 
 
 def say_now(
-    speech: Speech, text: str, manner: Manner, output: LiveOutput, *, head: str, drawing: Drawing, window: bool | None
+    speech: Speech,
+    text: str,
+    manner: Manner,
+    output: LiveOutput,
+    *,
+    head: str,
+    drawing: RenderOptions,
+    window: bool | None,
 ) -> dict[str, object]:
     """Say it in a window, or in the terminal if there is no display; ``window`` forces one of them."""
     return say_live(
@@ -35,7 +42,7 @@ def listen_now(
     *,
     recognizer: Path | None,
     head: str,
-    drawing: Drawing,
+    drawing: RenderOptions,
     window: bool | None,
 ) -> dict[str, object]:
     """Drive the face from a microphone until the user stops it."""
@@ -48,7 +55,9 @@ def listen_now(
     )
 
 
-def _screen(phones: PhoneTrack | None, manner: Manner, *, head: str, drawing: Drawing, window: bool | None) -> Screen:
+def _screen(
+    phones: PhoneTrack | None, manner: Manner, *, head: str, drawing: RenderOptions, window: bool | None
+) -> Screen:
     if has_display() if window is None else window:
         try:
             return WindowScreen(head, drawing=drawing, rate_hz=manner.rate_hz)

@@ -22,7 +22,7 @@ class TerminalScreen:
     ``phones`` are those that will be said; None if they are unknown: ``doing`` then says what is done.
     """
 
-    lead_s = 0.0
+    display_latency_s = 0.0
 
     def __init__(self, phones: PhoneTrack | None, doing: str = "listening") -> None:
         self._phones, self._doing = phones, doing

@@ -113,13 +113,13 @@ def _live(
     from fapengine.app.say_live import Screen, WindowScreen
     from fapengine.app.watch_live import LIVE_HZ, WatchJob, watch_live
     from fapengine.cli._terminal_screen import TerminalScreen
-    from fapengine.render.drawing import Drawing
+    from fapengine.render.drawing import RenderOptions
 
     job = WatchJob(
         source=source, rate_hz=LIVE_HZ if fps is None else fps, seconds=seconds, sinks=tuple(sinks), server=server,
         output=output, model=model,
     )  # fmt: skip
-    drawing = Drawing.parse(size=size or WINDOW, rest=0.0)
+    drawing = RenderOptions.parse(size=size or WINDOW, rest=0.0)
 
     def screen() -> Screen:
         if head is None:

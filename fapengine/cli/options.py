@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from fapengine.app.say_live import LiveOutput
     from fapengine.app.scene_files import Into
-    from fapengine.render.drawing import Drawing
+    from fapengine.render.drawing import RenderOptions
 
 _drawing = partial(typer.Option, rich_help_panel="Rendering")
 live = partial(typer.Option, rich_help_panel="Live output")
@@ -145,7 +145,7 @@ class DrawingOptions:
         ),
     ] = 1.0
 
-    def value(self, *, wire: bool = False) -> "Drawing":
+    def value(self, *, wire: bool = False) -> "RenderOptions":
         """Return the drawing that the options describe.
 
         Raises
@@ -156,11 +156,11 @@ class DrawingOptions:
             If the background file is not an image.
         """
         from fapengine.files.pictures import load_picture
-        from fapengine.render.drawing import Drawing
+        from fapengine.render.drawing import RenderOptions
 
         is_file = not self.background.startswith("#") and Path(self.background).is_file()
         background = load_picture(Path(self.background)) if is_file else self.background
-        return Drawing.parse(
+        return RenderOptions.parse(
             size=self.size, camera=self.camera, background=background, edges=self.antialias, wire=wire, rest=self.rest
         )  # fmt: skip
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from fapengine.mesh.face_mesh import FaceMesh
     from fapengine.profiles import Profile
     from fapengine.server.cluster.workers import Workers
-    from fapengine.server.config import ServeConfig
+    from fapengine.server.config import ServerConfig
     from fapengine.server.server import Server
     from fapengine.server.watchdog import Watchdog
 
@@ -148,12 +148,12 @@ def serve(
     from dataclasses import replace
 
     from fapengine.errors import UsageError
-    from fapengine.server.config import ServeConfig, load_config, overridden
+    from fapengine.server.config import ServerConfig, load_config, overridden
     from fapengine.server.sinks.kinds import parse_sink
 
     for url in sink:
         parse_sink(url)
-    own = load_config(config) if config else ServeConfig()
+    own = load_config(config) if config else ServerConfig()
     listen = overridden(
         own.listen, host=host, port=port, web_port=web_port, metrics_port=metrics_port, token=token, workers=workers
     )
@@ -164,7 +164,7 @@ def serve(
     calls = overridden(own.calls, on=True if webrtc else None)
     if calls.on and (no_page or listen.web_port is None):
         raise UsageError("--webrtc: requires the web page; remove --no-page, or set --web-port")
-    chosen = ServeConfig(
+    chosen = ServerConfig(
         listen=replace(
             listen,
             web_port=None if no_page else listen.web_port,
@@ -183,7 +183,7 @@ def serve(
     _start(chosen)
 
 
-def _start(config: "ServeConfig") -> None:
+def _start(config: "ServerConfig") -> None:
     import asyncio
 
     from fapengine._late import needed
@@ -220,7 +220,7 @@ def _stop_on_signals(stop: "Callable[[], None]") -> None:
             signal.signal(number, lambda *_: loop.call_soon_threadsafe(stop))
 
 
-async def _run(config: "ServeConfig", profile: "Profile", head: "FaceMesh | None", guard: "Watchdog") -> None:
+async def _run(config: "ServerConfig", profile: "Profile", head: "FaceMesh | None", guard: "Watchdog") -> None:
     from fapengine.server.load import collecting_in_pieces
     from fapengine.server.server import Server
     from fapengine.server.server import serve as serve_until_stopped
@@ -232,7 +232,7 @@ async def _run(config: "ServeConfig", profile: "Profile", head: "FaceMesh | None
         await serve_until_stopped(server, lambda: _announce(server))
 
 
-async def _run_workers(config: "ServeConfig") -> None:
+async def _run_workers(config: "ServerConfig") -> None:
     from fapengine.server.cluster.workers import Workers
     from fapengine.server.server import serve as serve_until_stopped
 

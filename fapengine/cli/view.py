@@ -63,7 +63,7 @@ def view(
     from fapengine.cli._printing import print_result
     from fapengine.errors import UsageError
     from fapengine.files.heads.load import load_levels
-    from fapengine.render.drawing import Drawing
+    from fapengine.render.drawing import RenderOptions
     from fapengine.trajectory.style import Style
     from fapengine.voices.choice import VoiceChoice
 
@@ -71,7 +71,7 @@ def view(
         raise UsageError(f"--audio: got {audio}, expected a file of FAPs before it")
     if shot is not None:
         writing.check([shot], [source, audio, head, profile])
-    drawing = Drawing.parse(size=size, camera=camera)
+    drawing = RenderOptions.parse(size=size, camera=camera)
     manner = Manner(profile=profile, style=Style().without(without), seed=seed, rate_hz=fps)
     chosen = VoiceChoice(voice, wpm, ssml)
     device, silent = live_output.device, live_output.silent

@@ -241,7 +241,7 @@ class Connection:
                 )
         return self
 
-    def wait_until_over(self, utterance: int, timeout_s: float | None = None) -> str:
+    def wait_until_finished(self, utterance: int, timeout_s: float | None = None) -> str:
         """Wait until an utterance is over; return how: ``"finished"``, ``"cancelled"``, ``"error"`` or ``"lost"``.
 
         ``"lost"``: its time is over and no answer came; also if the timeout or the connection ended first.

@@ -45,7 +45,7 @@ class Client(Connection, GestureMethods):
     port : int
     session : str
         Name of the face, 1..32 bytes.
-    others : sequence of (str, int)
+    fallback_addresses : sequence of (str, int)
         Hosts and ports of other servers that share the sessions of the first, tried in turn if it does not answer.
     tcp : bool or ``"slip"`` or ``"length"``
         UDP by default. TCP with SLIP (OSC 1.1) or lengths before packets (OSC 1.0).
@@ -73,7 +73,7 @@ class Client(Connection, GestureMethods):
         with Client(session="anna") as face:
             face.express("joy", 0.6)
             number = face.say([Phone("m", 0.0, 0.1), Phone("a", 0.1, 0.3)])
-            face.wait_until_over(number)
+            face.wait_until_finished(number)
     """
 
     @checked
@@ -83,7 +83,7 @@ class Client(Connection, GestureMethods):
         port: int = PORT,
         *,
         session: str = "face",
-        others: Sequence[tuple[str, int]] = (),
+        fallback_addresses: Sequence[tuple[str, int]] = (),
         tcp: bool | TcpFraming = False,
         phone_set: str = "ipa",
         language: str = "",
@@ -103,7 +103,9 @@ class Client(Connection, GestureMethods):
             reliable=bool(tcp),
             follows=True,
         )
-        super().__init__(sender, [(host, port), *others], "slip" if tcp is True else tcp or None, on_event, clock)
+        super().__init__(
+            sender, [(host, port), *fallback_addresses], "slip" if tcp is True else tcp or None, on_event, clock
+        )
 
     def __enter__(self) -> Self:
         return self
@@ -167,7 +169,7 @@ class Client(Connection, GestureMethods):
             if utterance not in self._ended:
                 self._sender.append(utterance, _phones(phones))
 
-    def words(
+    def send_words(
         self,
         words: Iterable[tuple[str, float, float]],
         *,
@@ -223,7 +225,7 @@ class Client(Connection, GestureMethods):
             self._voices[chosen] = pronouncer
         return pronouncer.words(words)
 
-    def sound(self, samples: ArrayLike, rate_hz: int, *, utterance: int | None = None) -> int:
+    def send_audio(self, samples: ArrayLike, rate_hz: int, *, utterance: int | None = None) -> int:
         """Send audio as it arrives; the engine's recognizer finds its phones.
 
         The face follows the audio with a delay of 0.3 s, so play it that much later; or :meth:`begin` the utterance at
@@ -295,11 +297,11 @@ class Client(Connection, GestureMethods):
 
     def pause(self, *, fade_s: float = 0.2) -> None:
         """Pause; the mouth returns to neutral."""
-        self.tell(Pause(fade_s))
+        self.send_command(Pause(fade_s))
 
     def resume(self) -> None:
         """Continue from where it was paused."""
-        self.tell(Resume())
+        self.send_command(Resume())
 
     def seek(self, utterance: int, position_s: float) -> None:
         """Continue from another position in an utterance."""
@@ -311,7 +313,7 @@ class Client(Connection, GestureMethods):
 
     # The rest of the face -------------------------------------------------------------------------------------------
 
-    def tell(self, command: Command) -> None:
+    def send_command(self, command: Command) -> None:
         """Send a command that is the same for every sender; its times are on the client's clock.
 
         Raises

@@ -102,7 +102,7 @@ def encode(track: FapTrack, options: EncoderOptions | None = None) -> bytes:
 
     Examples
     --------
-    >>> still = FapTrack.of([[0] * 68] * 25, rate_hz=25.0)
+    >>> still = FapTrack.from_values([[0] * 68] * 25, rate_hz=25.0)
     >>> len(encode(still, EncoderOptions(moving_only=True)))
     34
     """

@@ -90,7 +90,7 @@ def format_fap(track: FapTrack, *, single_numbers: bool = False) -> str:
 
     Examples
     --------
-    >>> track = FapTrack.of([[0] * 68], rate_hz=25.0)
+    >>> track = FapTrack.from_values([[0] * 68], rate_hz=25.0)
     >>> print(format_fap(track).splitlines()[0])
     2.1 fapengine 25 1
     """

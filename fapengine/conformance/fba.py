@@ -54,7 +54,7 @@ def motion(*faps: int, size: int = 200, every: int = 1, seed: int = 1) -> FapTra
     values = to_codable(values.astype(np.float64))
     mask = np.zeros((FRAMES, fap.FAP_COUNT), bool)
     mask[:, [fap.column(number) for number in faps]] = True
-    return replace(FapTrack.of(values, rate_hz=RATE_HZ), mask=mask, frame_numbers=every * np.arange(FRAMES))
+    return replace(FapTrack.from_values(values, rate_hz=RATE_HZ), mask=mask, frame_numbers=every * np.arange(FRAMES))
 
 
 MOUTH = tuple(range(4, 13))

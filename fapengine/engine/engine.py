@@ -86,7 +86,7 @@ class Engine:
         self, profile: Profile, *, rng: np.random.Generator, limits: Limits | None = None, style: Style | None = None
     ) -> None:
         self._rng, self._limits, self._style = rng, limits or Limits(), style or Style()
-        self._batch = BatchPlanner(profile, Style.still(method=self._style.method))
+        self._batch = BatchPlanner(profile, Style.speech_only(method=self._style.method))
         self._gestures = BatchGestures(profile, self._style)
         self._by_name: dict[str, Session] = {}
         self._rows: list[Session] = []

@@ -14,7 +14,7 @@ class GestureMethods(ABC):
     """Methods that make gestures, one command each. Angles are in radians, times in seconds."""
 
     @abstractmethod
-    def tell(self, command: Command) -> None:
+    def send_command(self, command: Command) -> None:
         """Send a command of :mod:`fapengine.engine.commands` to the face."""
 
     @checked
@@ -50,23 +50,23 @@ class GestureMethods(ABC):
                 name = expression_named(name)
             except DataError as error:
                 raise UsageError(str(error)) from error
-        self.tell(Express(name, level, None, attack_s, inf if hold_s is None else hold_s, release_s))
+        self.send_command(Express(name, level, None, attack_s, inf if hold_s is None else hold_s, release_s))
 
     @checked
     def look(self, yaw_rad: float, pitch_rad: float, *, over_s: float = 0.1) -> None:
         """Turn the eyes, to the subject's left and down."""
-        self.tell(Look(yaw_rad, pitch_rad, over_s))
+        self.send_command(Look(yaw_rad, pitch_rad, over_s))
 
     @checked
     def turn_head(
         self, *, pitch_rad: float = 0.0, yaw_rad: float = 0.0, roll_rad: float = 0.0, over_s: float = 0.4
     ) -> None:
         """Turn the head: down, to the subject's left, right ear down."""
-        self.tell(TurnHead(roll_rad=roll_rad, pitch_rad=pitch_rad, yaw_rad=yaw_rad, over_s=over_s))
+        self.send_command(TurnHead(roll_rad=roll_rad, pitch_rad=pitch_rad, yaw_rad=yaw_rad, over_s=over_s))
 
     def blink(self) -> None:
         """Close both eyes once."""
-        self.tell(Blink())
+        self.send_command(Blink())
 
     @checked
     def set_parameter(self, parameter: str, value: float) -> None:
@@ -77,4 +77,4 @@ class GestureMethods(ABC):
         UsageError
             If there is no such parameter, or the value is out of range.
         """
-        self.tell(SetParameter(parameter, value))
+        self.send_command(SetParameter(parameter, value))

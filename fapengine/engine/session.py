@@ -554,7 +554,7 @@ class Session:
         while len(self.over) > REMEMBERED:
             del self.over[next(iter(self.over))]
         first = [utterance.phones[index] for index in utterance.order[:REMARKED]]
-        for remark in remarks_on(PhoneTrack.of(first, tolerance_s=inf)):
+        for remark in remarks_on(PhoneTrack.from_phones(first, tolerance_s=inf)):
             self._tell(utterance, "remark", now_s, reason=remark)
         self._tell(utterance, kind, now_s)
         utterance.step(Step.CLOSE)

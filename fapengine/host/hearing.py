@@ -58,7 +58,7 @@ class HearingCounts(Counts):
 
     METRIC = "sound", "Audio for recognizers, s, and its phones, by outcome."
 
-    recognizers: int = metric("ears", "Recognizer processes.", is_gauge=True)
+    recognizers: int = metric("recognizers", "Recognizer processes.", is_gauge=True)
     heard_s: float = 0.0
     """Audio that was recognized."""
     refused_s: float = 0.0

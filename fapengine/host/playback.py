@@ -38,7 +38,7 @@ class Playback:
     def __init__(self, hub: Hub, session: str, *, opens: OpenOutput = open_output) -> None:
         self._hub, self.session = hub, session
         self._player = SoundPlayer(opens)
-        self.off_s: float | None = None
+        self.sync_error_s: float | None = None
         """Time by which the face was ahead of the audio at the last :meth:`follow`; None while nothing plays."""
         self._unsubscribe = (
             hub.listeners.on_speech(session, self._play, plays=True),
@@ -82,7 +82,7 @@ class Playback:
         now_s : float
             The hub's clock.
         """
-        self.off_s = None
+        self.sync_error_s = None
         is_open = self.session in self._hub.engine
         if self.is_paused and (not is_open or self._hub.engine.state(self.session) != "paused"):
             self._player.pause(False)  # a face's pause ends with what it was saying
@@ -130,7 +130,7 @@ class Playback:
             hub.apply(session, Audio(number, now_s, place_s, 0.0 if entry.is_still else 1.0))
             entry.zero_s = now_s - place_s
         if place_s >= 0:
-            self.off_s = self._apart_s(number, place_s, now_s)
+            self.sync_error_s = self._apart_s(number, place_s, now_s)
 
     def _apart_s(self, number: int, place_s: float, now_s: float) -> float | None:
         """Time by which the face is ahead; None before it has begun, and while it is paused."""

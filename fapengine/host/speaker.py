@@ -216,5 +216,8 @@ def joined(spoken: list[tuple[Speech, float]]) -> Speech:
             phones.append(Phone(SILENCE, phones[-1].end_s, (begin + pause) / rate_hz))
             begin += pause
     return Speech(
-        samples=np.concatenate(sounds), sample_rate_hz=rate_hz, phones=PhoneTrack.of(phones), remarks=tuple(remarks)
+        samples=np.concatenate(sounds),
+        sample_rate_hz=rate_hz,
+        phones=PhoneTrack.from_phones(phones),
+        remarks=tuple(remarks),
     )

@@ -198,7 +198,7 @@ class StreamHost(Host, GestureMethods):
         utterance = self._open() if not self._queue else self._queue[-1]
         self.add_cue(utterance.number, at_s, command)
 
-    def tell(self, command: Command) -> None:
+    def send_command(self, command: Command) -> None:
         """Apply a command now."""
         self.apply(command, self._now_s)
 

@@ -165,7 +165,9 @@ def _captured(
 def spoken(take: Displacements) -> PhoneTrack:
     """Phones of a take as a track; rounding of its file is tolerated."""
     try:
-        return PhoneTrack.of([Phone(p.label, p.start_s, p.end_s, word=p.word) for p in take.phones], tolerance_s=0.01)
+        return PhoneTrack.from_phones(
+            [Phone(p.label, p.start_s, p.end_s, word=p.word) for p in take.phones], tolerance_s=0.01
+        )
     except UsageError as error:
         raise DataError(str(error), where=f"take {take.name}") from error
 

@@ -168,7 +168,7 @@ def say_sentence(profile: Profile) -> Sentence:
     """Plan the paper's sentence as the paper does, alone and with expressions."""
     labels = SENTENCE_PHONES.split()
     ends = SENTENCE_PHONE_S * np.arange(1, len(labels) + 1) + 2 * SENTENCE_PHONE_S
-    phones = PhoneTrack.of(
+    phones = PhoneTrack.from_phones(
         [Phone(label, end - SENTENCE_PHONE_S, end) for label, end in zip(labels, ends.tolist(), strict=True)]
     )
     times_s = np.arange(round((ends[-1] + 2 * SENTENCE_PHONE_S) * SENTENCE_RATE_HZ)) / SENTENCE_RATE_HZ

@@ -272,7 +272,7 @@ def captured_faps(take: Displacements, prepared: Prepared, profile: Profile) -> 
     turns = Rotation.from_matrix(take.head.rotation).as_euler("YXZ")
     for number, angle in zip((49, 48, 50), turns.T, strict=True):
         faps[:, fap.column(number)] = angle / AU_RAD
-    return FapTrack.of(np.asarray(to_codable(faps)), rate_hz=prepared.rate_hz)
+    return FapTrack.from_values(np.asarray(to_codable(faps)), rate_hz=prepared.rate_hz)
 
 
 def contacts(take: Displacements, prepared: Prepared) -> list[Hold]:

@@ -130,7 +130,7 @@ def faps_of_points(points: Mapping[str, Array], poses: Array, rate_hz: float, *,
         angles = faps[:, fap.column(number)]
         shown = ~np.isnan(angles)
         faps[:, fap.column(number)] = np.interp(frames, frames[shown], angles[shown]) if shown.any() else 0.0
-    return FapTrack.of(to_codable(faps), rate_hz=rate_hz)
+    return FapTrack.from_values(to_codable(faps), rate_hz=rate_hz)
 
 
 def resting_face(
@@ -233,7 +233,7 @@ def openface_faps(track: OpenFaceTrack) -> FapTrack:
         raised = np.minimum(track.action_units["AU06"] / RAISED_AT, 1.0)
         columns = [fap.column(number) for number in CHEEK_FAPS]
         faps[:, columns] = raised[:, None] * shape_rows(CHEEKS).sum(axis=0)[columns]
-    return FapTrack.of(to_codable(faps), rate_hz=track.rate_hz)
+    return FapTrack.from_values(to_codable(faps), rate_hz=track.rate_hz)
 
 
 FIRST_S, AGAIN_S, KEPT_S = 1.5, 3.0, 30.0

@@ -17,7 +17,7 @@ from fapengine.mpeg4 import fap
 class FapTrack(Rebuilt):
     """FAP values over time, in FAPU; independent of any face. Arrays are read-only.
 
-    Build one from low-level values with :meth:`of`; the constructor takes every field.
+    Build one from low-level values with :meth:`from_values`; the constructor takes every field.
     """
 
     values: NDArray[np.int32]
@@ -61,7 +61,7 @@ class FapTrack(Rebuilt):
 
     @classmethod
     @checked
-    def of(cls, values: ArrayLike, *, rate_hz: float, name: str = "fapengine") -> "FapTrack":
+    def from_values(cls, values: ArrayLike, *, rate_hz: float, name: str = "fapengine") -> "FapTrack":
         """Make a track of the 66 low-level FAPs, all sent, without visemes and expressions.
 
         Parameters
@@ -111,7 +111,7 @@ class FapTrack(Rebuilt):
         for name, value in faps.items():
             check_value(name, value, int)
             values[0, fap.column(fap.by_name(name).number)] = value
-        return cls.of(values, rate_hz=rate_hz)
+        return cls.from_values(values, rate_hz=rate_hz)
 
     def __len__(self) -> int:
         return len(self.values)
@@ -189,7 +189,7 @@ class FapTrack(Rebuilt):
         """(T,) float64, s: time at which each frame is shown."""
         return self.frame_numbers / self.rate_hz
 
-    def even_values(self) -> NDArray[np.int32]:
+    def filled_values(self) -> NDArray[np.int32]:
         """(N, 68) int32, FAPU: a row for every frame from the first to the last; skipped ones repeat the last row."""
         numbers = self.frame_numbers
         every = np.arange(numbers[0], numbers[-1] + 1) if len(self) else numbers

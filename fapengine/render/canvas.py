@@ -17,7 +17,7 @@ import numpy as np
 
 from fapengine._signals import signals_kept
 from fapengine.render.context import Programs, moderngl
-from fapengine.render.drawing import Drawing, Picture
+from fapengine.render.drawing import Picture, RenderOptions
 from fapengine.render.programs import PICTURE
 
 Rectangle: TypeAlias = tuple[int, int, int, int]
@@ -36,7 +36,7 @@ class Backdrop:
     Stateful.
     """
 
-    def __init__(self, programs: Programs, drawing: Drawing) -> None:
+    def __init__(self, programs: Programs, drawing: RenderOptions) -> None:
         background = drawing.background
         self._texture: moderngl.Texture | None = None
         self._array: moderngl.VertexArray | None = None
@@ -97,7 +97,7 @@ class Canvas:
     Stateful.
     """
 
-    def __init__(self, programs: Programs, drawing: Drawing) -> None:
+    def __init__(self, programs: Programs, drawing: RenderOptions) -> None:
         self.size, self.drawn, self._components = drawing.size, drawing.drawn_size, drawing.components
         self._context, self._samples = programs.context, drawing.samples
         self._resources: list[Any] = []
@@ -138,7 +138,7 @@ class Canvas:
         self._canvas.use()
         return True
 
-    def suits(self, drawing: Drawing) -> bool:
+    def suits(self, drawing: RenderOptions) -> bool:
         """Whether images of a drawing can be made on this canvas."""
         mine = self.size, self.drawn, self._samples, self._components
         return mine == (drawing.size, drawing.drawn_size, drawing.samples, drawing.components)

@@ -29,11 +29,11 @@ MIN_SIDE_PX, MAX_SIDE_PX = 16, 4096
 MIN_SCALE, MAX_SCALE = 0.1, 1.0
 SAMPLES = (0, 1, 2, 4, 8)
 EDGES: Mapping[str, int] = MappingProxyType({"fine": 4, "soft": 0, "none": 1})
-"""Name of an antialiasing method to :attr:`Drawing.samples`."""
+"""Name of an antialiasing method to :attr:`RenderOptions.samples`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Drawing:
+class RenderOptions:
     """Options for drawing one face. Change them with ``dataclasses.replace(drawing, wire=True)``.
 
     Raises
@@ -43,7 +43,7 @@ class Drawing:
 
     Examples
     --------
-    >>> Drawing(size=(256, 320), background=(240, 232, 216)).aspect
+    >>> RenderOptions(size=(256, 320), background=(240, 232, 216)).aspect
     0.8
     """
 
@@ -73,7 +73,7 @@ class Drawing:
                 f"size: got {shown}, expected a width and a height of {MIN_SIDE_PX} to {MAX_SIDE_PX} pixels"
             )
         if not isinstance(self.camera, Camera):
-            raise UsageError(f"camera: got {self.camera!r}, expected a Camera; Drawing.parse() takes its name")
+            raise UsageError(f"camera: got {self.camera!r}, expected a Camera; RenderOptions.parse() takes its name")
         if self.samples not in SAMPLES:
             raise UsageError(f"samples: got {self.samples}, expected one of {', '.join(map(str, SAMPLES))}")
         if self.shading not in SHADINGS:
@@ -95,7 +95,7 @@ class Drawing:
         edges: str = "soft",
         wire: bool = False,
         rest: float = 1.0,
-    ) -> "Drawing":
+    ) -> "RenderOptions":
         """Make options from text: see :func:`parse_size`, :func:`parse_background`, :func:`parse_edges`.
 
         Parameters
@@ -183,7 +183,7 @@ def parse_background(text: str) -> Background:
 
 
 def parse_edges(text: str) -> int:
-    """Convert ``"fine"``, ``"soft"`` or ``"none"`` to :attr:`Drawing.samples`.
+    """Convert ``"fine"``, ``"soft"`` or ``"none"`` to :attr:`RenderOptions.samples`.
 
     Raises
     ------
@@ -213,4 +213,4 @@ def _checked_background(background: Any) -> Background:
     )
 
 
-DEFAULT_DRAWING = Drawing()
+DEFAULT_RENDER_OPTIONS = RenderOptions()

@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike
 from fapengine.errors import UsageError
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.render.context import Renderer, moderngl
-from fapengine.render.drawing import DEFAULT_DRAWING, Drawing, Picture, Shading
+from fapengine.render.drawing import DEFAULT_RENDER_OPTIONS, Picture, RenderOptions, Shading
 from fapengine.render.renderer import FaceRenderer
 
 RATES_HZ = (0.1, 1000.0)
@@ -221,7 +221,7 @@ class LiveRenderer(Renderer):
     meshes : sequence of FaceMesh
         The same head in levels of detail, the finest first; one is enough. Coarser ones may be functions, which are
         called when that level is first needed.
-    drawing : Drawing
+    drawing : RenderOptions
         Size, camera, background and wireframe; samples, shading and scale follow from the rate.
     rate_hz : float
         Frame rate to hold, 0.1 to 1000.
@@ -241,7 +241,7 @@ class LiveRenderer(Renderer):
     def __init__(
         self,
         meshes: Sequence[LevelOfDetail],
-        drawing: Drawing = DEFAULT_DRAWING,
+        drawing: RenderOptions = DEFAULT_RENDER_OPTIONS,
         *,
         rate_hz: float,
         context: moderngl.Context | None = None,

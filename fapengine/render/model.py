@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from fapengine._arrays import Mask
 from fapengine._signals import signals_kept
 from fapengine.render.context import Programs, moderngl
-from fapengine.render.drawing import Drawing
+from fapengine.render.drawing import RenderOptions
 from fapengine.render.packing import ATTRIBUTE_SIZES, FrameUniforms, PackedMesh, halved, wire_edges
 from fapengine.render.programs import (
     FACE_ATTRIBUTES,
@@ -65,7 +65,7 @@ class Model:
     def draw(
         self,
         uniforms: FrameUniforms,
-        drawing: Drawing,
+        drawing: RenderOptions,
         *,
         draw_behind: Callable[[], None] | None = None,
         moving: bool = True,
@@ -115,8 +115,8 @@ class Model:
         context.fbo.depth_mask = True
         context.disable(moderngl.BLEND)
 
-    def is_lit_at_vertices(self, drawing: Drawing) -> bool:
-        """Whether :attr:`Drawing.shading` results in light at vertices."""
+    def is_lit_at_vertices(self, drawing: RenderOptions) -> bool:
+        """Whether :attr:`RenderOptions.shading` results in light at vertices."""
         if drawing.shading == "auto":
             return self.packed.edge_mm * drawing.camera.pixels_per_mm(drawing.drawn_size[1]) <= MAX_FINE_EDGE_PX
         return drawing.shading == "vertices"

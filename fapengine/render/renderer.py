@@ -26,7 +26,7 @@ from fapengine.mesh.resting import with_rest
 from fapengine.render.camera import Camera
 from fapengine.render.canvas import Backdrop, Canvas, Rectangle
 from fapengine.render.context import Programs, Renderer, moderngl
-from fapengine.render.drawing import DEFAULT_DRAWING, Drawing, Picture
+from fapengine.render.drawing import DEFAULT_RENDER_OPTIONS, Picture, RenderOptions
 from fapengine.render.model import Model
 from fapengine.render.packing import FrameUniforms, frame_uniforms, pack, pose_uniforms
 
@@ -117,7 +117,7 @@ class FaceRenderer(Renderer):
     ----------
     mesh : FaceMesh
         Head to draw.
-    drawing : Drawing
+    drawing : RenderOptions
         Size, camera, background, antialiasing and light.
     context : moderngl.Context, optional
         By default a new one.
@@ -131,7 +131,11 @@ class FaceRenderer(Renderer):
     """
 
     def __init__(
-        self, mesh: FaceMesh, drawing: Drawing = DEFAULT_DRAWING, *, context: moderngl.Context | None = None
+        self,
+        mesh: FaceMesh,
+        drawing: RenderOptions = DEFAULT_RENDER_OPTIONS,
+        *,
+        context: moderngl.Context | None = None,
     ) -> None:
         packed = pack(mesh)
         super().__init__(context)
@@ -146,12 +150,12 @@ class FaceRenderer(Renderer):
         return self._canvas, self._backdrop, self._model, self._programs
 
     @property
-    def drawing(self) -> Drawing:
+    def drawing(self) -> RenderOptions:
         """Options for the next frame; may be set between frames."""
         return self._drawing
 
     @drawing.setter
-    def drawing(self, drawing: Drawing) -> None:
+    def drawing(self, drawing: RenderOptions) -> None:
         before, self._drawing = self._drawing, drawing
         has_other_backdrop = drawing.background is not before.background or drawing.aspect != before.aspect
         if not has_other_backdrop and self._canvas.suits(drawing):
@@ -165,7 +169,7 @@ class FaceRenderer(Renderer):
 
     @property
     def is_lit_at_vertices(self) -> bool:
-        """Whether :attr:`Drawing.shading` results in light at vertices."""
+        """Whether :attr:`RenderOptions.shading` results in light at vertices."""
         return self._model.is_lit_at_vertices(self._drawing)
 
     def draw(self, faps: ArrayLike) -> Picture:
@@ -212,7 +216,7 @@ class CrowdRenderer(Renderer):
     ----------
     meshes : sequence of FaceMesh
         Head of each tile; a repeated mesh is uploaded once.
-    drawing : Drawing
+    drawing : RenderOptions
         Options for each tile; its size is that of a tile, and its scale is ignored.
     columns : int
         Number of tiles in a row.
@@ -225,7 +229,9 @@ class CrowdRenderer(Renderer):
         If OpenGL is not available.
     """
 
-    def __init__(self, meshes: Sequence[FaceMesh], drawing: Drawing = DEFAULT_DRAWING, *, columns: int = 1) -> None:
+    def __init__(
+        self, meshes: Sequence[FaceMesh], drawing: RenderOptions = DEFAULT_RENDER_OPTIONS, *, columns: int = 1
+    ) -> None:
         if not meshes:
             raise UsageError("crowd: requires a mesh")
         self.cameras = [drawing.camera] * len(meshes)

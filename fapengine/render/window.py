@@ -33,7 +33,7 @@ from fapengine.errors import ResourceError, UsageError
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.render.camera import Camera, preset
 from fapengine.render.context import REQUIRED, moderngl
-from fapengine.render.drawing import MAX_SIDE_PX, MIN_SIDE_PX, Drawing
+from fapengine.render.drawing import MAX_SIDE_PX, MIN_SIDE_PX, RenderOptions
 from fapengine.render.live import LevelOfDetail, LiveRenderer, Quality
 from fapengine.render.programs import stage_source
 from fapengine.render.renderer import FaceRenderer
@@ -49,7 +49,7 @@ MIN_SIZE_PT = (200, 160)
 """Width and height of the smallest window, in points."""
 RESIZING_S = 0.15
 """Time after a change of the window's size during which the face is still drawn in the old size."""
-WINDOW_DRAWING = Drawing(size=(820, 560))
+WINDOW_DRAWING = RenderOptions(size=(820, 560))
 BORDER = (0.12, 0.13, 0.15)
 RATE_FRAMES = 90
 """Number of frames over which the rate is measured."""
@@ -63,7 +63,7 @@ class FaceWindow:
     Parameters
     ----------
     mesh : FaceMesh
-    drawing : Drawing
+    drawing : RenderOptions
         The size is the window's at first, in points.
     coarser : sequence of FaceMesh
         The same with fewer vertices, for a rate that could not be kept otherwise; or functions that load them then.
@@ -84,7 +84,7 @@ class FaceWindow:
     def __init__(
         self,
         mesh: FaceMesh,
-        drawing: Drawing = WINDOW_DRAWING,
+        drawing: RenderOptions = WINDOW_DRAWING,
         *,
         coarser: Sequence[LevelOfDetail] = (),
         title: str = "fapengine",

@@ -131,7 +131,7 @@ def parse_blend_track(data: bytes) -> FapTrack:
         remarks.append(f"blend shapes: turns of the head up to {furthest:g} were read as degrees")
     for number, turn in head.items():
         faps[:, fap.column(number)] = turn / AU_RAD
-    return replace(FapTrack.of(to_codable(faps), rate_hz=rate_hz), remarks=tuple(remarks))
+    return replace(FapTrack.from_values(to_codable(faps), rate_hz=rate_hz), remarks=tuple(remarks))
 
 
 def is_blend_table(data: bytes) -> bool:
@@ -442,7 +442,7 @@ def parse_vmc_recording(data: bytes) -> FapTrack:
     faps = shapes.to_faps(evenly[:, : len(shapes.names)])
     for index, number in enumerate((49, 48, 50)):
         faps[:, fap.column(number)] = evenly[:, len(shapes.names) + index] / AU_RAD
-    return FapTrack.of(to_codable(faps), rate_hz=rate_hz)
+    return FapTrack.from_values(to_codable(faps), rate_hz=rate_hz)
 
 
 def _frames(text: str) -> list[Frame]:

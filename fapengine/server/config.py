@@ -203,7 +203,7 @@ class _Parts:
 
 
 @dataclass(frozen=True, slots=True)
-class ServeConfig(_Parts):
+class ServerConfig(_Parts):
     """Configuration of a :class:`fapengine.Server`; docs/reference/configuration.md shows it as TOML."""
 
     sinks: tuple[str, ...] = ()
@@ -237,7 +237,7 @@ class _Document(_Parts):
     sink: tuple[_Sink, ...] = ()
 
 
-def parse_config(data: bytes, name: str) -> ServeConfig:
+def parse_config(data: bytes, name: str) -> ServerConfig:
     """Read a configuration.
 
     Parameters
@@ -262,13 +262,13 @@ def parse_config(data: bytes, name: str) -> ServeConfig:
     parts = {one.name: getattr(document, one.name) for one in fields(_Parts)}
     listen = document.listen
     parts["listen"] = replace(listen, web_port=listen.web_port or None, metrics_port=listen.metrics_port or None)
-    return ServeConfig(**parts, sinks=tuple(sink.url for sink in document.sink))
+    return ServerConfig(**parts, sinks=tuple(sink.url for sink in document.sink))
 
 
 Part = TypeVar("Part", Listen, Face, Style, VoiceChoice, SoundChoice, CallChoice, Caps, BusChoice, Log)
 
 
-def load_config(path: Path) -> ServeConfig:
+def load_config(path: Path) -> ServerConfig:
     """Read a configuration file; see :func:`parse_config`.
 
     Raises

@@ -36,7 +36,7 @@ from fapengine.host.hub import Hub
 from fapengine.host.playback import Playback
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.profiles import Profile
-from fapengine.server.config import ServeConfig
+from fapengine.server.config import ServerConfig
 from fapengine.server.film.film import FilmForm, Studio
 from fapengine.server.intake.doors import open_doors, raise_file_limit
 from fapengine.server.intake.ingress import FairQueue, Ingress
@@ -79,7 +79,7 @@ class Server:
 
     Parameters
     ----------
-    config : ServeConfig
+    config : ServerConfig
     profile : Profile, optional
         Speaker profile; by default ``config.face.profile`` is loaded.
     head : FaceMesh, optional
@@ -99,7 +99,7 @@ class Server:
     @checked
     def __init__(
         self,
-        config: ServeConfig,
+        config: ServerConfig,
         profile: Profile | None = None,
         head: FaceMesh | None = None,
         own: OwnSessions | None = None,

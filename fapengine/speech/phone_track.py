@@ -140,7 +140,7 @@ def is_labiodental(phone: Phone) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class PhoneTrack:
-    """Phones in time order without overlaps and gaps: silence is a phone too. :meth:`of` fills gaps."""
+    """Phones in time order without overlaps and gaps: silence is a phone too. :meth:`from_phones` fills gaps."""
 
     phones: tuple[Phone, ...]
     level: Level = "phone"
@@ -165,7 +165,7 @@ class PhoneTrack:
                 )
 
     @classmethod
-    def of(
+    def from_phones(
         cls,
         phones: list[Phone],
         *,

@@ -108,7 +108,7 @@ class BatchPlanner:
 
     def __init__(self, profile: Profile, style: Style | None = None, *, horizon_s: float = 0.0) -> None:
         self._profile = profile
-        self._style = style or Style.still()
+        self._style = style or Style.speech_only()
         self._horizon_s = horizon_s
         self._new_planner()  # refuses what it cannot do, at once
         self._planners: list[StreamingPlanner] = []

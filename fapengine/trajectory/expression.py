@@ -42,7 +42,7 @@ class Mood:
     """0..2; 1 is the profile's full expression."""
     start_s: float = 0.0
     """Time at which it begins to come."""
-    stop_s: float = inf
+    end_s: float = inf
     """Time at which it is gone, at the latest at the end of the speech."""
     attack_s: float = ATTACK_S
     release_s: float = RELEASE_S
@@ -52,8 +52,8 @@ class Mood:
         name = self.expression.label
         if not 0 <= self.strength <= MAX_WEIGHT:
             raise UsageError(f"expression {name}: must be 0 to {MAX_WEIGHT:g}, got strength {self.strength}")
-        if not 0 <= self.start_s < self.stop_s:
-            raise UsageError(f"expression {name}: got {self.start_s} to {self.stop_s} s, expected 0 <= start < stop")
+        if not 0 <= self.start_s < self.end_s:
+            raise UsageError(f"expression {name}: got {self.start_s} to {self.end_s} s, expected 0 <= start < stop")
         if not (0 < self.attack_s < inf and 0 < self.release_s < inf):
             times = f"attack {self.attack_s} s and release {self.release_s} s"
             raise UsageError(f"expression {name}: got {times}, expected positive times")
@@ -113,7 +113,7 @@ def mood_ramps(moods: Sequence[Mood], profile: Profile, end_s: float) -> list[Ra
         if not has_expression(profile, mood.expression):
             name = mood.expression.label
             raise UsageError(f"expression: got {name}, profile {profile.id!r} does not have it")
-        release_s = max(min(mood.stop_s, end_s) - mood.release_s, mood.start_s + mood.attack_s)
+        release_s = max(min(mood.end_s, end_s) - mood.release_s, mood.start_s + mood.attack_s)
         by_expression.setdefault(mood.expression, []).append((mood.start_s, release_s, mood))
     for expression, spans in by_expression.items():
         comes = [(start_s, mood.attack_s) for start_s, _, mood in spans]

@@ -60,7 +60,7 @@ def viseme_faces(profile: Profile) -> Array:
     still = Style(blinks=False, head_motion=False, gaze=False, idle=False, emphasis=False)
     faces = np.zeros((len(VISEMES), fap.FAP_COUNT))
     for viseme in VISEMES[1:]:
-        phones = PhoneTrack.of([Phone(viseme.phonemes[0], *SPOKEN_S)])
+        phones = PhoneTrack.from_phones([Phone(viseme.phonemes[0], *SPOKEN_S)])
         frames = plan(phones, profile, rng=np.random.default_rng(0), rate_hz=100.0, style=still).track.values
         faces[viseme.number] = frames[round(50 * sum(SPOKEN_S))]
     faces.setflags(write=False)

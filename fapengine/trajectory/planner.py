@@ -102,7 +102,7 @@ def plan(
         near_s, one = times_s[piece], np.ones(len(times_s[piece]))
         overlay = Overlay(expression_faps(profile) @ levels[:, piece], moved(piece), one, one)
         values[piece] = to_codable(composer.faps(path[piece].T, held(near_s, holds.near(near_s)), overlay))
-    return Plan(FapTrack.of(values, rate_hz=rate_hz), dict(keys.unknown))
+    return Plan(FapTrack.from_values(values, rate_hz=rate_hz), dict(keys.unknown))
 
 
 def rest_s(phones: PhoneTrack, duration_s: float | None = None) -> float:

@@ -118,7 +118,7 @@ class StreamingPlanner:
     """
 
     profile: Profile
-    style: Style = field(default_factory=lambda: Style.still())
+    style: Style = field(default_factory=lambda: Style.speech_only())
     horizon_s: float = 0.0
     counts: Counts = field(default_factory=Counts)
     _phones: list[Phone] = field(default_factory=list)

@@ -65,7 +65,7 @@ class Style:
         parse_method(self.method)
 
     @classmethod
-    def still(cls, *, articulation: float = 1.0, method: Method = "context") -> "Style":
+    def speech_only(cls, *, articulation: float = 1.0, method: Method = "context") -> "Style":
         """Speech alone: no gestures."""
         return cls(articulation, method=method, blinks=False, head_motion=False, gaze=False, idle=False, emphasis=False)
 

@@ -332,7 +332,7 @@ def _succeed(code: int, what: str) -> None:
 def _phones(events: Sequence[Event], text: str, samples: NDArray[np.int16], rate_hz: int, code: str) -> PhoneTrack:
     """Turn events into phones that lie where they sound (:mod:`.sounding`)."""
     marks = in_context(_marks(events, text, rate_hz, code), code)
-    return PhoneTrack.of(sounding(marks, SoundLevel(samples, rate_hz)), tolerance_s=0.0)
+    return PhoneTrack.from_phones(sounding(marks, SoundLevel(samples, rate_hz)), tolerance_s=0.0)
 
 
 def _marks(events: Sequence[Event], text: str, rate_hz: int, code: str) -> list[Mark]:

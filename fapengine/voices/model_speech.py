@@ -95,7 +95,7 @@ def speech_of(
         Mark(each.start_s, "" if each.is_silence else each.label, each.stress, each.word) for each in track.phones
     ]
     heard = sounding(marks, SoundLevel(samples, rate_hz))
-    phones = PhoneTrack.of(heard, tolerance_s=0.0, level=track.level, reading=track.reading)
+    phones = PhoneTrack.from_phones(heard, tolerance_s=0.0, level=track.level, reading=track.reading)
     speech = Speech(samples=samples, sample_rate_hz=rate_hz, phones=phones)
     if marked.marks and not words:
         speech = replace(speech, remarks=("text: the voice gives no times of words; all marks come at the start",))

@@ -107,7 +107,7 @@ class Pronouncer:
                     phones.append(Phone(SILENCE, word.start_s, word.end_s))
                 else:
                     phones += _fitted(next(parts), word) or [word]
-        return PhoneTrack.of(phones, tolerance_s=MIN_PHONE_S, level=track.level, reading=track.reading)
+        return PhoneTrack.from_phones(phones, tolerance_s=MIN_PHONE_S, level=track.level, reading=track.reading)
 
     def words(self, words: Sequence[tuple[str, float, float]]) -> list[Phone]:
         """Turn words with times, as a TTS gives them with its audio, into phones.
@@ -125,7 +125,7 @@ class Pronouncer:
         spelled = [
             Phone(label.strip() or SILENCE, start_s, end_s) for label, start_s, end_s in words if start_s != end_s
         ]
-        track = PhoneTrack.of(spelled, tolerance_s=WORDS_OVERLAP_S, level="word", spelled=True)
+        track = PhoneTrack.from_phones(spelled, tolerance_s=WORDS_OVERLAP_S, level="word", spelled=True)
         first_s = spelled[0].start_s if spelled else 0.0
         return [phone for phone in self.track(track).phones if phone.start_s >= first_s - MIN_PHONE_S]
 

@@ -70,7 +70,7 @@ class Speech:
         if tail:
             moved.append(Phone(SILENCE, moved[-1].end_s if moved else shift_s, end_s))
         marks = tuple(replace(m, at_s=m.at_s + shift_s, until_s=m.until_s + shift_s) for m in self.marks)
-        return replace(self, samples=samples, phones=PhoneTrack.of(moved), marks=marks)
+        return replace(self, samples=samples, phones=PhoneTrack.from_phones(moved), marks=marks)
 
     def marked(self, text: MarkedText) -> "Speech":
         """Add the inline cues of the text; their loudness is added to the phones."""

@@ -119,7 +119,7 @@ class Gathered:
         phones = [phone for phone in track.phones if phone.start_s < end_s]
         if phones and phones[-1].end_s < end_s:
             phones.append(Phone(SILENCE, phones[-1].end_s, end_s))
-        whole = PhoneTrack.of(phones, level=track.level, reading=track.reading)
+        whole = PhoneTrack.from_phones(phones, level=track.level, reading=track.reading)
         return Speech(samples=np.concatenate(self.sound), sample_rate_hz=self.rate_hz, phones=whole)
 
 

@@ -31,7 +31,7 @@ from fapengine.files.profiles import load_profile
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fap import FAP_2_EXPRESSIONS
 from fapengine.mpeg4.track import to_codable
-from fapengine.server.config import ServeConfig
+from fapengine.server.config import ServerConfig
 from fapengine.server.sinks.kinds import SINK_KINDS, SinkKind
 from fapengine.speaking import GENERATORS, Described, SpeakingOptions
 from fapengine.speech.formats.registry import FORMATS
@@ -94,7 +94,7 @@ CLOSING = (3, 4, 5, 8, 9, 10, 11, 51, 52, 55, 56, 57, 58)
 
 def _live(command: Express | Look) -> np.ndarray:
     """(68,) FAPU that a still face shows 2 s after a command."""
-    engine = Engine(load_profile("grid_s1_en"), rng=np.random.default_rng(1), style=Style.still())
+    engine = Engine(load_profile("grid_s1_en"), rng=np.random.default_rng(1), style=Style.speech_only())
     engine.open("a", 0.0)
     engine.apply("a", command, 0.0)
     return [np.asarray(engine.frame(time_s).faps)[0] for time_s in np.arange(0, 2, 1 / 30)][-1]
@@ -210,7 +210,7 @@ def test_a_configuration_has_a_key_for_every_option_of_speaking(name: str) -> No
     if described.config is None:
         return
     table, _, key = described.config.partition(".")
-    section = getattr(ServeConfig(), table)
+    section = getattr(ServerConfig(), table)
     if name == "without":
         assert all(getattr(section, generator) is True for generator in GENERATORS)
         return
@@ -233,7 +233,7 @@ def test_python_has_every_option_of_speaking(name: str) -> None:
     elif name != "without":
         assert getattr(place(), key) == default
     else:
-        assert Style().without(["all"]) == Style.still()
+        assert Style().without(["all"]) == Style.speech_only()
 
 
 @pytest.mark.parametrize("name", SPEAKING)

@@ -160,7 +160,7 @@ def test_a_site_that_the_server_does_not_name_is_refused(shop: Page) -> None:
 def test_a_file_is_played_with_its_sound_and_without_a_server(shop: Page, site: Path) -> None:
     values = np.zeros((31, 68), np.int32)
     values[:, fap.column(3)] = 20 * np.arange(31)
-    (site / "talk.fap").write_text(format_fap(FapTrack.of(values, rate_hz=25.0)))
+    (site / "talk.fap").write_text(format_fap(FapTrack.from_values(values, rate_hz=25.0)))
     save_wav(site / "talk.wav", np.zeros(24_000, np.int16), 16_000)
     show(shop, src="talk.fap", audio="talk.wav", transparent="")
     shop.until("face.source.audio.readyState > 2")
@@ -173,7 +173,7 @@ def test_a_file_is_played_with_its_sound_and_without_a_server(shop: Page, site: 
     assert np.abs(shop.run("apart")).max() < 0.1  # the mouth is where the sound is: 500 FAPU a second
     assert shop.run("face.faps[2]") == 600
     read = "(text) => { try { return all.parseFap(text).frames.length; } catch (error) { return error.message; } }"
-    good = format_fap(FapTrack.of(values, rate_hz=25.0))
+    good = format_fap(FapTrack.from_values(values, rate_hz=25.0))
     frames = [good, good[: good.rindex(" ")], "MThd", "2.1 x 25 0\n"]
     told = [shop.run(f"({read})({json.dumps(text)})") for text in frames]
     assert told[0] == 31

@@ -17,7 +17,7 @@ from fapengine.mesh.resting import with_rest
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack, limits
 from fapengine.render.camera import PRESETS
-from fapengine.render.drawing import Drawing
+from fapengine.render.drawing import RenderOptions
 from fapengine.render.packing import frame_uniforms
 from fapengine.render.renderer import FaceRenderer
 from fapengine.server.web.page_files import PAGE_CAMERAS
@@ -165,7 +165,7 @@ def test_the_picture_is_the_desktop_s(modules: Page, head: FaceMesh, name: str) 
     faps = np.zeros(68)
     faps[[fap.column(number) for number in (3, 5, 10, 11, 19, 31, 49)]] = 400, -300, -250, -250, 300, 200, 10_000
     found = pictured(modules, faps, name, 256, "soft")
-    drawing = Drawing(
+    drawing = RenderOptions(
         size=(256, 256), camera=PRESETS[name], background="transparent", samples=0, shading="pixels"
     )  # as the page does
     with FaceRenderer(head, drawing) as renderer:
@@ -407,7 +407,7 @@ def test_visemes_and_expressions_of_a_file_are_shown_as_python_shows_them(module
     selects, weights = rng.integers(0, 7, (2, count)), rng.integers(0, 64, (2, count))
     expressions = np.column_stack([selects[0], weights[0], selects[1], weights[1], *rng.integers(0, 2, (2, count))])
     sent = replace(
-        FapTrack.of(values * (np.arange(68) > 1), rate_hz=25.0), mask=mask, visemes=visemes * mask[:, :1],
+        FapTrack.from_values(values * (np.arange(68) > 1), rate_hz=25.0), mask=mask, visemes=visemes * mask[:, :1],
         expressions=expressions * mask[:, 1:2], values=values * mask * (np.arange(68) > 1),
     )  # fmt: skip
     found = calculated(

@@ -120,8 +120,8 @@ def test_lips_are_closed_on_m_and_open_on_a(page: Page) -> None:
     texts, frames = page.run("[kept.texts, kept.frames.map(({ time, faps }) => [time, [...faps]])]")
     zero_s = next(text["time_s"] - text["position_s"] for text in texts if text["type"] == "position")
     phones = [Phone(*phone[:3]) for text in texts if text["type"] == "phones" for phone in text["phones"]]
-    profile, style, unused = load_profile("grid_s1_en"), Style.still(), np.random.default_rng(1)
-    planned = plan(PhoneTrack.of(phones), profile, rng=unused, rate_hz=PLAN_HZ, style=style).track.values
+    profile, style, unused = load_profile("grid_s1_en"), Style.speech_only(), np.random.default_rng(1)
+    planned = plan(PhoneTrack.from_phones(phones), profile, rng=unused, rate_hz=PLAN_HZ, style=style).track.values
 
     def faps_at(time_s: float) -> np.ndarray:
         index = min(int(time_s * PLAN_HZ), len(planned) - 2)  # a frame may come in the last 4 ms of the plan

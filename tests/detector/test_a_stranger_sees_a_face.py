@@ -19,7 +19,7 @@ from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD
 from fapengine.profiles import Profile
 from fapengine.render.camera import Camera, preset
-from fapengine.render.drawing import Drawing
+from fapengine.render.drawing import RenderOptions
 from fapengine.render.renderer import FaceRenderer
 from fapengine.trajectory.closures import close_lips
 from fapengine.trajectory.expression import expression_faps
@@ -90,7 +90,7 @@ def _turned(faps: Array, yaw_deg: float, pitch_deg: float) -> Array:
 
 
 def _draw(head: FaceMesh, faps: Array, view: Camera, size: tuple[int, int] = SIZE) -> list[NDArray[np.uint8]]:
-    with FaceRenderer(head, Drawing(size=size, camera=view, samples=0)) as renderer:
+    with FaceRenderer(head, RenderOptions(size=size, camera=view, samples=0)) as renderer:
         return list(renderer.frames(faps))
 
 

@@ -43,7 +43,7 @@ def truth() -> FapTrack:
     time = np.arange(len(values)) / RATE_HZ
     for number, (degrees, speed) in WAVES.items():
         values[:, fap.column(number)] = np.deg2rad(degrees) * np.sin(speed * time) / AU_RAD
-    return FapTrack.of(to_codable(values), rate_hz=RATE_HZ)
+    return FapTrack.from_values(to_codable(values), rate_hz=RATE_HZ)
 
 
 @pytest.fixture(scope="module")

@@ -32,7 +32,7 @@ def main(port: int) -> None:
             berta.say_text("Many men may map more bays. " * 12)
             heard: int | None = None
             for start in range(0, 2 * RATE_HZ, PIECE):
-                heard = carl.sound(samples[start : start + PIECE], RATE_HZ, utterance=heard)
+                heard = carl.send_audio(samples[start : start + PIECE], RATE_HZ, utterance=heard)
                 time.sleep(PIECE / RATE_HZ)
             carl.end(heard or 0)
 

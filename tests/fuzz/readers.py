@@ -124,7 +124,7 @@ def _timings() -> Iterable[Reader]:
 def _track() -> FapTrack:
     values = np.random.default_rng(RNG_SEED).integers(-40, 90, (4, 68))
     values[:, :2] = 0
-    return FapTrack.of(np.maximum(values, 0), rate_hz=30.0)
+    return FapTrack.from_values(np.maximum(values, 0), rate_hz=30.0)
 
 
 def _motion() -> Iterable[Reader]:
@@ -309,7 +309,7 @@ def _texts() -> Iterable[Reader]:
 
 
 def _wire() -> Iterable[Reader]:
-    (frame,) = fap_osc.encode_track(FapTrack.of(_track().values[:1], rate_hz=25.0), session="anna")
+    (frame,) = fap_osc.encode_track(FapTrack.from_values(_track().values[:1], rate_hz=25.0), session="anna")
     mixed = osc.message("/x", "sbihfdTFN", "é", b"abc", 1, 2, 3.0, 4.0, True, False, None)
     told = (
         codec.encode(schema.Hello("anna", token="word")),

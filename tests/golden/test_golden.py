@@ -20,7 +20,7 @@ from fapengine.mpeg4 import fap
 from fapengine.profiles import parse_profile
 from fapengine.render.camera import Camera, preset
 from fapengine.render.context import create_context
-from fapengine.render.drawing import Drawing
+from fapengine.render.drawing import RenderOptions
 from fapengine.render.renderer import FaceRenderer
 from fapengine.trajectory.closures import close_lips
 from fapengine.trajectory.faps import displacements_to_faps
@@ -60,7 +60,7 @@ def pictures(head: FaceMesh) -> dict[str, Picture]:
     poses = {"neutral": np.zeros(68), "joy": smile, "open": open_mouth, "blink": closed}
     made = {}
     for name, faps in poses.items():
-        with FaceRenderer(head, Drawing(size=SIZE, camera=VIEWS[name], samples=4, shading="pixels")) as renderer:
+        with FaceRenderer(head, RenderOptions(size=SIZE, camera=VIEWS[name], samples=4, shading="pixels")) as renderer:
             made[name] = renderer.draw(faps)
     return made
 
@@ -127,7 +127,7 @@ def test_an_open_mouth_is_darker_inside_and_no_black_hole(head: FaceMesh, pictur
 
 
 def test_a_blink_hides_the_eye(head: FaceMesh, pictures: dict[str, Picture]) -> None:
-    with FaceRenderer(head, Drawing(size=SIZE, camera=VIEWS["blink"], samples=4, shading="pixels")) as renderer:
+    with FaceRenderer(head, RenderOptions(size=SIZE, camera=VIEWS["blink"], samples=4, shading="pixels")) as renderer:
         awake = renderer.draw(np.zeros(68))
     x, y = np.round(project(VIEWS["blink"], head.point_mm("3.5")[None], SIZE)[0]).astype(int)
     at = (slice(y - 4, y + 5), slice(x - 4, x + 5))

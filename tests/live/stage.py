@@ -13,7 +13,7 @@ from pathlib import Path
 
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mpeg4 import fap
-from fapengine.server.config import Caps, Face, Listen, ServeConfig
+from fapengine.server.config import Caps, Face, Listen, ServerConfig
 from fapengine.server.server import Server
 from fapengine.trajectory.style import Style
 from fapengine.wire import osc
@@ -102,12 +102,12 @@ class Sender:
         self.socket.close()
 
 
-def config_of(*sinks: str, port: int = 0, token: str | None = None, **limits: float) -> ServeConfig:
+def config_of(*sinks: str, port: int = 0, token: str | None = None, **limits: float) -> ServerConfig:
     """A quiet server: nothing moves by itself, no page."""
-    return ServeConfig(
+    return ServerConfig(
         listen=Listen(port=port, web_port=None, token=token),
         face=Face(rate_hz=60.0),
-        style=Style.still(),
+        style=Style.speech_only(),
         limits=Caps(**limits),  # type: ignore[arg-type]
         sinks=sinks,
     )
@@ -115,7 +115,7 @@ def config_of(*sinks: str, port: int = 0, token: str | None = None, **limits: fl
 
 @asynccontextmanager
 async def running(
-    config: ServeConfig, head: FaceMesh | None = None, clock: PatientClock | None = None
+    config: ServerConfig, head: FaceMesh | None = None, clock: PatientClock | None = None
 ) -> AsyncIterator[Server]:
     """Run a server inside, and drain it at the end; a patient clock waits for each of its frames."""
     server = Server(config, english(), head, clock=clock or time.monotonic)

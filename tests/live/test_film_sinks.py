@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fapengine.errors import ResourceError, UsageError
-from fapengine.server.config import Listen, ServeConfig
+from fapengine.server.config import Listen, ServerConfig
 from fapengine.server.sinks.kinds import parse_sink
 from fapengine.server.sinks.opening import open_sink
 from tests.live.stage import on_a_loop, running, until
@@ -69,8 +69,8 @@ def stand_in(monkeypatch: pytest.MonkeyPatch) -> None:
     Camera.made.clear()
 
 
-def config(*urls: str) -> ServeConfig:
-    return ServeConfig(listen=Listen(port=0, web_port=None), sinks=urls)
+def config(*urls: str) -> ServerConfig:
+    return ServerConfig(listen=Listen(port=0, web_port=None), sinks=urls)
 
 
 @pytest.mark.usefixtures("stand_in")

@@ -15,7 +15,7 @@ from fapengine.mpeg4 import fap
 from fapengine.server.calls import calls as module
 from fapengine.server.calls.offer import addresses_for
 from fapengine.server.calls.tracks import FilmTracks
-from fapengine.server.config import CallChoice, Face, Listen, ServeConfig
+from fapengine.server.config import CallChoice, Face, Listen, ServerConfig
 from fapengine.server.server import Server
 from fapengine.trajectory.style import Style
 from tests.english import english
@@ -31,9 +31,9 @@ Serving = tuple[Server, str, aiohttp.ClientSession]
 async def serving(
     *, head: str = "default", **listen: object
 ) -> AsyncIterator[tuple[Server, str, aiohttp.ClientSession]]:
-    config = ServeConfig(
+    config = ServerConfig(
         listen=Listen(port=0, web_port=0, metrics_port=0, **listen),  # type: ignore[arg-type]
-        face=Face(head=head), style=Style.still(), calls=CallChoice(on=True, size=64, max_calls=2),
+        face=Face(head=head), style=Style.speech_only(), calls=CallChoice(on=True, size=64, max_calls=2),
     )  # fmt: skip
     server = Server(config, english(), build_head())
     await server.start()
@@ -188,4 +188,4 @@ def test_config() -> None:
     with pytest.raises(ValueError, match="even"):
         CallChoice(size=65)
     with pytest.raises(ValueError, match="workers"):
-        replace(ServeConfig(listen=Listen(workers=2)), sinks=("camera://",))
+        replace(ServerConfig(listen=Listen(workers=2)), sinks=("camera://",))

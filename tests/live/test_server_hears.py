@@ -27,7 +27,7 @@ MIN_LIKENESS = 0.8
 
 
 LAG_S = 0.04
-"""Sound that an ear need not have heard yet: two frames. The face follows 0.3 s after, so each more shows in its lips."""
+"""Sound that an ear may not have heard yet: two frames. The face follows after 0.3 s: more shows in its lips."""
 
 
 async def tell_sound(face: Client, server: Server, clock: PatientClock, samples: NDArray[np.int16]) -> None:
@@ -45,7 +45,7 @@ async def tell_sound(face: Client, server: Server, clock: PatientClock, samples:
     for start in range(0, len(samples), PIECE):
         due_s = (start + PIECE) / RATE_HZ
         await at(clock, begun_s + due_s)
-        number = face.sound(samples[start : start + PIECE], RATE_HZ, utterance=number)
+        number = face.send_audio(samples[start : start + PIECE], RATE_HZ, utterance=number)
         clock.allow(face, PIECE / RATE_HZ)
         await until(lambda: is_heard(heard_s + due_s - LAG_S))  # noqa: B023  called at once
     clock.free(face)
@@ -118,7 +118,7 @@ def test_a_barge_in_empties_the_ear() -> None:
             async with running(config_of(f"osc://127.0.0.1:{ear.port}"), clock=clock) as server:
                 await ready(server)
                 with Client(*server.osc_address, session="anna", clock=clock) as face:
-                    number = face.sound(speech, RATE_HZ)  # all at once
+                    number = face.send_audio(speech, RATE_HZ)  # all at once
                     await until(lambda: max(ear.jaw("anna"), default=0) > 50)
                     face.cancel()
                     await until(lambda: any(notice.kind == "cancelled" for notice in face.events()))
@@ -128,7 +128,7 @@ def test_a_barge_in_empties_the_ear() -> None:
                     assert np.abs(open_mm[at_s > 0.4]).max() < 0.5
                     assert server.hub.engine.state("anna") == "idle"
                     phones = server.hearing.counts.phones
-                    number = face.sound(speech[: 2 * RATE_HZ], RATE_HZ)  # and it hears what is said next
+                    number = face.send_audio(speech[: 2 * RATE_HZ], RATE_HZ)  # and it hears what is said next
                     face.end(number)
                     await until(lambda: any(notice.kind == "finished" for notice in face.events()))
                     assert server.hearing.counts.phones > phones

@@ -31,7 +31,7 @@ def opening(ear: Ear, session: str, zero_s: float) -> tuple[NDArray[np.float64],
 
 
 async def over(face: Client, number: int) -> str:
-    return await asyncio.to_thread(face.wait_until_over, number, LIMIT_S)
+    return await asyncio.to_thread(face.wait_until_finished, number, LIMIT_S)
 
 
 async def at(clock: PatientClock, time_s: float) -> None:
@@ -55,10 +55,10 @@ def test_words_move_the_lips_when_they_are_said(tcp: bool) -> None:
             with Client(host, port, session="anna", tcp=tcp, clock=clock) as face:
                 await asyncio.to_thread(face.wait)
                 zero_s = clock() + AHEAD_S
-                number = face.words(WORDS[:2], at_s=zero_s)
+                number = face.send_words(WORDS[:2], at_s=zero_s)
                 await at(clock, zero_s - AHEAD_S / 2)
-                face.words(WORDS[2:4], utterance=number)
-                face.words(WORDS[4:], utterance=number)
+                face.send_words(WORDS[2:4], utterance=number)
+                face.send_words(WORDS[4:], utterance=number)
                 face.end(number)
                 assert await over(face, number) == "finished"
                 await at(clock, zero_s + 2.6)
@@ -100,10 +100,10 @@ def test_a_session_may_switch_between_all_of_them() -> None:
                     if kind == "phones":
                         number = face.say(PHONES)
                     elif kind == "words":
-                        number = face.words(WORDS[:3])
+                        number = face.send_words(WORDS[:3])
                         face.end(number)
                     else:
-                        number = face.sound(speech, RATE_HZ)
+                        number = face.send_audio(speech, RATE_HZ)
                         face.end(number)
                     assert await over(face, number) == "finished", kind
                     assert moved(ear, began_s) > 2, kind
@@ -124,7 +124,7 @@ def test_a_barge_in_empties_phones_words_sound_and_texts() -> None:
             host, port = server.osc_address
             with Client(host, port, session="anna", clock=clock) as face:
                 long = [("mama", n * 0.5, n * 0.5 + 0.4) for n in range(20)]
-                numbers = [face.sound(np.tile(spoken("rms", BABY).samples, 3), RATE_HZ), face.words(long)]
+                numbers = [face.send_audio(np.tile(spoken("rms", BABY).samples, 3), RATE_HZ), face.send_words(long)]
                 numbers.append(face.say(PHONES * 1))
                 face.say_text("My mama may make more mumbling mammals, and many more, and more.")
                 await until(lambda: max(ear.jaw("anna"), default=0) > 50)
@@ -135,7 +135,7 @@ def test_a_barge_in_empties_phones_words_sound_and_texts() -> None:
                 at_s, open_mm = opening(ear, "anna", cancelled_s)
                 assert np.abs(open_mm[at_s > 0.4]).max() < 0.5
                 assert server.hub.engine.state("anna") == "idle"
-                number = face.words(WORDS[:2])  # and goes on with what is said next
+                number = face.send_words(WORDS[:2])  # and goes on with what is said next
                 face.end(number)
                 assert await over(face, number) == "finished"
         ear.close()
@@ -146,11 +146,11 @@ def test_a_barge_in_empties_phones_words_sound_and_texts() -> None:
 def test_words_that_cannot_be_are_refused() -> None:
     with Client(port=9, session="anna") as face:
         with pytest.raises(UsageError, match="starts at"):
-            face.words([("one", 1.0, 2.0), ("two", 0.2, 0.5)])
+            face.send_words([("one", 1.0, 2.0), ("two", 0.2, 0.5)])
         with pytest.raises(UsageError, match="voice"):
-            face.words([("one", 0.0, 1.0)], voice="no such language")
+            face.send_words([("one", 0.0, 1.0)], voice="no such language")
         number = face.begin(audio=True)
-        face.sound(np.zeros(800, np.int16), 16_000, utterance=number)
+        face.send_audio(np.zeros(800, np.int16), 16_000, utterance=number)
         with pytest.raises(UsageError, match="got phones and sound"):
-            face.words(WORDS, utterance=number)
+            face.send_words(WORDS, utterance=number)
         face.cancel()

@@ -17,7 +17,7 @@ from fapengine.clients.sender import Client
 from fapengine.clients.websocket_viewer import WebSocketViewer
 from fapengine.errors import UsageError
 from fapengine.server.cluster.workers import check_workers
-from fapengine.server.config import ServeConfig, SoundChoice
+from fapengine.server.config import ServerConfig, SoundChoice
 from fapengine.server.ownership.rule import worker_of
 from fapengine.speech.phone_track import Phone
 from fapengine.wire.fap_osc import FapFrame
@@ -156,12 +156,12 @@ def _lives(process: int) -> bool:
 @pytest.mark.parametrize(
     ("config", "why"),
     [
-        (ServeConfig(sinks=("vmc://127.0.0.1",)), "session=NAME"),
-        (ServeConfig(sinks=("fba+tcp://127.0.0.1:9?session=anna",)), "one that sends datagrams"),
-        (ServeConfig(sound=SoundChoice(session="face")), "audio devices"),
-        (ServeConfig(sound=SoundChoice(microphone="default")), "audio devices"),
+        (ServerConfig(sinks=("vmc://127.0.0.1",)), "session=NAME"),
+        (ServerConfig(sinks=("fba+tcp://127.0.0.1:9?session=anna",)), "one that sends datagrams"),
+        (ServerConfig(sound=SoundChoice(session="face")), "audio devices"),
+        (ServerConfig(sound=SoundChoice(microphone="default")), "audio devices"),
     ],
 )
-def test_what_one_process_alone_can_do_is_refused(config: ServeConfig, why: str) -> None:
+def test_what_one_process_alone_can_do_is_refused(config: ServerConfig, why: str) -> None:
     with pytest.raises(UsageError, match=why):
         check_workers(config)

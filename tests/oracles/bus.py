@@ -103,7 +103,7 @@ class Stage:
             first = number % len(addresses)
             host, port = addresses[first]
             others = addresses[first + 1 :] + addresses[:first]
-            clients[name] = Client(host, port, session=name, others=others)
+            clients[name] = Client(host, port, session=name, fallback_addresses=others)
         for client in clients.values():
             client.wait(30.0).say(LONG)
         wait(lambda: all(map(self.is_speaking, sessions)))

@@ -11,7 +11,7 @@ import shutil
 import subprocess
 from pathlib import Path
 
-from fapengine.server.config import Listen, ServeConfig
+from fapengine.server.config import Listen, ServerConfig
 from fapengine.server.server import Server
 from fapengine.trajectory.style import Style
 from tests.english import english
@@ -81,7 +81,9 @@ async def _run(command: list[str]) -> tuple[list[float], bool]:
     port = free_port()
     address = f"ws://127.0.0.1:{port}/"
     listen = Listen(port=0, web_port=None)
-    server = Server(ServeConfig(listen=listen, sinks=(f"ws-json://127.0.0.1:{port}",), style=Style.still()), english())
+    server = Server(
+        ServerConfig(listen=listen, sinks=(f"ws-json://127.0.0.1:{port}",), style=Style.speech_only()), english()
+    )
     await server.start()
     running = asyncio.create_task(server.run())
     release = server.hub.hold("face")

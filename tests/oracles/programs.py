@@ -140,7 +140,7 @@ async def loaded(url: str, name: str, avatar: str) -> AsyncIterator[Page]:
 
 def weights_of(performance: Performance, key: str) -> tuple[list[str], Array]:
     """Names of a set's shapes in our files, and (T, N) weights."""
-    values, rate_hz = performance.track.even_values().astype(np.float64), performance.track.rate_hz
+    values, rate_hz = performance.track.filled_values().astype(np.float64), performance.track.rate_hz
     match key:
         case "arkit":
             return list(ARKIT_NAMES), approximate_arkit(values)

@@ -16,7 +16,7 @@ import numpy as np
 from aiortc import RTCConfiguration, RTCIceServer, RTCIceTransportPolicy, RTCPeerConnection
 
 from fapengine.mesh.default_head.head import build_head
-from fapengine.server.config import CallChoice, Listen, ServeConfig
+from fapengine.server.config import CallChoice, Listen, ServerConfig
 from fapengine.server.server import Server
 from tests.english import english
 from tests.live.caller import Caller, read_track
@@ -49,7 +49,7 @@ def coturn() -> Iterator[int]:
 
 async def call(turn_port: int) -> str:
     """Call a server of one's own through it; tell what came, and by which way."""
-    config = ServeConfig(listen=Listen(port=0, web_port=0), calls=CallChoice(on=True, size=64))
+    config = ServerConfig(listen=Listen(port=0, web_port=0), calls=CallChoice(on=True, size=64))
     server = Server(config, english(), build_head())
     await server.start()
     running = asyncio.create_task(server.run())

@@ -17,7 +17,7 @@ from fapengine.mpeg4.track import FapTrack
 
 START, END = b"\x00\x00\x01\xba", b"\x00\x00\x01\xb1"
 VALID = encode(
-    FapTrack.of(np.arange(40 * 68).reshape(40, 68) % 90 * ([0, 0] + [1] * 66), rate_hz=25.0),
+    FapTrack.from_values(np.arange(40 * 68).reshape(40, 68) % 90 * ([0, 0] + [1] * 66), rate_hz=25.0),
     EncoderOptions(intra_every=12, plane_start_codes="intra"),
 )
 
@@ -83,7 +83,7 @@ def test_decoding_undoes_encoding_up_to_half_a_step(
 ) -> None:
     low_level[:, [20, 21, 22, 23, 44, 45, 46, 47]] //= 2 if quant == 0 else 1
     values = np.hstack([np.zeros((len(low_level), 2), np.int32), low_level])
-    track = FapTrack.of(values, rate_hz=25.0)
+    track = FapTrack.from_values(values, rate_hz=25.0)
     options = EncoderOptions(quant=quant, intra_every=every, ranges=ranges, moving_only=moving)
     shown = decode(encode(track, options)).track
     if quant in (1, 2):  # small differences: nothing can leave the table's ranges
@@ -97,6 +97,6 @@ def test_decoding_undoes_encoding_up_to_half_a_step(
 @pytest.mark.parametrize("every", [0, 3])
 def test_a_still_face_keeps_its_last_frame_however_few_bits_it_takes(moving: bool, quant: int, every: int) -> None:
     for count in range(1, 30):
-        track = FapTrack.of(np.zeros((count, 68), np.int32), rate_hz=25.0)
+        track = FapTrack.from_values(np.zeros((count, 68), np.int32), rate_hz=25.0)
         data = encode(track, EncoderOptions(quant=quant, intra_every=every, ranges="fitted", moving_only=moving))
         assert len(decode(data).track) == count

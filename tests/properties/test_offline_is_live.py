@@ -26,10 +26,10 @@ from tests.english import english
 
 STYLES = {
     "default": Style(),
-    "still": Style.still(),
+    "still": Style.speech_only(),
     **{f"without {name}": Style(**{name: False}) for name in GENERATORS},  # type: ignore[arg-type]
     "loud": Style(1.2, jaw=1.5, lips=0.6, loudness_db=6.0),
-    "mumbled": Style.still(articulation=0.4),
+    "mumbled": Style.speech_only(articulation=0.4),
 }
 MOODS = (
     Mood(Expression.JOY, 0.4),
@@ -54,7 +54,7 @@ def speech(seed: int, count: int = 24, tail_s: float = 0.3) -> PhoneTrack:
         Phone(str(label), float(start_s), float(end_s), 0 if label == SILENCE else int(level))
         for label, (start_s, end_s), level in zip(labels, pairwise(edges), stress, strict=True)
     ]
-    return PhoneTrack.of([*phones, Phone(SILENCE, float(edges[-1]), float(edges[-1]) + tail_s)])
+    return PhoneTrack.from_phones([*phones, Phone(SILENCE, float(edges[-1]), float(edges[-1]) + tail_s)])
 
 
 def offline(phones: PhoneTrack, style: Style, seed: int, rate_hz: float, moods: tuple[Mood, ...] = ()) -> np.ndarray:
@@ -127,8 +127,8 @@ def test_phones_and_pauses_of_any_length(spoken: list[tuple[str, float]]) -> Non
     edges = np.cumsum([0.1, *(length_s for _, length_s in spoken)])
     phones = [Phone(label, float(a), float(b)) for (label, _), (a, b) in zip(spoken, pairwise(edges), strict=True)]
     track = PhoneTrack((Phone(SILENCE, 0.0, 0.1), *phones, Phone(SILENCE, float(edges[-1]), float(edges[-1]) + 0.3)))
-    wanted = offline(track, Style.still(), 1, 60.0)
-    assert apart(live(track, Style.still(), 1, 60.0, len(wanted)), wanted) <= MAX_APART_FAPU
+    wanted = offline(track, Style.speech_only(), 1, 60.0)
+    assert apart(live(track, Style.speech_only(), 1, 60.0, len(wanted)), wanted) <= MAX_APART_FAPU
 
 
 def test_short_phones_that_come_one_by_one() -> None:
@@ -139,11 +139,11 @@ def test_short_phones_that_come_one_by_one() -> None:
         lengths = np.where(rng.random(40) < 0.4, rng.choice([0.001, 0.003, 0.006, 0.012], 40), 0.15)
         lengths[::5] = 0.15
         edges = np.cumsum([0.3, *lengths])
-        phones = PhoneTrack.of(
+        phones = PhoneTrack.from_phones(
             [Phone(str(label), float(a), float(b)) for label, (a, b) in zip(labels, pairwise(edges), strict=True)]
         )
-        wanted = offline(phones, Style.still(), 3, 60.0)
-        seen = live(phones, Style.still(), 3, 60.0, len(wanted), ahead_s=3.0)
+        wanted = offline(phones, Style.speech_only(), 3, 60.0)
+        seen = live(phones, Style.speech_only(), 3, 60.0, len(wanted), ahead_s=3.0)
         assert apart(seen, wanted) <= MAX_APART_FAPU
 
 
@@ -159,7 +159,7 @@ def test_phones_that_come_one_by_one_ahead_of_time(ahead_s: float) -> None:
     """Ahead by the five phones and the first keyframe that the stream looks at (``stream.AHEAD_PHONES``)."""
     rng = np.random.default_rng(3)
     labels = rng.choice(list(english().phones), 40)
-    phones = PhoneTrack.of(
+    phones = PhoneTrack.from_phones(
         [Phone(str(label), 0.3 + n / 8, 0.3 + (n + 1) / 8, int(n % 4 == 1)) for n, label in enumerate(labels)]
     )
     wanted = offline(phones, Style(), 3, 60.0)
@@ -174,7 +174,7 @@ def test_a_session_that_begins_at_any_time() -> None:
 
 def test_a_session_that_is_told_of_no_end_differs_only_before_it() -> None:
     phones = speech(6, tail_s=1.0)
-    for style in (Style(), Style.still()):
+    for style in (Style(), Style.speech_only()):
         wanted = offline(phones, style, 6, 60.0)
         seen = live(phones, style, 6, 60.0, len(wanted), ends=False)
         same = round((phones.duration_s - END_S) * 60.0)
@@ -200,7 +200,7 @@ def test_switching_one_generator_off_leaves_the_others_as_they_are(name: str) ->
         alone = Style(**{each: each == other for each in GENERATORS})  # type: ignore[arg-type]
         one, both = offline(phones, alone, 7, 25.0), offline(phones, with_both, 7, 25.0)
         single = offline(phones, Style(**{each: each == name for each in GENERATORS}), 7, 25.0)  # type: ignore[arg-type]
-        still = offline(phones, Style.still(), 7, 25.0)
+        still = offline(phones, Style.speech_only(), 7, 25.0)
         untouched = (single == still).all(axis=0)
         eyes_and_lids = slice(18, 26)
         if "gaze" in (name, other):

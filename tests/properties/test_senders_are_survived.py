@@ -46,7 +46,7 @@ STRINGS = (
 
 def engine() -> Engine:
     limits = Limits(sessions=3, utterances=4, phones=300, queued_s=60.0)
-    return Engine(english(), rng=np.random.default_rng(1), limits=limits, style=Style.still())
+    return Engine(english(), rng=np.random.default_rng(1), limits=limits, style=Style.speech_only())
 
 
 def strange_message(rng: random.Random) -> bytes:

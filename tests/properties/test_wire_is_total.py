@@ -11,7 +11,7 @@ from fapengine.errors import DataError
 from fapengine.mpeg4.track import FapTrack
 from fapengine.wire import fap_osc, osc
 
-TRACK = FapTrack.of(np.arange(68)[None] * (np.arange(68) > 1), rate_hz=25.0)
+TRACK = FapTrack.from_values(np.arange(68)[None] * (np.arange(68) > 1), rate_hz=25.0)
 (FRAME,) = fap_osc.encode_track(TRACK, session="anna")
 MIXED = osc.message("/x", "sbihfdTFN", "é", b"abc", 1, 2, 3.0, 4.0, True, False, None)
 (BUNDLE,) = osc.bundles([MIXED, osc.message("/fap/3", "i", 1), FRAME], limit=9999)

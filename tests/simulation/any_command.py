@@ -82,7 +82,7 @@ class Face:
     last_opening: np.ndarray | None = None
     last_row: np.ndarray | None = None
     counters: dict[str, int] = field(default_factory=dict)
-    style: Style = field(default_factory=Style.still)
+    style: Style = field(default_factory=Style.speech_only)
 
     def note(self, command: Command, now_s: float) -> None:
         """Note what it may show of a command."""
@@ -120,7 +120,7 @@ class Trial:
     def __post_init__(self) -> None:
         self.rng = np.random.default_rng(self.seed)
         limits = Limits(silence_s=1.0, wait_s=4.0)
-        self.engine = Engine(english(), rng=self.rng.spawn(1)[0], limits=limits, style=Style.still())
+        self.engine = Engine(english(), rng=self.rng.spawn(1)[0], limits=limits, style=Style.speech_only())
         self.watched = {f"face {n}": Face(f"face {n}", is_natural=n % 2 == 0) for n in range(self.faces)}
         for name in self.watched:
             self.engine.open(name, 0.0)
@@ -299,7 +299,9 @@ def reach() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         for _ in range(60):
             edges = np.cumsum([0.2, *rng.choice(LENGTHS_S[:7], 30)])
             labels = rng.choice(LABELS, 30)
-            track = PhoneTrack.of([Phone(str(label), *map(float, edges[n : n + 2])) for n, label in enumerate(labels)])
+            track = PhoneTrack.from_phones(
+                [Phone(str(label), *map(float, edges[n : n + 2])) for n, label in enumerate(labels)]
+            )
             rows = plan(track, english(), rng=rng, rate_hz=RATE_HZ, style=style).track.values
             most = np.maximum(most, _openings(rows).max(axis=1))
         found.append(most)

@@ -93,7 +93,7 @@ def test_the_ear_is_never_far_behind(lossy: Streamed) -> None:
 def test_the_lips_go_on(talk: NDArray[np.int16], lossy: Streamed) -> None:
     def lips(samples: NDArray[np.int16]) -> tuple[NDArray[np.float64], list[float]]:
         ear = SphinxRecognizer()
-        track = PhoneTrack.of(ear.push(samples) + ear.end())
+        track = PhoneTrack.from_phones(ear.push(samples) + ear.end())
         return opening_mm(track, len(samples) / RATE_HZ), closures(track)
 
     clean, heard = lips(talk), lips(lossy.came)

@@ -58,13 +58,13 @@ class World:
         chance = np.random.default_rng(self.seed)
         self.script_rng, up, down, face = chance.spawn(4)
         self.up, self.down = network.Link(self.channel, up), network.Link(self.channel, down)
-        self.engine = Engine(english(), rng=face, style=Style.still())
+        self.engine = Engine(english(), rng=face, style=Style.speech_only())
         self.receiver = OscReceiver(self.engine, instance=11)
         self.sender = OscSender("anna", instance=self.seed + 1, **self.options)
         self.peer = "sender"
 
     def restart_engine(self) -> None:
-        self.engine = Engine(english(), rng=np.random.default_rng(self.seed), style=Style.still())
+        self.engine = Engine(english(), rng=np.random.default_rng(self.seed), style=Style.speech_only())
         self.receiver = OscReceiver(self.engine, instance=12)
 
     def restart_sender(self, instance: int) -> None:

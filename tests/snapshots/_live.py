@@ -11,7 +11,7 @@ from fapengine import Style, load_profile
 from fapengine.engine.engine import Engine
 from fapengine.host.hub import Hub
 from fapengine.server.cluster.workers import Workers
-from fapengine.server.config import BusChoice, CallChoice, Listen, ServeConfig
+from fapengine.server.config import BusChoice, CallChoice, Listen, ServerConfig
 from fapengine.server.intake.rates import Turns
 from fapengine.server.server import Server
 from fapengine.server.web.connection import Connection, WebCounts
@@ -33,8 +33,8 @@ def config_example() -> str:
 def metric_names() -> str:
     """Names, labels and help of all metrics: of a server with a page, calls and a sink, and of a parent of workers."""
     listen = Listen(port=0, web_port=0, metrics_port=0)
-    server = Server(ServeConfig(listen=listen, calls=CallChoice(on=True), sinks=("osc://127.0.0.1:9",)))
-    config = ServeConfig(listen=Listen(port=0, web_port=None, workers=2), bus=BusChoice(url="nats://127.0.0.1:9"))
+    server = Server(ServerConfig(listen=listen, calls=CallChoice(on=True), sinks=("osc://127.0.0.1:9",)))
+    config = ServerConfig(listen=Listen(port=0, web_port=None, workers=2), bus=BusChoice(url="nats://127.0.0.1:9"))
     text = asyncio.run(_metrics(server)) + "# of a parent of workers\n" + asyncio.run(_parent_metrics(config))
     shown = [line if line.startswith("#") else line.rpartition(" ")[0] for line in text.splitlines()]
     kept = [line for line in shown if "_created" not in line and "_bucket" not in line]
@@ -49,7 +49,7 @@ def in_order(lines: Sequence[str]) -> list[str]:
     return [line for part in (blocks[:parent], blocks[parent:]) for block in sorted(part) for line in block]
 
 
-async def _parent_metrics(config: ServeConfig) -> str:
+async def _parent_metrics(config: ServerConfig) -> str:
     return (await Workers(config).metrics()).decode()
 
 

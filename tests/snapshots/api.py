@@ -40,7 +40,7 @@ def speak_with_moods(inputs: Path, folder: Path) -> Arrays:
 def animate_phones(inputs: Path, folder: Path) -> Arrays:
     """Animate a track of phones that was made in Python."""
     phones = [fapengine.Phone("m", 0.1, 0.2), fapengine.Phone("ɑː", 0.2, 0.5, 1), fapengine.Phone("p", 0.5, 0.6)]
-    return _speech(fapengine.animate(fapengine.PhoneTrack.of(phones), style=fapengine.Style.still()))
+    return _speech(fapengine.animate(fapengine.PhoneTrack.from_phones(phones), style=fapengine.Style.speech_only()))
 
 
 def animate_file(inputs: Path, folder: Path) -> Arrays:
@@ -50,7 +50,7 @@ def animate_file(inputs: Path, folder: Path) -> Arrays:
 
 def animate_sound(inputs: Path, folder: Path) -> Arrays:
     """Animate a recording of which the words are known."""
-    return _speech(fapengine.animate(inputs / "voice.wav", transcript=TEXT, style=fapengine.Style.still()))
+    return _speech(fapengine.animate(inputs / "voice.wav", transcript=TEXT, style=fapengine.Style.speech_only()))
 
 
 def save_kinds(inputs: Path, folder: Path) -> Arrays:
@@ -110,7 +110,7 @@ def heads(inputs: Path, folder: Path) -> Arrays:
 
 def pictures(inputs: Path, folder: Path) -> Arrays:
     """Draw frames: number, size and mean levels."""
-    track = fapengine.FapTrack.of(fapengine.load(inputs / "talk.fap").values[8:12], rate_hz=30.0)
+    track = fapengine.FapTrack.from_values(fapengine.load(inputs / "talk.fap").values[8:12], rate_hz=30.0)
     drawn = [np.asarray(picture) for picture in fapengine.frames(track, size=(40, 40))]
     return {
         "shape": np.array([picture.shape for picture in drawn]),
@@ -120,7 +120,7 @@ def pictures(inputs: Path, folder: Path) -> Arrays:
 
 def server_config(inputs: Path, folder: Path) -> Arrays:
     """Numbers of a server's defaults."""
-    config = fapengine.ServeConfig()
+    config = fapengine.ServerConfig()
     return {"ports": np.array([config.listen.port, config.listen.web_port]), "rate_hz": config.face.rate_hz}
 
 

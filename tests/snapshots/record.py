@@ -27,7 +27,7 @@ def speaks(face: fapengine.Client) -> None:
     face.look(0.1, -0.05)
     face.turn_head(yaw_rad=0.1, over_s=0.3)
     face.blink()
-    face.wait_until_over(number, 5.0)
+    face.wait_until_finished(number, 5.0)
 
 
 def goes_on(face: fapengine.Client) -> None:
@@ -41,7 +41,7 @@ def goes_on(face: fapengine.Client) -> None:
             face.append(number, PHONES[2 + step : 3 + step])
         time.sleep(0.15)
     face.end(number, duration_s=1.4)
-    face.wait_until_over(number, 5.0)
+    face.wait_until_finished(number, 5.0)
 
 
 def changes_its_mind(face: fapengine.Client) -> None:
@@ -65,9 +65,9 @@ def changes_its_mind(face: fapengine.Client) -> None:
 
 def tells_words(face: fapengine.Client) -> None:
     """Words with their times, pronounced by the client; a text for the server's voice."""
-    number = face.words([("bright", 0.0, 0.3), ("moon", 0.3, 0.8)])
+    number = face.send_words([("bright", 0.0, 0.3), ("moon", 0.3, 0.8)])
     face.end(number)
-    face.wait_until_over(number, 5.0)
+    face.wait_until_finished(number, 5.0)
     face.say_text("Feel pool.")
     time.sleep(1.0)
 

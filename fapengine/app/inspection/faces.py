@@ -149,10 +149,10 @@ def faps_of_weights(profile: Profile, weights: NDArray[np.float64]) -> NDArray[n
 
 def draw_mouths(faps: NDArray[np.float64]) -> list[Picture]:
     """Draw the lower half of the default face for FAPs, (N, 68) FAPU."""
-    from fapengine.render.drawing import Drawing
+    from fapengine.render.drawing import RenderOptions
     from fapengine.render.renderer import FaceRenderer
 
-    drawing = Drawing(size=(PICTURE_PX, PICTURE_PX), camera=LOWER_FACE, rest=0.0)
+    drawing = RenderOptions(size=(PICTURE_PX, PICTURE_PX), camera=LOWER_FACE, rest=0.0)
     with FaceRenderer(load_head(DEFAULT_HEAD), drawing) as renderer:
         return list(renderer.frames(to_codable(faps)))
 
@@ -166,7 +166,7 @@ def _pose(profile: Profile, text: str) -> FapTrack:
         weights = np.zeros(0)
     if len(weights) != count or not np.isfinite(weights).all():
         raise UsageError(f"--weights: must be {count} numbers, one for each component, got {text!r}")
-    return FapTrack.of(to_codable(faps_of_weights(profile, weights[None])), rate_hz=25.0)
+    return FapTrack.from_values(to_codable(faps_of_weights(profile, weights[None])), rate_hz=25.0)
 
 
 def _sliders(profile: Profile) -> bytes:

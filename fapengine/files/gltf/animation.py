@@ -59,7 +59,7 @@ def parse_animation(data: bytes) -> FapTrack:
     if (head := _head(gltf, vrma)) is not None and (head, "rotation") in curves:
         turns = _turns(gltf, head, sample(curves[head, "rotation"], times_s))
         faps[:, [fap.column(number) for number in (49, 48, 50)]] += turns / AU_RAD
-    return FapTrack.of(to_codable(faps), rate_hz=rate_hz)
+    return FapTrack.from_values(to_codable(faps), rate_hz=rate_hz)
 
 
 def _refuse(name: str) -> bytes:

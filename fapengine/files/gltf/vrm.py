@@ -16,10 +16,10 @@ LICENSE_URL = "https://vrm.dev/licenses/1.0/"
 OPEN_LICENCES = {"Apache-2.0": "https://www.apache.org/licenses/LICENSE-2.0"}
 """Licences under which everybody may use, change and sell an avatar; VRM's defaults forbid it for others."""
 OPEN_PERMISSIONS: Row = {
-    "avatarPermission": "everyone", "allowExcessivelyViolentUsage": True, "allowExcessivelySexualUsage": True,
-    "commercialUsage": "corporation", "allowPoliticalOrReligiousUsage": True, "allowAntisocialOrHateUsage": True,
+    "avatarPermission": "everyone", "commercialUsage": "corporation", "allowPoliticalOrReligiousUsage": True,
     "creditNotation": "required", "allowRedistribution": True, "modification": "allowModificationRedistribution",
 }  # fmt: skip
+"""Nothing is said about violent, sexual and hateful content: VRM's default is no, and a head may be a child's."""
 LOOK_DEG = 30.0
 """Turn of the eyes up to which the gaze of a program is followed."""
 

@@ -93,6 +93,8 @@ def _completed(
     """Add the shapes of ARKit that are missing, except those of eyeballs and tongue, which are not skin."""
     faps = dict(zip(ARKIT_NAMES, arkit_map().faps, strict=True))
     made = [name for name in choice.missing if not GAZE.fullmatch(name.lower()) and name != "tongueOut"]
+    if not made:
+        return replace(mesh, notes=(*mesh.notes, "completed: nothing, as no shape of the skin is missing")), choice
     mesh, off_mm = complete_rig(mesh, points, {name: faps[name] for name in made}, standard)
     note = (
         f"completed: {len(made)} of ARKit's {len(ARKIT_NAMES)} shapes are made from those of the built-in head, which"

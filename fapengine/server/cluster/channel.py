@@ -28,7 +28,7 @@ class Begin(Message):
     """To a worker: begin."""
 
     config: bytes
-    """Pickled :class:`fapengine.server.config.ServeConfig`."""
+    """Pickled :class:`fapengine.server.config.ServerConfig`."""
     number: int
     """The worker's number, for its log."""
     front_port: int

@@ -18,7 +18,7 @@ from fapengine.errors import FapEngineError
 from fapengine.host.listeners import HubFrames
 from fapengine.server.cluster import channel
 from fapengine.server.cluster.channel import Channel
-from fapengine.server.config import ServeConfig
+from fapengine.server.config import ServerConfig
 from fapengine.server.intake.listeners import Caller
 from fapengine.server.load import collecting_in_pieces
 from fapengine.server.logs import begin_log
@@ -43,13 +43,13 @@ class Worker:
     link : Channel
     front : socket
         The parent's UDP socket, from which answers are sent.
-    config : ServeConfig
+    config : ServerConfig
         Configuration with the worker's own port.
     front_port : int
         Known OSC port of the parent.
     """
 
-    def __init__(self, link: Channel, front: socket.socket, config: ServeConfig, front_port: int) -> None:
+    def __init__(self, link: Channel, front: socket.socket, config: ServerConfig, front_port: int) -> None:
         self._link, self._front = link, front
         self._own = OwnSessions(front_port, self._read)
         self.server = Server(config, own=self._own)

@@ -35,7 +35,7 @@ from fapengine.server.cluster import channel
 from fapengine.server.cluster.bus import Bus
 from fapengine.server.cluster.channel import Channel
 from fapengine.server.cluster.front import Front
-from fapengine.server.config import ServeConfig
+from fapengine.server.config import ServerConfig
 from fapengine.server.intake.doors import open_doors, raise_file_limit
 from fapengine.server.metrics import open_metrics, page_of_workers
 from fapengine.server.ownership.partitions import Machine
@@ -87,7 +87,7 @@ class Workers:
 
     Parameters
     ----------
-    config : ServeConfig
+    config : ServerConfig
         Configuration; ``config.listen.workers`` is the number of workers.
 
     Raises
@@ -96,7 +96,7 @@ class Workers:
         If the configuration requires a single process (:func:`check_workers`).
     """
 
-    def __init__(self, config: ServeConfig) -> None:
+    def __init__(self, config: ServerConfig) -> None:
         check_workers(config)
         self.config = config
         self.bus: Bus | None = None
@@ -424,7 +424,7 @@ def _signal(process: Process | None, number: int) -> None:
             os.kill(process.pid, number)
 
 
-def check_workers(config: ServeConfig) -> None:
+def check_workers(config: ServerConfig) -> None:
     """Refuse a configuration that requires a single process.
 
     Raises

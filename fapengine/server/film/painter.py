@@ -136,10 +136,12 @@ class Painter:
 def main(parent: Parent, head: str, width: str, height: str, edges: str) -> None:
     """Render the FAPs that come; the child's program."""
     from fapengine.files.heads.load import load_head_for_calls
-    from fapengine.render.drawing import Drawing, parse_edges
+    from fapengine.render.drawing import RenderOptions, parse_edges
     from fapengine.render.renderer import FaceRenderer
 
     size = (int(width), int(height))
-    with FaceRenderer(load_head_for_calls(head, size), Drawing(size=size, samples=parse_edges(edges))) as renderer:
+    with FaceRenderer(
+        load_head_for_calls(head, size), RenderOptions(size=size, samples=parse_edges(edges))
+    ) as renderer:
         for _, faps in parent.messages():
             parent.tell({}, renderer.draw(np.frombuffer(faps, np.int32)).tobytes())

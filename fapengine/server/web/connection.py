@@ -283,7 +283,7 @@ class Connection:
             name, stress = phone_labels.to_phone(label, alphabet)
             phones.append(Phone(name, start_s, end_s, stress))
         first_s = phones[0].start_s if phones else 0.0
-        whole = [phone for phone in PhoneTrack.of(phones).phones if phone.end_s > first_s]
+        whole = [phone for phone in PhoneTrack.from_phones(phones).phones if phone.end_s > first_s]
         number, session, now_s = request.utterance, self._view.session, self._hub.clock()
         host = self._hub.host(session)
         if number is None:

@@ -168,14 +168,16 @@ def track_of(
             else Phone(entry.label, entry.start_s, entry.end_s, 0, entry.label)
             for entry in timed
         ]
-        return PhoneTrack.of(words, tolerance_s=OVERLAP_S, level=level, spelled=True, reading=Reading(remarks=remarks))
+        return PhoneTrack.from_phones(
+            words, tolerance_s=OVERLAP_S, level=level, spelled=True, reading=Reading(remarks=remarks)
+        )
     reading = replace(_reading_of(timed, alphabet), remarks=remarks)
     if reading.alphabet == "arpabet":
         timed = join_closures(timed)
     phones = [_phone(entry, reading.alphabet) for entry in timed]
     if reading.alphabet in JAPANESE:
         phones = in_japanese(phones)
-    return PhoneTrack.of(phones, tolerance_s=OVERLAP_S, level=level, reading=reading)
+    return PhoneTrack.from_phones(phones, tolerance_s=OVERLAP_S, level=level, reading=reading)
 
 
 def _check(entry: Entry, before_s: float) -> None:

@@ -77,7 +77,7 @@ def visemes_of_phones(track: PhoneTrack, shapes: str, *, duration_s: float | Non
     """
     check_viseme_set(shapes)
     if track.phones and track.phones[0].start_s > 0:
-        track = replace(track, phones=PhoneTrack.of(list(track.phones)).phones)
+        track = replace(track, phones=PhoneTrack.from_phones(list(track.phones)).phones)
     if shapes == RHUBARB:
         return _timed(cues_of_phones(track, duration_s=duration_s))
     if track.spelled:

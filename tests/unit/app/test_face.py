@@ -12,7 +12,7 @@ import fapengine
 from fapengine.engine.commands import Blink
 from fapengine.mpeg4 import fap
 
-STILL = fapengine.Style.still()
+STILL = fapengine.Style.speech_only()
 
 
 def opening(faps: np.ndarray) -> float:
@@ -27,7 +27,7 @@ def test_frames_come_in_their_time_until_the_face_is_at_rest() -> None:
         frames = list(face.frames())
         assert not face.is_speaking
         assert face.sound
-        assert face.off_s is None
+        assert face.sync_error_s is None
     openings = [opening(frame) for frame in frames]
     assert max(openings) > 80
     assert abs(openings[-1]) < 5
@@ -54,7 +54,7 @@ def test_it_obeys_without_speaking() -> None:
         face.look(0.2, 0.1)
         face.turn_head(yaw_rad=0.3)
         face.set_parameter("articulation", 0.5)
-        face.tell(Blink())
+        face.send_command(Blink())
         face.pause()
         face.resume()
         for _ in range(4):

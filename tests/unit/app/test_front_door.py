@@ -23,7 +23,7 @@ class Beep:
 
     def speak(self, text: str) -> Speech:
         samples = np.zeros(6400, np.int16)
-        return Speech(samples=samples, sample_rate_hz=16_000, phones=fapengine.PhoneTrack.of(PHONES))
+        return Speech(samples=samples, sample_rate_hz=16_000, phones=fapengine.PhoneTrack.from_phones(PHONES))
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +46,7 @@ def test_a_performance_is_phones_motion_and_sound(mama: fapengine.Performance) -
     assert mama.text == "Mama."
     again = fapengine.speak("Mama.", voice=Beep(), expressions=["joy:0.4"], rate_hz=12.5)
     assert again.track.equals(mama.track)
-    other = fapengine.speak("Mama.", voice=Beep(), rate_hz=12.5, style=fapengine.Style.still(), seed=2)
+    other = fapengine.speak("Mama.", voice=Beep(), rate_hz=12.5, style=fapengine.Style.speech_only(), seed=2)
     assert not other.track.equals(mama.track)
 
 
@@ -93,7 +93,7 @@ def test_timings_are_animated(given: str, tmp_path: Path) -> None:
     path = tmp_path / "talk.pho"
     path.write_text("_ 100\nm 100\na 200\n")
     sound = fapengine.speak("Mama.", voice=Beep()).save(tmp_path / "talk.wav")
-    timings = {"path": path, "text": str(path), "track": fapengine.PhoneTrack.of(PHONES)}[given]
+    timings = {"path": path, "text": str(path), "track": fapengine.PhoneTrack.from_phones(PHONES)}[given]
     talk = fapengine.animate(timings, sound=str(sound), rate_hz=25.0)
     assert talk.duration_s == pytest.approx(1.2)
     assert len(talk.track) == 30
@@ -110,7 +110,7 @@ def test_words_are_pronounced(tmp_path: Path) -> None:
 
 
 def test_frames_are_pictures(mama: fapengine.Performance) -> None:
-    drawing = fapengine.Drawing.parse(background="none", camera="profile")
+    drawing = fapengine.RenderOptions.parse(background="none", camera="profile")
     pictures = list(fapengine.frames(mama.track, head=fapengine.load_head(HEAD), drawing=drawing, size=(96, 64)))
     assert len(pictures) == len(mama.track)
     assert {picture.shape for picture in pictures} == {(64, 96, 4)}
@@ -120,7 +120,7 @@ def test_frames_are_pictures(mama: fapengine.Performance) -> None:
 def test_frames_that_a_track_skips_show_the_one_before() -> None:
     from dataclasses import replace
 
-    pose = fapengine.FapTrack.of([[0] * 68, [0] * 2 + [400] + [0] * 65], rate_hz=10.0)
+    pose = fapengine.FapTrack.from_values([[0] * 68, [0] * 2 + [400] + [0] * 65], rate_hz=10.0)
     skipping = replace(pose, frame_numbers=np.array([4, 7]))
     pictures = list(fapengine.frames(skipping, head=HEAD, size=SMALL))
     assert len(pictures) == 4
@@ -129,7 +129,7 @@ def test_frames_that_a_track_skips_show_the_one_before() -> None:
 
 
 def test_a_picture_is_of_the_time_that_is_asked_for(tmp_path: Path) -> None:
-    track = fapengine.FapTrack.of([[0] * 68, [0] * 2 + [400] + [0] * 65], rate_hz=10.0)
+    track = fapengine.FapTrack.from_values([[0] * 68, [0] * 2 + [400] + [0] * 65], rate_hz=10.0)
     shots = [
         fapengine.save(track, tmp_path / f"{n}.png", at_s=at_s, head=HEAD, size=SMALL).read_bytes()
         for n, at_s in enumerate((0.0, 0.09, 0.1))

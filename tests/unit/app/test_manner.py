@@ -10,7 +10,7 @@ from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory.expression import Mood
 from fapengine.trajectory.style import Style
 
-PHONES = PhoneTrack.of([Phone("h", 0.5, 0.6, word="hi"), Phone("aɪ", 0.6, 0.8, word="hi")])
+PHONES = PhoneTrack.from_phones([Phone("h", 0.5, 0.6, word="hi"), Phone("aɪ", 0.6, 0.8, word="hi")])
 
 
 def test_expressions_with_and_without_times() -> None:
@@ -63,7 +63,7 @@ def options(
 def test_options_make_a_style() -> None:
     style = options(0.5, 2.0, 6.0, "paper", "head-motion", "blinks")
     assert style == Style(1.0, 0.5, 2.0, 6.0, "paper", blinks=False, head_motion=False)
-    assert options(1.0, 1.0, 0.0, "context", "all") == Style.still()
+    assert options(1.0, 1.0, 0.0, "context", "all") == Style.speech_only()
 
 
 @pytest.mark.parametrize(

@@ -34,7 +34,7 @@ def open_mouth() -> FapTrack:
     values = np.zeros((4, 68), np.int32)
     values[:, 2] = [0, 300, 600, 0]
     values[:, 47] = [0, 5000, 9000, 0]
-    return FapTrack.of(values, rate_hz=25.0)
+    return FapTrack.from_values(values, rate_hz=25.0)
 
 
 def names(path: Path) -> list[str]:
@@ -90,16 +90,16 @@ def test_an_error_names_the_avatar(avatar: Path, tmp_path: Path) -> None:
 
 def test_a_track_without_a_frame_is_refused(avatar: Path, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="contains no frames"):
-        save_scene(tmp_path / "a.glb", FapTrack.of(np.zeros((0, 68), np.int32), rate_hz=25.0), Into(avatar))
+        save_scene(tmp_path / "a.glb", FapTrack.from_values(np.zeros((0, 68), np.int32), rate_hz=25.0), Into(avatar))
 
 
 def test_skipped_frames_are_held() -> None:
-    track = FapTrack.of([[0] * 68, [0, 0, 5] + [0] * 65], rate_hz=25.0)
+    track = FapTrack.from_values([[0] * 68, [0, 0, 5] + [0] * 65], rate_hz=25.0)
     uneven = FapTrack(
         values=track.values, mask=track.mask, visemes=track.visemes, expressions=track.expressions,
         frame_numbers=[3, 6], rate_hz=25.0,
     )  # fmt: skip
-    assert uneven.even_values()[:, 2].tolist() == [0, 0, 0, 5]
+    assert uneven.filled_values()[:, 2].tolist() == [0, 0, 0, 5]
 
 
 def test_a_head_is_exported_with_the_motion_inside(tmp_path: Path) -> None:

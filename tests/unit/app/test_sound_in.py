@@ -12,7 +12,7 @@ from fapengine.voices.protocol import Speech
 
 RATE_HZ = 16_000
 TONE = np.rint(9000 * np.sin(2 * np.pi * 220 * np.arange(RATE_HZ) / RATE_HZ)).astype(np.int16)
-PHONES = PhoneTrack.of([Phone("m", 0.0, 0.4), Phone("a", 0.4, 1.0)])
+PHONES = PhoneTrack.from_phones([Phone("m", 0.0, 0.4), Phone("a", 0.4, 1.0)])
 FORMS = {
     "int16": TONE,
     "float32": (TONE / 2**15).astype(np.float32),

@@ -36,7 +36,7 @@ from fapengine.files.gltf.clip import SETS
 from fapengine.files.moving import FOLDER_PATTERN, FORMATS
 from fapengine.files.outputs import check_outputs, refuse_foreign
 from fapengine.files.sound import load_sound, save_wav
-from fapengine.render.drawing import Drawing
+from fapengine.render.drawing import RenderOptions
 from fapengine.retarget.blend_tracks import SHAPE_SETS
 from fapengine.speech.formats.visemes import VISEME_SETS
 from fapengine.speech.phone_track import Phone, PhoneTrack
@@ -49,7 +49,9 @@ def command(*words: object) -> None:
         raise done.exception
 
 
-PHONES = PhoneTrack.of([Phone("_", 0.0, 0.1), Phone("m", 0.1, 0.2), Phone("a", 0.2, 0.4), Phone("_", 0.4, 0.5)])
+PHONES = PhoneTrack.from_phones(
+    [Phone("_", 0.0, 0.1), Phone("m", 0.1, 0.2), Phone("a", 0.2, 0.4), Phone("_", 0.4, 0.5)]
+)
 RATE_HZ, FRAMES = 12.5, 6
 
 
@@ -57,7 +59,9 @@ def written(out: Path, background: str = "studio") -> Report:
     report = Report()
     sound = np.zeros(8000, np.int16), 16_000
     performance = perform(PHONES, sound, Manner(rate_hz=RATE_HZ), text="ma")
-    write_talk(performance, out, SaveOptions(drawing=Drawing.parse(size="64", background=background), report=report))
+    write_talk(
+        performance, out, SaveOptions(drawing=RenderOptions.parse(size="64", background=background), report=report)
+    )
     assert all(path.exists() for path, _ in report.files if "%" not in path.name)
     return report
 

@@ -30,7 +30,7 @@ class Clock:
 def ramp(frames: int = 100, rate_hz: float = 50.0) -> FapTrack:
     values = np.zeros((frames, 68), int)
     values[:, fap.column(3)] = np.arange(frames)
-    return FapTrack.of(values, rate_hz=rate_hz)
+    return FapTrack.from_values(values, rate_hz=rate_hz)
 
 
 def jaw(faps: np.ndarray) -> int:
@@ -154,7 +154,7 @@ def test_a_track_goes_on_when_its_device_is_pulled_out() -> None:
 
 
 def speech_of(text: str) -> Speech:
-    phones = PhoneTrack.of([Phone("m", 0.0, 0.1), Phone("a", 0.1, 0.4), Phone("m", 0.4, 0.5)])
+    phones = PhoneTrack.from_phones([Phone("m", 0.0, 0.1), Phone("a", 0.1, 0.4), Phone("m", 0.4, 0.5)])
     return Speech(samples=np.zeros(4000, np.int16), sample_rate_hz=8000, phones=phones)
 
 
@@ -164,7 +164,7 @@ class Hall:
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.clock = Clock()
         monkeypatch.setattr("fapengine.app.face.open_output", self._output)
-        self.face = Face("grid_s1_en", style=Style.still(), silent=True)
+        self.face = Face("grid_s1_en", style=Style.speech_only(), silent=True)
         self.face.hub.clock = self.clock
         self.face.hub.close("face")
         self.face.hub.open("face")
@@ -233,7 +233,7 @@ def test_moods_come_and_go_with_the_sound(hall: Hall) -> None:
 
 def test_the_last_utterance_brings_the_face_to_rest(hall: Hall) -> None:
     """Head motion that was switched on ends with what is said, 1.3 s long, and not before."""
-    hall.face.tell(SetParameter("head_motion", 1.0))
+    hall.face.send_command(SetParameter("head_motion", 1.0))
     hall.face.say(speech_of("mam").padded(lead_s=0.5, tail_s=0.5), is_last=True)
     turns = np.array(hall.run(6.0))[:, fap.column(49)]
     assert np.abs(turns[30:50]).max() > 50
@@ -262,7 +262,7 @@ def test_a_pause_is_of_what_is_being_said(hall: Hall) -> None:
     assert not hall.face.speaker.is_paused
     hall.say("mam")
     assert max(map(opening, hall.run(0.5))) > 80
-    assert len(hall.face.errors.off_s) > 10  # the face goes with its sound
+    assert len(hall.face.errors.sync_error_s) > 10  # the face goes with its sound
     hall.source.press(PAUSE)
     hall.run(0.5)
     assert hall.face.speaker.is_paused
@@ -387,5 +387,5 @@ def test_ticks_are_steady_and_count_what_they_skip() -> None:
 
 
 def test_the_ticker_shows_nothing_now_before_the_beginning() -> None:
-    track = PhoneTrack.of([Phone("a", 0.0, 0.1), Phone("b", 0.1, 0.2)])
+    track = PhoneTrack.from_phones([Phone("a", 0.0, 0.1), Phone("b", 0.1, 0.2)])
     assert ticker(track, -0.5) == ("", "", "b")

@@ -14,7 +14,7 @@ from fapengine.errors import UsageError
 from fapengine.files.sound import save_wav
 from fapengine.speech.plausible import remarks_on, sound_remarks
 
-PHONES = fapengine.PhoneTrack.of([fapengine.Phone("ma"[n % 2], 0.1 * n, 0.1 * n + 0.1) for n in range(12)])
+PHONES = fapengine.PhoneTrack.from_phones([fapengine.Phone("ma"[n % 2], 0.1 * n, 0.1 * n + 0.1) for n in range(12)])
 MISSED = "kbit/s is more than the 0.5 asked for"
 
 
@@ -47,9 +47,9 @@ def test_a_sound_of_another_length_is_remarked() -> None:
 
 
 def test_silence_alone_is_remarked() -> None:
-    quiet = fapengine.PhoneTrack.of([fapengine.Phone("_", 0.0, 1.0)])
+    quiet = fapengine.PhoneTrack.from_phones([fapengine.Phone("_", 0.0, 1.0)])
     assert remarks_on(quiet)[0].startswith("phones: there is nothing but silence")
-    assert remarks_on(fapengine.PhoneTrack.of([])) == ()
+    assert remarks_on(fapengine.PhoneTrack.from_phones([])) == ()
 
 
 @pytest.mark.parametrize("name", ["format", "tier", "alphabet", "columns"])

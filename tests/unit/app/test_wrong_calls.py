@@ -12,8 +12,8 @@ import fapengine as f
 from fapengine.voices.protocol import Speech
 
 NAN, ROW = float("nan"), [[0] * 68]
-PHONES = f.PhoneTrack.of([f.Phone("m", 0.0, 0.2), f.Phone("a", 0.2, 0.4)])
-TRACK = f.FapTrack.of(ROW, rate_hz=25.0)
+PHONES = f.PhoneTrack.from_phones([f.Phone("m", 0.0, 0.2), f.Phone("a", 0.2, 0.4)])
+TRACK = f.FapTrack.from_values(ROW, rate_hz=25.0)
 
 
 class Still:
@@ -90,14 +90,14 @@ SPEECH = Still().speak("")
 POSE = {"values": TRACK.values, "mask": TRACK.mask, "visemes": TRACK.visemes, "expressions": TRACK.expressions}
 GIVEN: dict[Callable[..., object], dict[str, object]] = {
     f.FapTrack: {**POSE, "frame_numbers": TRACK.frame_numbers, "rate_hz": 25.0},
-    f.FapTrack.of: {"values": ROW, "rate_hz": 25.0},
+    f.FapTrack.from_values: {"values": ROW, "rate_hz": 25.0},
     f.FapTrack.cut: {"self": TRACK, "start_s": 0.0, "end_s": 1.0},
     f.FapTrack.blend: {"self": TRACK, "other": TRACK, "weight": 0.5},
     f.FapTrack.column: {"self": TRACK, "name": "open_jaw"},
     f.FapTrack.equals: {"self": TRACK, "other": TRACK},
     f.Phone: {"label": "a", "start_s": 0.0, "end_s": 1.0},
     f.PhoneTrack: {"phones": PHONES.phones},
-    f.PhoneTrack.of: {"phones": list(PHONES.phones)},
+    f.PhoneTrack.from_phones: {"phones": list(PHONES.phones)},
     f.Speech: {"samples": SPEECH.samples, "sample_rate_hz": 16_000, "phones": PHONES},
     f.Speech.padded: {"self": SPEECH, "lead_s": 0.0, "tail_s": 0.0},
     f.Performance: {"track": TRACK, "phones": PHONES},
@@ -108,14 +108,14 @@ GIVEN: dict[Callable[..., object], dict[str, object]] = {
     f.Style: {},
     f.Style.without: {"self": f.Style()},
     f.HeadStyle: {},
-    f.Drawing: {},
-    f.Drawing.parse: {},
+    f.RenderOptions: {},
+    f.RenderOptions.parse: {},
     f.Encoder: {"rate_hz": 25.0},
     f.EncoderOptions: {},
     f.Decoder: {},
     f.Decoder.feed: {"self": f.Decoder()},
-    f.ServeConfig: {},
-    f.Server: {"config": f.ServeConfig()},
+    f.ServerConfig: {},
+    f.Server: {"config": f.ServerConfig()},
     f.Client: {},
     f.Face: {"silent": True},
     f.load: {"path": "a.fap"},

@@ -25,7 +25,7 @@ from tests.english import english
 from tests.patient import TRIES
 
 RATE_HZ = 8000
-STYLE = Style.still(method="context")
+STYLE = Style.speech_only(method="context")
 
 
 class Clock:
@@ -79,7 +79,9 @@ def babble(seconds: float) -> Speech:
     phones = [Phone(labels[n % len(labels)], 0.3 + 0.1 * n, 0.4 + 0.1 * n) for n in range(round((seconds - 0.8) / 0.1))]
     phones.append(Phone("_", phones[-1].end_s, seconds))
     return Speech(
-        samples=np.ones(round(seconds * RATE_HZ), np.int16), sample_rate_hz=RATE_HZ, phones=PhoneTrack.of(phones)
+        samples=np.ones(round(seconds * RATE_HZ), np.int16),
+        sample_rate_hz=RATE_HZ,
+        phones=PhoneTrack.from_phones(phones),
     )
 
 
@@ -100,8 +102,8 @@ class Stage:
             self.clock.now_s += 1 / 60
             self.speaker.follow(self.clock.now_s)
             shown = self.hub.tick(self.clock.now_s)
-            if self.speaker.off_s is not None:
-                self.off_s.append(self.speaker.off_s)
+            if self.speaker.sync_error_s is not None:
+                self.sync_error_s.append(self.speaker.sync_error_s)
             if self.card.queue._count >= sound:
                 place_s = self.card.position_s(sound, self.clock.now_s)
                 if place_s is not None and place_s >= 0:
@@ -127,8 +129,8 @@ def test_the_face_follows_a_card_whose_quartz_is_wrong(drift_ppm: float) -> None
     made, speech = stage(drift_ppm=drift_ppm), babble(20.0)
     made.hub.say("face", speech)
     made.run(21.0)
-    assert np.percentile(np.abs(made.off_s), 95) < 0.001
-    assert len(made.off_s) > 1100
+    assert np.percentile(np.abs(made.sync_error_s), 95) < 0.001
+    assert len(made.sync_error_s) > 1100
     planned = plan(speech.phones, english(), rng=np.random.default_rng(1), rate_hz=200.0, style=STYLE).track
     places, shown = (np.array(part) for part in zip(*made.frames, strict=True))
     wanted = opening(planned.values)
@@ -153,9 +155,9 @@ def test_a_sound_that_stands_still_stops_the_face() -> None:
     assert abs(opening(made.frames[-1][1]) - opening(shut)) < 30
     made.run(1.0)
     assert made.hub.engine.state("face") == "speaking"
-    made.off_s.clear()
+    made.sync_error_s.clear()
     made.run(0.5)
-    assert np.abs(made.off_s).max() < 0.01
+    assert np.abs(made.sync_error_s).max() < 0.01
     made.run(2.0)
     assert made.hub.engine.state("face") == "idle"
 
@@ -165,12 +167,12 @@ def test_a_leap_of_the_sound_is_followed_at_once() -> None:
     made = stage(stalls=((52.0, 0.06),))
     made.hub.say("face", babble(5.0))
     made.run(1.95)
-    made.off_s.clear()
+    made.sync_error_s.clear()
     made.run(0.2)
-    assert max(made.off_s) > 0.03
-    made.off_s.clear()
+    assert max(made.sync_error_s) > 0.03
+    made.sync_error_s.clear()
     made.run(1.0)
-    assert np.abs(made.off_s).max() < 0.005
+    assert np.abs(made.sync_error_s).max() < 0.005
     assert made.hub.engine.state("face") == "speaking"
 
 
@@ -262,16 +264,16 @@ def test_a_face_that_is_told_to_pause_takes_its_sound_along() -> None:
     made.hub.apply("face", Resume())
     made.run(0.5)
     assert made.hub.engine.state("face") == "speaking"
-    assert abs(made.off_s[-1]) < 0.01
+    assert abs(made.sync_error_s[-1]) < 0.01
     for ends in (made.speaker.stop, lambda: made.hub.apply("face", Cancel())):
         made.hub.apply("face", Pause())
         made.run(0.3)
         ends()  # and the pause is over
-        made.off_s.clear()
+        made.sync_error_s.clear()
         made.hub.say("face", babble(1.0))
         made.run(0.5)
         assert made.hub.engine.state("face") == "speaking"
-        assert abs(made.off_s[-1]) < 0.01
+        assert abs(made.sync_error_s[-1]) < 0.01
 
 
 def test_a_pause_at_the_end_of_a_sound_is_none_or_ends_with_the_face() -> None:
@@ -298,7 +300,7 @@ def test_a_pause_at_the_end_of_a_sound_is_none_or_ends_with_the_face() -> None:
     assert not late.speaker.is_paused
     assert late.hub.engine.state("face") == "speaking"
     assert late.card.position_s(2, late.clock.now_s) == pytest.approx(0.4, abs=0.03)
-    assert abs(late.off_s[-1]) < 0.01
+    assert abs(late.sync_error_s[-1]) < 0.01
 
 
 def test_a_pause_lasts_whatever_waits_behind() -> None:
@@ -314,7 +316,7 @@ def test_a_pause_lasts_whatever_waits_behind() -> None:
     made.run(1.6)
     assert made.hub.engine.state("face") == "speaking"
     assert made.hub.counts.unheard == 0
-    assert abs(made.off_s[-1]) < 0.01
+    assert abs(made.sync_error_s[-1]) < 0.01
 
 
 def test_a_pause_holds_a_device_that_is_opened_meanwhile() -> None:

@@ -31,7 +31,7 @@ def run(*words: object) -> str:
 def fap_file(tmp_path: Path) -> Path:
     path = tmp_path / "in.fap"
     values = [[0, 0, *[n * (k % 3) for k in range(66)]] for n in range(50)]
-    save_fap(path, FapTrack.of(values, rate_hz=25.0))
+    save_fap(path, FapTrack.from_values(values, rate_hz=25.0))
     return path
 
 
@@ -48,7 +48,7 @@ def test_there_and_back(fap_file: Path, tmp_path: Path) -> None:
 def test_visemes_of_a_doubtful_motion_are_doubtful(tmp_path: Path) -> None:
     apart = np.zeros((60, 68), np.int32)
     apart[:, [fap.column(4), fap.column(5)]] = -100
-    save_fap(tmp_path / "in.fap", FapTrack.of(apart, rate_hz=25.0))
+    save_fap(tmp_path / "in.fap", FapTrack.from_values(apart, rate_hz=25.0))
     arguments = ["encode", str(tmp_path / "in.fap"), "--visemes", "-o", str(tmp_path / "a.fba")]
     assert "the lips never meet" in CliRunner().invoke(app, arguments).stderr
     with pytest.raises(DataError, match="the lips never meet"):
@@ -151,7 +151,7 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
 
 def test_fill_writes_what_a_face_shows(tmp_path: Path) -> None:
     """Left lids and lips alone are sent, with a mask that asks for interpolation: the right side follows."""
-    track = FapTrack.of([[0, 0, *[60] * 66]] * 3, rate_hz=25.0)
+    track = FapTrack.from_values([[0, 0, *[60] * 66]] * 3, rate_hz=25.0)
     mask = track.mask.copy()
     mask[:, [fap.column(number) for number in (7, 20, 51, 53, 54)]] = False
     options = EncoderOptions(quant=1, unsent="interpolate")
@@ -202,7 +202,7 @@ def _pairs(table: Path) -> list[tuple[list[str], list[str]]]:
 def test_a_sentence_as_visemes_and_a_rate_that_is_missed(tmp_path: Path) -> None:
     source, stream = tmp_path / "a.fap", tmp_path / "a.fba"
     moving = 300 * np.sin(np.arange(50) / 5 + np.arange(66)[:, None]).T
-    save_fap(source, FapTrack.of(np.rint(np.column_stack([np.zeros((50, 2)), moving])), rate_hz=25.0))
+    save_fap(source, FapTrack.from_values(np.rint(np.column_stack([np.zeros((50, 2)), moving])), rate_hz=25.0))
     assert float(run("encode", source, "--visemes", "-o", stream).split()[-2]) < 1.0
     told = CliRunner().invoke(app, ["encode", str(source), "--kbps", "1", "-o", str(stream)]).stderr
     assert "is more than the 1 asked for; --moving-only and --visemes" in told

@@ -350,7 +350,7 @@ def test_points_may_be_places(brought, imported, tmp_path):
 def test_a_profile_learned_on_one_face_drives_another(imported, tmp_path):
     run("say", "Mama.", "--head", imported, "--size", "128x128", "-o", tmp_path / "a.mp4")
     assert (tmp_path / "a.mp4").stat().st_size > 3000
-    save_fap(tmp_path / "a.fap", FapTrack.of(np.zeros((2, 68), int), rate_hz=25.0))
+    save_fap(tmp_path / "a.fap", FapTrack.from_values(np.zeros((2, 68), int), rate_hz=25.0))
     for head in ("default", imported):
         run(
             "render", tmp_path / "a.fap", "--head", head, "--size", "128x128", "-o", tmp_path / f"{Path(head).name}.png"

@@ -50,7 +50,7 @@ def test_the_mouth_is_shut_on_the_m_of_the_sound(talk: Path, tmp_path: Path, wor
 
 def test_music_moves_nothing(tmp_path: Path) -> None:
     save_wav(tmp_path / "music.wav", no_speech()["music"], RATE_HZ)
-    still = fapengine.Style.still()
+    still = fapengine.Style.speech_only()
     track = fapengine.animate(tmp_path / "music.wav", style=still).track
     assert np.abs(track.values[:, 2:]).max() * FAPU_MM < 1.0
 
@@ -145,7 +145,7 @@ def test_a_face_hears_any_form_of_sound(tmp_path: Path, width: int, rate_hz: int
         out.setparams((channels, width, rate_hz, 0, "NONE", ""))
         out.writeframes(np.tile(spelled, (1, channels)).tobytes())
     truth = closures(spoken("rms", BABY).phones)
-    heard = fapengine.animate(tmp_path / "odd.wav", transcript=BABY, style=fapengine.Style.still())
+    heard = fapengine.animate(tmp_path / "odd.wav", transcript=BABY, style=fapengine.Style.speech_only())
     assert met(truth, closures(heard.phones)) == len(truth)
 
 

@@ -61,7 +61,7 @@ def test_a_fap_file(tmp_path: Path) -> None:
     values[10:20, fap.column(3)] = np.arange(10) * 50
     values[:, fap.column(49)] = -900
     path = tmp_path / "talk.fap"
-    save_fap(path, FapTrack.of(values, rate_hz=25.0))
+    save_fap(path, FapTrack.from_values(values, rate_hz=25.0))
     report = as_json(path)
     assert (report["frames"], report["seconds"], report["skipped"]) == (30, 1.2, 0)
     assert report["faps"]["open_jaw"] == {"number": 3, "low": 0, "high": 450, "unit": "MNS"}
@@ -104,7 +104,7 @@ def test_a_table_of_shapes(tmp_path: Path, shapes: str) -> None:
     values = np.zeros((30, 68))
     values[:, fap.column(3)] = np.arange(30) * 20
     path = tmp_path / "talk.csv"
-    path.write_bytes(format_blend_csv(FapTrack.of(values, rate_hz=25.0), shapes))
+    path.write_bytes(format_blend_csv(FapTrack.from_values(values, rate_hz=25.0), shapes))
     report = as_json(path)
     assert (report["frames"], report["rate_hz"]) == (30, 25.0)
     assert "open_jaw" in report["faps"]

@@ -34,7 +34,7 @@ def opening() -> FapTrack:
     values = np.zeros((FRAMES, 68), dtype=np.int64)
     values[:, fap.column(3)] = values[:, fap.column(5)] = np.arange(FRAMES) * 150
     values[:, fap.column(5)] *= -1
-    return FapTrack.of(values, rate_hz=25.0)
+    return FapTrack.from_values(values, rate_hz=25.0)
 
 
 @pytest.fixture
@@ -88,7 +88,7 @@ def test_streams_are_drawn_like_text(tmp_path: Path, opening: FapTrack) -> None:
 
 def test_several_faces_stand_side_by_side(fap_file: Path, tmp_path: Path, opening: FapTrack) -> None:
     """A second track at half the rate: its frames are shown twice."""
-    save_fap(tmp_path / "slow.fap", FapTrack.of(opening.values[::2], rate_hz=12.5))
+    save_fap(tmp_path / "slow.fap", FapTrack.from_values(opening.values[::2], rate_hz=12.5))
     run(fap_file, tmp_path / "slow.fap", "-o", tmp_path / "both_%d.png")
     run(fap_file, "-o", tmp_path / "one_%d.png")
     for number, shown in enumerate((0, 0, 2, 2, 4)):

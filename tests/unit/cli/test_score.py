@@ -47,7 +47,7 @@ def talk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "rig.glb").write_bytes(rig())
     spoken.save(folder / "avatar.glb", into=folder / "rig.glb")
     fapengine.save(spoken.track * 0, folder / "dead.csv")
-    fapengine.save(FapTrack.of(np.roll(spoken.track.values, 9, axis=0), rate_hz=60.0), folder / "late.csv")
+    fapengine.save(FapTrack.from_values(np.roll(spoken.track.values, 9, axis=0), rate_hz=60.0), folder / "late.csv")
     assert spoken.sound is not None
     save_wav(folder / "talk.wav", *spoken.sound)
     rows = [f"{phone.start_s * 1e7:.0f} {phone.end_s * 1e7:.0f} {phone.label}" for phone in spoken.phones.phones]

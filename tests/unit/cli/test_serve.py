@@ -11,13 +11,13 @@ from typer.testing import CliRunner
 
 from fapengine.cli.main import app
 from fapengine.errors import DataError, ResourceError, UsageError
-from fapengine.server.config import ServeConfig
+from fapengine.server.config import ServerConfig
 from fapengine.server.logs import begin_log
 
 
-def configured(monkeypatch: pytest.MonkeyPatch, *words: object) -> ServeConfig:
+def configured(monkeypatch: pytest.MonkeyPatch, *words: object) -> ServerConfig:
     """What the server is started with."""
-    started: list[ServeConfig] = []
+    started: list[ServerConfig] = []
     monkeypatch.setattr("fapengine.cli.serve._start", started.append)
     monkeypatch.delenv("FAPENGINE_TOKEN", raising=False)
     result = CliRunner().invoke(app, ["serve", *map(str, words)], catch_exceptions=False)
@@ -26,7 +26,7 @@ def configured(monkeypatch: pytest.MonkeyPatch, *words: object) -> ServeConfig:
 
 
 def test_nothing_told_is_all_by_default(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert configured(monkeypatch) == ServeConfig()
+    assert configured(monkeypatch) == ServerConfig()
 
 
 def test_options_go_before_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -74,8 +74,8 @@ def test_every_option_arrives(monkeypatch: pytest.MonkeyPatch) -> None:
     assert configured(monkeypatch, "--web-port", 3, "--no-page").listen.web_port is None
     assert listen.provenance
     unmarked = configured(monkeypatch, "--without", "provenance")
-    assert (unmarked.listen.provenance, unmarked.style) == (False, ServeConfig().style)
-    assert configured(monkeypatch, "--token", "", "--play", "", "--audio-device", "") == ServeConfig()
+    assert (unmarked.listen.provenance, unmarked.style) == (False, ServerConfig().style)
+    assert configured(monkeypatch, "--token", "", "--play", "", "--audio-device", "") == ServerConfig()
 
 
 @pytest.mark.parametrize(

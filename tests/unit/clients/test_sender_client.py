@@ -35,7 +35,7 @@ class Place:
     """An engine behind a UDP and a TCP socket, in a thread."""
 
     def __init__(self, framing: str = "slip", token: str | None = None, port: int = 0, instance: int = 3):
-        self.engine = Engine(english(), rng=np.random.default_rng(1), style=Style.still())
+        self.engine = Engine(english(), rng=np.random.default_rng(1), style=Style.speech_only())
         self.receiver = OscReceiver(self.engine, token=token, instance=instance)
         self.tcp, self.udp = bound_pair("127.0.0.1", port)  # a free UDP port may be taken for TCP
         self.tcp.listen()
@@ -112,7 +112,7 @@ def test_a_face_says_phones_and_tells_when_it_is_over(tcp):
         assert face.is_connected
         assert face.welcome.lookahead_us == 500_000
         number = face.say(MAMA, duration_s=0.5)
-        assert face.wait_until_over(number, SOON_S) == "finished"
+        assert face.wait_until_finished(number, SOON_S) == "finished"
         kinds = [event.kind for event in face.events()]
         assert kinds == ["started", "finished"]
         assert face.events() == []
@@ -125,7 +125,7 @@ def test_what_was_said_has_come_when_the_client_is_closed():
     phones = [Phone("mɑ"[n % 2], 0.1 * n, 0.1 * n + 0.1) for n in range(200)]
     with Place() as place:
         with Client(port=place.port, session="anna") as face:
-            face.wait(SOON_S).say(PhoneTrack.of(phones))
+            face.wait(SOON_S).say(PhoneTrack.from_phones(phones))
         one = place.engine.utterance("anna", 0)
         assert one.phone_count == 200
         assert one.size == 200
@@ -137,7 +137,7 @@ def test_phones_that_become_known_one_by_one():
         for phone in MAMA:
             face.append(number, [phone])
         face.end(number)
-        assert face.wait_until_over(number, SOON_S) == "finished"
+        assert face.wait_until_finished(number, SOON_S) == "finished"
         with pytest.raises(UsageError, match="expected one that was begun"):
             face.append(99, MAMA)
         face.append(number, MAMA)  # it is over: as if it had been in time
@@ -164,7 +164,7 @@ def test_everything_else_reaches_the_engine():
         face.cancel(long)
         waiting = face.say(MAMA, audio=True)
         face.cancel()
-        assert face.wait_until_over(waiting, SOON_S) == "cancelled"
+        assert face.wait_until_finished(waiting, SOON_S) == "cancelled"
         face.cancel(waiting)
     addresses = {packet.split(b"\0")[0].decode() for packet in place.told if packet[:1] == b"/"}
     for part in ("expr", "gaze", "head", "blink", "param", "text", "audio", "utt/pause", "utt/resume", "utt/seek"):
@@ -192,7 +192,7 @@ def test_an_error_inside_the_block_cancels():
 def test_events_are_told_as_they_come():
     told = []
     with Place() as place, Client(port=place.port, on_event=told.append) as face:
-        face.wait_until_over(face.say(MAMA), SOON_S)
+        face.wait_until_finished(face.say(MAMA), SOON_S)
     assert [event.kind for event in told] == ["started", "finished"]
 
 
@@ -201,7 +201,7 @@ def test_a_token_is_needed_where_it_is_wanted():
         with Client(port=place.port, token="wrong") as face, pytest.raises(ResourceError, match="no answer within"):
             face.wait(0.3)
         with Client(port=place.port, token="secret") as face:
-            assert face.wait_until_over(face.wait(SOON_S).say(MAMA), SOON_S) == "finished"
+            assert face.wait_until_finished(face.wait(SOON_S).say(MAMA), SOON_S) == "finished"
         assert place.receiver.counts.refused > 0
 
 
@@ -221,7 +221,7 @@ def test_an_engine_that_starts_later_is_found_and_a_restarted_one_too():
             while "anna" not in again.engine or not again.engine.utterance("anna", 0):
                 time.sleep(0.01)
             face.cancel()
-            face.wait_until_over(number, SOON_S)
+            face.wait_until_finished(number, SOON_S)
 
 
 @pytest.mark.skipif(resource.getrlimit(resource.RLIMIT_NOFILE)[1] < 2000, reason="fewer than 2000 files may be open")
@@ -257,7 +257,7 @@ def test_nobody_listens():
     with Client(port=port) as face:
         assert not face.is_connected
         number = face.say(MAMA)
-        assert face.wait_until_over(number, 0.05) == "lost"
+        assert face.wait_until_finished(number, 0.05) == "lost"
     with pytest.raises(UsageError, match="client: is closed"):
         face.blink()
     face.close()
@@ -267,7 +267,7 @@ def test_a_connection_that_ends_is_said_at_the_next_call():
     with Place() as place:
         face = Client(port=place.port, tcp=True).wait(SOON_S)
         number = face.begin()
-    assert face.wait_until_over(number, SOON_S) == "lost"
+    assert face.wait_until_finished(number, SOON_S) == "lost"
     with pytest.raises(ResourceError, match="the connection is lost"):
         face.blink()
     with pytest.raises(ResourceError, match="the connection is lost"):
@@ -306,9 +306,9 @@ def test_a_network_that_goes_away_for_a_while_ends_nothing():
         number = face.begin()
         face.append(number, MAMA)
         face.end(number)
-        assert face.wait_until_over(number, 0.1) == "lost"
+        assert face.wait_until_finished(number, 0.1) == "lost"
         cable.is_cut = False
-        assert face.wait_until_over(number, SOON_S) == "finished"
+        assert face.wait_until_finished(number, SOON_S) == "finished"
 
 
 def test_what_a_callback_raises_is_said_at_the_next_call(monkeypatch):
@@ -322,7 +322,7 @@ def test_what_a_callback_raises_is_said_at_the_next_call(monkeypatch):
         face = Client(port=place.port, on_event=fail)
         number = face.say([Phone("ɑ", 0.0, 20.0)])
         begun_s = time.monotonic()
-        assert face.wait_until_over(number, SOON_S) == "lost"
+        assert face.wait_until_finished(number, SOON_S) == "lost"
         assert time.monotonic() < begun_s + SOON_S
         with pytest.raises(UsageError, match=r"on_event: raised OSError\(\"the user's own\"\)"):
             face.blink()
@@ -389,7 +389,7 @@ def test_only_the_last_utterances_are_remembered(monkeypatch):
         numbers = [face.begin() for _ in range(5)]
         for number in numbers:
             face.cancel(number)
-        assert [face.wait_until_over(number) for number in numbers] == ["lost"] * 2 + ["cancelled"] * 3
+        assert [face.wait_until_finished(number) for number in numbers] == ["lost"] * 2 + ["cancelled"] * 3
 
 
 def test_wrong_calls_are_said_at_once():
@@ -447,7 +447,7 @@ def test_a_server_that_moved_is_followed_and_everything_told_there():
         number = client.say(MAMA)
         hello, address = hello_at(known)
         known.sendto(codec.encode(schema.Moved("anna", "127.0.0.1", place.port, hello.instance)), address)
-        assert client.wait_until_over(number, SOON_S) == "finished"
+        assert client.wait_until_finished(number, SOON_S) == "finished"
     known.close()
 
 

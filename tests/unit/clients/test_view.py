@@ -17,7 +17,7 @@ from fapengine.files.pictures import load_picture
 from fapengine.files.sound import save_wav
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack
-from fapengine.render.drawing import Drawing
+from fapengine.render.drawing import RenderOptions
 from fapengine.render.live import Quality
 
 
@@ -53,7 +53,7 @@ class FakeWindow:
     keys: tuple[str, ...] = ()
     """Keys that are pressed at the third frame."""
 
-    def __init__(self, mesh: object, drawing: Drawing, **options: object) -> None:
+    def __init__(self, mesh: object, drawing: RenderOptions, **options: object) -> None:
         self.options = options
         self.shown: list[np.ndarray] = []
         self.closes_after = 10**9
@@ -101,7 +101,7 @@ def test_a_file_with_its_sound_is_shown_and_paused(
 ) -> None:
     monkeypatch.setattr(FakeWindow, "keys", (" ", "x"))
     monkeypatch.setattr("fapengine.app.view.STATUS_S", 0.0)
-    save_fap(tmp_path / "a.fap", FapTrack.of(np.zeros((30, 68), int), rate_hz=30.0))
+    save_fap(tmp_path / "a.fap", FapTrack.from_values(np.zeros((30, 68), int), rate_hz=30.0))
     save_wav(tmp_path / "a.wav", np.zeros(8000, np.int16), 8000)
     call(
         "view",
@@ -184,7 +184,7 @@ def test_refuses_what_is_no_source(tmp_path: Path) -> None:
     ):
         with pytest.raises(UsageError, match=message):
             open_url(url, silent=True)
-    save_fap(tmp_path / "none.fap", FapTrack.of(np.zeros((0, 68), int), rate_hz=30.0))
+    save_fap(tmp_path / "none.fap", FapTrack.from_values(np.zeros((0, 68), int), rate_hz=30.0))
     with pytest.raises(DataError, match="no frame"):
         open_file(tmp_path / "none.fap", silent=True)
 

@@ -321,7 +321,7 @@ def test_values_outside_their_range_are_named_with_their_field() -> None:
     epf = b"FBM 1 FFR 0 ISI 1 FMT 0" + b" 3" * 9
     message = r"FAP 4 \(lower_t_midlip\): values 20000 to 20000 are outside"
     with pytest.raises(UsageError, match=message):
-        encode_orders(parse_epf(epf), FapTrack.of(values, rate_hz=25.0))
+        encode_orders(parse_epf(epf), FapTrack.from_values(values, rate_hz=25.0))
 
 
 def test_zeros_at_the_end_may_be_the_start_of_a_code_even_if_they_are_a_wrong_plane() -> None:
@@ -330,7 +330,7 @@ def test_zeros_at_the_end_may_be_the_start_of_a_code_even_if_they_are_a_wrong_pl
     found = 0
     for blend in range(64):
         track = replace(
-            FapTrack.of(np.zeros((2, 68), int), rate_hz=25.0), mask=np.repeat(mask, 2, axis=0),
+            FapTrack.from_values(np.zeros((2, 68), int), rate_hz=25.0), mask=np.repeat(mask, 2, axis=0),
             visemes=[[3, 4, 0, 0], [5, 6, blend, 0]],
         )  # fmt: skip
         stream = encode(track)

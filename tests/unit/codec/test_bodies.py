@@ -28,7 +28,7 @@ def face(frames: int = 24, every: int = 10) -> bytes:
     rng = np.random.default_rng(4)
     values = np.cumsum(rng.integers(-30, 31, (frames, 68)), axis=0)
     values[:, :2] = 0
-    return encode(FapTrack.of(values, rate_hz=25.0), EncoderOptions(intra_every=every))
+    return encode(FapTrack.from_values(values, rate_hz=25.0), EncoderOptions(intra_every=every))
 
 
 class Body:

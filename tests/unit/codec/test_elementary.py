@@ -19,7 +19,7 @@ FACE = Fapu(irisd0_mm=11.0, es0_mm=62.0, ens0_mm=47.0, mns0_mm=22.0, mw0_mm=50.0
 def noise(frames: int, size: int, rate_hz: float = 25.0) -> FapTrack:
     values = np.random.default_rng(2).integers(-size, size + 1, (frames, 68))
     values[:, :2] = 0
-    return FapTrack.of(values, rate_hz=rate_hz)
+    return FapTrack.from_values(values, rate_hz=rate_hz)
 
 
 def test_access_units_join_to_the_stream_and_begin_with_start_codes() -> None:

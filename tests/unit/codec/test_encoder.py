@@ -35,7 +35,7 @@ def talking(seconds: float = 8.0, faps: tuple[int, ...] = (3, 4, 5, 6, 19, 20, 4
     for number in faps:
         step = fap.spec(number).quantiser_step
         values[:, fap.column(number)] = step * 60 * np.sin(t * (2 + number % 7)) * (1 + 0.3 * np.sin(t / 2))
-    return FapTrack.of(np.round(values).astype(int), rate_hz=RATE_HZ)
+    return FapTrack.from_values(np.round(values).astype(int), rate_hz=RATE_HZ)
 
 
 def errors_of(track: FapTrack, stream: bytes) -> np.ndarray:
@@ -97,7 +97,7 @@ def test_intra_refresh_comes_on_time_and_where_asked() -> None:
 def test_faps_at_rest_are_left_out_and_come_back_when_they_move() -> None:
     values = talking(4.0, faps=(3, 51)).values.copy()
     values[50:, fap.column(31)] = np.arange(50) * 4
-    track = FapTrack.of(values, rate_hz=RATE_HZ)
+    track = FapTrack.from_values(values, rate_hz=RATE_HZ)
     stream = encode(track, EncoderOptions(moving_only=True, intra_every=50))
     sent = [part.header.mask for part in decode(stream).planes if part.intra]
     assert [np.flatnonzero(mask).tolist() for mask in sent] == [[2, 50], [2, 30, 50]]
@@ -228,7 +228,7 @@ def test_bad_frames_are_refused() -> None:
     with pytest.raises(UsageError, match="skip"):
         encoder.frame([0] * 68, skip=-1)
     with pytest.raises(UsageError, match="no frames"):
-        encode(FapTrack.of(np.zeros((0, 68), int), rate_hz=25.0))
+        encode(FapTrack.from_values(np.zeros((0, 68), int), rate_hz=25.0))
 
 
 @pytest.mark.conformance
@@ -260,7 +260,7 @@ def test_more_than_an_hour_may_be_skipped() -> None:
 def test_a_sudden_motion_after_rest_is_followed_at_once(options: EncoderOptions) -> None:
     values = talking(4.0, faps=(3, 51)).values.copy()
     values[70:, fap.column(19)] = 1000
-    track = FapTrack.of(values, rate_hz=RATE_HZ)
+    track = FapTrack.from_values(values, rate_hz=RATE_HZ)
     encoder = Encoder(rate_hz=RATE_HZ, options=options)
     stream = b"".join(encoder.frame(row) for row in track.values) + encoder.finish()
     decoded = decode(stream)

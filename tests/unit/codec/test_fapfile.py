@@ -141,7 +141,9 @@ def test_every_fap_file_of_the_vectors_is_read_and_written_back(vectors: Mapping
 
 def test_memory_is_that_of_the_text_and_the_track() -> None:
     """A token of each number takes 40 times the text: a gigabyte and a half for an hour."""
-    data = format_fap(FapTrack.of(np.arange(68)[None].repeat(1500, 0) * (np.arange(68) > 1), rate_hz=25.0)).encode()
+    data = format_fap(
+        FapTrack.from_values(np.arange(68)[None].repeat(1500, 0) * (np.arange(68) > 1), rate_hz=25.0)
+    ).encode()
     tracemalloc.start()
     try:
         parse_fap(data)

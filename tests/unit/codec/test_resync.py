@@ -18,7 +18,7 @@ def walk(frames: int = 200) -> FapTrack:
     rng = np.random.default_rng(3)
     values = np.zeros((frames, 68), int)
     values[:, 2:] = np.clip(np.cumsum(rng.integers(-6, 7, (frames, 66)), axis=0), -300, 300)
-    return FapTrack.of(values, rate_hz=25.0)
+    return FapTrack.from_values(values, rate_hz=25.0)
 
 
 @pytest.mark.parametrize("start_codes", ["none", "intra"])

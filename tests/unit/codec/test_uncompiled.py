@@ -18,7 +18,9 @@ print(type(kernels.encode_plane).__name__, digest())
 
 def digest() -> str:
     values = [[0, 0, *[(7 * n * k) % 61 - 30 for k in range(66)]] for n in range(12)]
-    track = replace(FapTrack.of(values, rate_hz=25.0), frame_numbers=[*range(7), *range(400, 405)])  # a skip over 255
+    track = replace(
+        FapTrack.from_values(values, rate_hz=25.0), frame_numbers=[*range(7), *range(400, 405)]
+    )  # a skip over 255
     stream = encode(track, EncoderOptions(intra_every=5, ranges="fitted"))
     return sha256(
         stream + decode(stream).track.values.tobytes() + decode(stream).track.frame_numbers.tobytes()

@@ -73,9 +73,9 @@ def test_a_new_command_is_sent_by_the_client(listed: list[object], monkeypatch: 
     with Client(port=9, session="anna") as face:
         sent: list[tuple[object, bool]] = []
         monkeypatch.setattr(face, "_send", lambda message, *, repeats: sent.append((message, repeats)))
-        face.tell(RaiseBrow(0.25))
+        face.send_command(RaiseBrow(0.25))
         with pytest.raises(UsageError, match="command: got Begin, expected one that concerns no utterance"):
-            face.tell(commands.Begin(1))
+            face.send_command(commands.Begin(1))
     assert sent == [(schema.SessionCommand("anna", RaiseBrow(0.25)), True)]
 
 

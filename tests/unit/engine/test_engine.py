@@ -37,7 +37,7 @@ from fapengine.trajectory.style import Style
 from tests.english import english
 
 RATE_HZ = 50.0
-STILL = Style.still()
+STILL = Style.speech_only()
 LIPS = [fap.column(4), fap.column(5)]
 SENTENCE = ["m", "a", "p", "a", "l", "i", "f", "u", "b", "a", "s", "t", "o", "m", "i"]
 
@@ -76,7 +76,7 @@ def test_speech_is_what_the_offline_plan_says():
     face = engine()
     say(face, sentence())
     seen = frames(face, 0.0, 2.0)
-    track = PhoneTrack.of(list(sentence()))
+    track = PhoneTrack.from_phones(list(sentence()))
     planned = plan(track, english(), rng=np.random.default_rng(0), rate_hz=RATE_HZ, style=STILL, duration_s=2.0)
     assert np.abs(seen - planned.track.values).max() <= 1
     assert seen[:, LIPS].any()
@@ -443,7 +443,7 @@ def test_expressions_come_hold_and_go_in_a_smooth_curve():
     assert smile[42:59].min() == smile.max() > 20
     moods = {Expression.JOY: 0.8}
     held = plan(
-        PhoneTrack.of([Phone("_", 0.0, 3.0)]),
+        PhoneTrack.from_phones([Phone("_", 0.0, 3.0)]),
         english(),
         rng=np.random.default_rng(0),
         expressions=moods,

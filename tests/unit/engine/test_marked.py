@@ -22,7 +22,7 @@ PITCH, YAW, EYES = fap.column(48), fap.column(49), fap.column(23)
 
 
 def hub_at(now_s: list[float]) -> Hub:
-    engine = Engine(english(), rng=np.random.default_rng(1), style=Style.still())
+    engine = Engine(english(), rng=np.random.default_rng(1), style=Style.speech_only())
     hub = Hub(engine, rate_hz=50.0, clock=lambda: now_s[0])
     hub.open("anna")
     return hub
@@ -49,8 +49,8 @@ def test_cues_are_seen_and_not_exaggerated() -> None:
 
 
 def test_a_file_nods_at_the_word() -> None:
-    phones = PhoneTrack.of([Phone("a", 0.5, 1.0), Phone("m", 1.0, 1.4)])
-    manner = Manner(profile=english(), style=Style.still(), rate_hz=50.0)
+    phones = PhoneTrack.from_phones([Phone("a", 0.5, 1.0), Phone("m", 1.0, 1.4)])
+    manner = Manner(profile=english(), style=Style.speech_only(), rate_hz=50.0)
     marks = (TimedMark(1.0, Gesture("nod"), 1.5), TimedMark(0.2, Gesture("left"), 1.0))
     values = perform(phones, None, manner, marks=marks).track.values
     assert not values[:50, PITCH].any()
@@ -77,7 +77,7 @@ def test_ssml_moves_the_face() -> None:
 def test_the_server_gives_cues_at_their_time() -> None:
     now_s = [0.0]
     hub = Hub(
-        Engine(english(), rng=np.random.default_rng(1), style=Style.still()), rate_hz=50.0, clock=lambda: now_s[0]
+        Engine(english(), rng=np.random.default_rng(1), style=Style.speech_only()), rate_hz=50.0, clock=lambda: now_s[0]
     )
     hub.open("anna")
     spoken = asyncio.run(hub.speak("anna", 'One two three. Four <mark name="nod"/>five six. [laughs]'))
@@ -95,7 +95,7 @@ def test_the_server_gives_cues_at_their_time() -> None:
 def test_what_is_cancelled_makes_no_gesture() -> None:
     now_s = [0.0]
     hub = Hub(
-        Engine(english(), rng=np.random.default_rng(1), style=Style.still()), rate_hz=50.0, clock=lambda: now_s[0]
+        Engine(english(), rng=np.random.default_rng(1), style=Style.speech_only()), rate_hz=50.0, clock=lambda: now_s[0]
     )
     hub.open("anna")
     asyncio.run(hub.speak("anna", 'One two three <mark name="nod"/>four.'))

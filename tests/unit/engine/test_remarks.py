@@ -17,7 +17,7 @@ from tests.unit.wire.protocol_double import Wire
 
 
 def events_of(labels: list[str], each_s: float, cancel: bool = False) -> list[Event]:
-    face = Engine(english(), rng=np.random.default_rng(1), style=Style.still())
+    face = Engine(english(), rng=np.random.default_rng(1), style=Style.speech_only())
     face.open("anna", 0.0)
     phones = tuple(Phone(label, n * each_s, (n + 1) * each_s) for n, label in enumerate(labels))
     face.apply("anna", Begin(1), 0.0)
@@ -32,7 +32,7 @@ def events_of(labels: list[str], each_s: float, cancel: bool = False) -> list[Ev
 def test_unknown_labels_and_wrong_units_are_remarked_before_the_end(cancel: bool) -> None:
     events = events_of(["AA1", "m", "a", "m", "a"], 0.5, cancel=cancel)
     said = [event.reason for event in events if event.kind == "remark"]
-    track = PhoneTrack.of([Phone(label, n * 0.5, n * 0.5 + 0.5) for n, label in enumerate(["AA1", *"mama"])])
+    track = PhoneTrack.from_phones([Phone(label, n * 0.5, n * 0.5 + 0.5) for n, label in enumerate(["AA1", *"mama"])])
     assert said == list(remarks_on(track))
     assert said[0].startswith("unknown phone 'AA1' once")
     assert said[1].startswith("timings: the median of 5 phones is 500 ms")

@@ -19,7 +19,7 @@ from fapengine.mesh.deform import deform, single_fap
 from fapengine.mesh.face_mesh import Bone, FaceMesh
 from fapengine.mesh.rig.blendshape_mesh import Blendshape, BlendshapeMesh
 from fapengine.mpeg4 import fap
-from fapengine.render.drawing import Drawing
+from fapengine.render.drawing import RenderOptions
 from fapengine.render.renderer import FaceRenderer
 from fapengine.retarget.blend import ARKIT_NAMES
 from fapengine.retarget.blendshape_names import choose_blendshapes
@@ -177,7 +177,7 @@ def test_a_head_without_shapes_nods_and_moves_its_jaw(jaw: bool, tmp_path: Path)
 def test_a_head_without_shapes_is_drawn(tmp_path: Path) -> None:
     (tmp_path / "robot.glb").write_bytes(avatar_of_bones(jaw=True))
     head = import_head_file(tmp_path / "robot.glb")[0].mesh
-    with FaceRenderer(head, Drawing(size=(64, 64), samples=0)) as renderer:
+    with FaceRenderer(head, RenderOptions(size=(64, 64), samples=0)) as renderer:
         shut, opened = renderer.draw(np.zeros(68)).copy(), renderer.draw(single_fap(3)).copy()
     assert (shut != opened).any()
 

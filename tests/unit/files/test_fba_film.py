@@ -20,7 +20,7 @@ RATE_HZ = 25.0
 def moving_face(frames: int = 50, amplitude: float = 200.0) -> FapTrack:
     values = np.zeros((frames, 68), np.int64)
     values[:, 2:18] = np.round(amplitude * np.sin(np.arange(frames)[:, None] / 5 + np.arange(16)))
-    return FapTrack.of(values, rate_hz=RATE_HZ)
+    return FapTrack.from_values(values, rate_hz=RATE_HZ)
 
 
 def stream_of(track: FapTrack, **choices: object) -> bytes:
@@ -84,7 +84,7 @@ def test_levels_are_told_by_the_busiest_second() -> None:
     noise = np.random.default_rng(3).integers(-150, 150, (75, 68))
     noise[:, :2] = 0
     for rate_hz, expected in ((25.0, 1), (50.0, 2), (72.0, None)):
-        level = level_of(decode(encode(FapTrack.of(noise, rate_hz=rate_hz))))
+        level = level_of(decode(encode(FapTrack.from_values(noise, rate_hz=rate_hz))))
         assert (None if level is None else level.number) == expected, rate_hz
-    assert level_of(decode(encode(FapTrack.of(noise[:1], rate_hz=100.0)))) is None
+    assert level_of(decode(encode(FapTrack.from_values(noise[:1], rate_hz=100.0)))) is None
     assert [level.profile for level in LEVELS] == [0x61, 0x62]

@@ -30,7 +30,7 @@ def moving() -> FapTrack:
     values[:, 2] = [0, 300, 600, 0]  # jaw
     values[:, 18] = [0, 500, 1000, 0]  # upper left lid
     values[:, 47] = [0, 5000, 9000, 0]  # head pitch
-    return FapTrack.of(values, rate_hz=25.0)
+    return FapTrack.from_values(values, rate_hz=25.0)
 
 
 @pytest.fixture(scope="module")

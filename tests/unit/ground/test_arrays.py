@@ -74,7 +74,7 @@ def same(one: object, other: object) -> bool:
         fapengine.load_profile("grid_s1_en"),
         fapengine.load_head("default:hair=false,level=coarse"),
         fapengine.Phone("m", 0.0, 0.1),
-        fapengine.PhoneTrack.of([fapengine.Phone("m", 0.0, 0.1)]),
+        fapengine.PhoneTrack.from_phones([fapengine.Phone("m", 0.0, 0.1)]),
     ],
     ids=lambda value: type(value).__name__,
 )

@@ -88,7 +88,7 @@ class Stage:
     faps: list[NDArray[np.int32]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        engine = Engine(english(), rng=np.random.default_rng(1), style=Style.still())
+        engine = Engine(english(), rng=np.random.default_rng(1), style=Style.speech_only())
         self.hub = Hub(engine, clock=self.clock)
         self.hub.hold("anna")
         self.hub.listeners.on_command("anna", lambda _, command, at_s: self.told.append((at_s, command)))

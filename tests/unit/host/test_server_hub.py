@@ -37,7 +37,7 @@ class Clock:
 
 def hub_of(voice: object = None, **limits: object) -> tuple[Hub, Clock]:
     clock = Clock()
-    engine = Engine(english(), rng=np.random.default_rng(1), limits=Limits(**limits), style=Style.still())
+    engine = Engine(english(), rng=np.random.default_rng(1), limits=Limits(**limits), style=Style.speech_only())
     return Hub(engine, clock=clock, idle_close_s=10.0, voice=voice), clock
 
 
@@ -71,7 +71,7 @@ def run(hub: Hub, clock: Clock, seconds: float) -> list[hubs.HubFrames]:
 
 
 def spoken() -> Speech:
-    phones = PhoneTrack.of([Phone("_", 0.0, 0.1), *PHONES])
+    phones = PhoneTrack.from_phones([Phone("_", 0.0, 0.1), *PHONES])
     samples = np.zeros(round(phones.duration_s * 8000), np.int16)
     return Speech(samples=samples, sample_rate_hz=8000, phones=phones)
 
@@ -439,7 +439,7 @@ def test_a_real_voice_speaks() -> None:
 
 
 def test_it_runs_at_its_rate_until_stopped() -> None:
-    engine = Engine(english(), rng=np.random.default_rng(1), style=Style.still())
+    engine = Engine(english(), rng=np.random.default_rng(1), style=Style.speech_only())
     hub = Hub(engine, rate_hz=200.0)
     hub.open("a")
     before, after, numbers = [], [], []

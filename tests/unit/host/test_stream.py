@@ -31,7 +31,9 @@ def spelled(words: Sequence[tuple[str, float, float]]) -> list[Phone]:
 
 
 def stage(ear: TickingRecognizer | None = None) -> StreamHost:
-    return StreamHost(english(), rng=np.random.default_rng(1), style=Style.still(), recognizer=ear, pronounce=spelled)
+    return StreamHost(
+        english(), rng=np.random.default_rng(1), style=Style.speech_only(), recognizer=ear, pronounce=spelled
+    )
 
 
 def noise(length_s: float, rate_hz: int = RATE_HZ, seed: int = 1) -> np.ndarray:

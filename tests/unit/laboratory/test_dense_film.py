@@ -188,7 +188,7 @@ def test_a_take_goes_into_gltf_as_weights_of_the_modes(made, head, take, tmp_pat
 
 
 def test_what_cannot_be_is_told(made, profile, head, take, tmp_path):
-    save_fap(tmp_path / "a.fap", FapTrack.of(np.zeros((3, 68), int), rate_hz=25.0))
+    save_fap(tmp_path / "a.fap", FapTrack.from_values(np.zeros((3, 68), int), rate_hz=25.0))
     (tmp_path / "bare").mkdir()
     (tmp_path / "bare" / "profile.toml").write_text("")
     old = made.write(tmp_path / "old")

@@ -336,7 +336,7 @@ def test_the_tongue_of_phones_is_learned_beside_the_jaw(make, run, face_mm):
     without = replace(back, phones={**back.phones, "t": replace(back.phones["t"], tongue_mm=None)})
     said = PhoneTrack((Phone("t", 0.0, 0.3),))
     tips_mm = [
-        plan(said, profile, rng=np.random.default_rng(0), style=Style.still(), duration_s=0.3)
+        plan(said, profile, rng=np.random.default_rng(0), style=Style.speech_only(), duration_s=0.3)
         .track.values[:, fap.column(44)]
         .max()
         * unit_mm

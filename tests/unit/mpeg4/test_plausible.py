@@ -20,7 +20,7 @@ WAVE = np.rint(200 * (1 - np.cos(np.linspace(0, 12 * np.pi, 90)))).astype(int)
 def track(scale: float = 1.0, apart: int = 0) -> fapengine.FapTrack:
     values = np.zeros((90, 68), int)
     values[:, JAW], values[:, LOWER] = WAVE * scale, -WAVE * scale - apart
-    return fapengine.FapTrack.of(values, rate_hz=30.0)
+    return fapengine.FapTrack.from_values(values, rate_hz=30.0)
 
 
 @pytest.mark.parametrize(
@@ -48,7 +48,7 @@ def test_what_is_remarked(made: fapengine.FapTrack, said: str | None) -> None:
 
 def test_planned_speech_has_no_remarks() -> None:
     phones = [fapengine.Phone("ma"[n % 2], 0.1 * n, 0.1 * n + 0.1) for n in range(30)]
-    assert motion_remarks(fapengine.animate(fapengine.PhoneTrack.of(phones)).track) == ()
+    assert motion_remarks(fapengine.animate(fapengine.PhoneTrack.from_phones(phones)).track) == ()
 
 
 @pytest.fixture(scope="module")

@@ -107,22 +107,22 @@ def test_fapu_refuses_what_is_no_length(length: float) -> None:
 
 
 def test_track_of_values_sends_every_low_level_fap() -> None:
-    track = FapTrack.of(np.zeros((3, 68), int), rate_hz=25.0)
+    track = FapTrack.from_values(np.zeros((3, 68), int), rate_hz=25.0)
     assert len(track) == 3
     assert track.mask.sum() == 3 * 66
     assert track.times_s.tolist() == [0.0, 0.04, 0.08]
-    assert track.equals(FapTrack.of(np.zeros((3, 68), int), rate_hz=25.0))
-    assert not track.equals(FapTrack.of(np.zeros((3, 68), int), rate_hz=30.0))
+    assert track.equals(FapTrack.from_values(np.zeros((3, 68), int), rate_hz=25.0))
+    assert not track.equals(FapTrack.from_values(np.zeros((3, 68), int), rate_hz=30.0))
 
 
 def test_track_refuses() -> None:
     with pytest.raises(UsageError, match="rate_hz"):
-        FapTrack.of(np.zeros((1, 68)), rate_hz=0)
+        FapTrack.from_values(np.zeros((1, 68)), rate_hz=0)
     high_level = np.zeros((1, 68), int)
     high_level[0, 0] = 3
     with pytest.raises(UsageError, match="FAP 1 and 2"):
-        FapTrack.of(high_level, rate_hz=25)
-    good = FapTrack.of(np.zeros((2, 68)), rate_hz=25)
+        FapTrack.from_values(high_level, rate_hz=25)
+    good = FapTrack.from_values(np.zeros((2, 68)), rate_hz=25)
     parts = {name: getattr(good, name) for name in ("values", "mask", "visemes", "expressions")}
     with pytest.raises(UsageError, match="strictly rising"):
         FapTrack(**parts, frame_numbers=np.array([1, 1]), rate_hz=25)

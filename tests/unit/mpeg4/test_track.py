@@ -12,7 +12,7 @@ JAW = 2
 def ramp(count: int, rate_hz: float = 10.0) -> FapTrack:
     values = np.zeros((count, 68), np.int32)
     values[:, JAW] = 100 * np.arange(count)
-    return FapTrack.of(values, rate_hz=rate_hz)
+    return FapTrack.from_values(values, rate_hz=rate_hz)
 
 
 def test_frames_and_times_are_cut() -> None:

@@ -57,7 +57,7 @@ def spoken_by_espeak(voice: str, text: str) -> Spoken:
 def opening_mm(phones: PhoneTrack, duration_s: float, rate_hz: float = 60.0) -> NDArray[np.float64]:
     """(T,) mm: how far the planner opens the lips in the middle."""
     rng = np.random.default_rng(1)
-    track = plan(phones, english(), rng=rng, rate_hz=rate_hz, style=Style.still(), duration_s=duration_s).track
+    track = plan(phones, english(), rng=rng, rate_hz=rate_hz, style=Style.speech_only(), duration_s=duration_s).track
     opening = -(track.values[:, 3] + track.values[:, 4]) * FAPU_MM
     return opening[: round(duration_s * rate_hz)].astype(float)
 

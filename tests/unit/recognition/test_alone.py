@@ -27,7 +27,7 @@ def test_lips_move_as_with_the_true_phones(ear: SphinxRecognizer) -> None:
     for voice, text in (("rms", BABY), ("slt", POPPIES), ("awb", BABY), ("kal16", POPPIES)):
         speech = spoken(voice, text)
         duration_s = len(speech.samples) / RATE_HZ
-        track = PhoneTrack.of(heard(ear, speech.samples))
+        track = PhoneTrack.from_phones(heard(ear, speech.samples))
         likeness.append(
             np.corrcoef(opening_mm(track, duration_s), opening_mm(speech.phones, duration_s))[0, 1]
         )  # fmt: skip
@@ -43,7 +43,7 @@ def test_lips_move_as_with_the_true_phones(ear: SphinxRecognizer) -> None:
 @pytest.mark.parametrize("streamed", [True, False])
 def test_no_speech_moves_the_lips_less_than_a_millimetre(ear: SphinxRecognizer, name: str, streamed: bool) -> None:
     samples = no_speech()[name]
-    phones = PhoneTrack.of(heard(ear, samples)) if streamed else listen([samples]).phones
+    phones = PhoneTrack.from_phones(heard(ear, samples)) if streamed else listen([samples]).phones
     assert np.abs(opening_mm(phones, 4.0)).max() < 1.0
     assert phones.duration_s == pytest.approx(4.0)
 
@@ -51,7 +51,7 @@ def test_no_speech_moves_the_lips_less_than_a_millimetre(ear: SphinxRecognizer, 
 def test_without_the_gate_music_is_heard(ear: SphinxRecognizer, monkeypatch: pytest.MonkeyPatch) -> None:
     everything = "fapengine.recognition.sphinx_recognizer.spoken_frames"
     monkeypatch.setattr(everything, lambda found, pitch, levels: np.ones(len(pitch), bool))
-    music = PhoneTrack.of(heard(ear, no_speech()["music"]))
+    music = PhoneTrack.from_phones(heard(ear, no_speech()["music"]))
     assert opening_mm(music, 4.0).max() > 3.0  # so the test above can fail
 
 
@@ -61,7 +61,7 @@ def test_a_long_talk_is_cut_in_its_pauses(ear: SphinxRecognizer) -> None:
     truth = closures(spoken("rms", BABY).phones)
     for round_ in range(3):
         start_s = round_ * len(one) / RATE_HZ
-        found = [at_s - start_s for at_s in closures(PhoneTrack.of(phones))]
+        found = [at_s - start_s for at_s in closures(PhoneTrack.from_phones(phones))]
         assert met(truth, found) >= 0.6 * len(truth)
 
 
@@ -81,7 +81,7 @@ def test_a_recording_closes_the_lips_more_surely_than_the_loop_alone() -> None:
         asked += len(truth)
         for name, track in (
             ("file", listen([speech.samples]).phones),
-            ("loop", PhoneTrack.of(heard(SphinxRecognizer(), speech.samples))),
+            ("loop", PhoneTrack.from_phones(heard(SphinxRecognizer(), speech.samples))),
         ):
             told = closures(track)
             hits[name] = hits.get(name, 0) + met(truth, told)

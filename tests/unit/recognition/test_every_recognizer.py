@@ -26,7 +26,7 @@ def ear(request: pytest.FixtureRequest) -> Recognizer:
 def test_speech_after_music_is_heard(ear: Recognizer) -> None:
     speech = spoken("rms", BABY)
     quiet = np.zeros(RATE_HZ // 2, np.int16)
-    phones = PhoneTrack.of(heard(ear, np.concatenate([no_speech()["music"], quiet, speech.samples])))
+    phones = PhoneTrack.from_phones(heard(ear, np.concatenate([no_speech()["music"], quiet, speech.samples])))
     truth = [4.5 + at_s for at_s in closures(speech.phones)]
     assert met(truth, closures(phones)) >= 0.6 * len(truth)
     assert all(at_s > 4.0 for at_s in closures(phones))

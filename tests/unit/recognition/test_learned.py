@@ -105,7 +105,7 @@ def test_another_rate_another_alphabet_and_a_card_inside(tmp_path: Path) -> None
 
 def test_it_moves_a_face_and_runs_in_a_process_of_its_own(path: Path, tmp_path: Path) -> None:
     save_wav(tmp_path / "tune.wav", TUNE, RATE_HZ)
-    made = fapengine.animate(tmp_path / "tune.wav", recognizer=path, rate_hz=100.0, style=fapengine.Style.still())
+    made = fapengine.animate(tmp_path / "tune.wav", recognizer=path, rate_hz=100.0, style=fapengine.Style.speech_only())
     opening_mm = -(made.track.values[:, 3] + made.track.values[:, 4]) * FAPU_MM
     assert opening_mm[92:108].min() < 0.5 < 4 < opening_mm[62:92].max()  # shut on the second m
     process = RecognizerProcess.open(path)

@@ -30,7 +30,7 @@ def test_lips_move_as_with_the_true_phones(ear: SmallRecognizer) -> None:
     for voice, text in (("rms", BABY), ("slt", POPPIES), ("awb", BABY), ("kal16", POPPIES)):
         speech = spoken(voice, text)
         duration_s = len(speech.samples) / RATE_HZ
-        track = PhoneTrack.of(heard(ear, speech.samples))
+        track = PhoneTrack.from_phones(heard(ear, speech.samples))
         likeness.append(np.corrcoef(opening_mm(track, duration_s), opening_mm(speech.phones, duration_s))[0, 1])
         truth, found = closures(speech.phones), closures(track)
         asked, hits = asked + len(truth), hits + met(truth, found)
@@ -48,7 +48,7 @@ def test_phones_of_a_sentence() -> None:
 @pytest.mark.parametrize("name", no_speech(0.1))
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.nightly)])
 def test_no_speech_moves_the_lips_less_than_a_millimetre(ear: SmallRecognizer, name: str, seed: int) -> None:
-    phones = PhoneTrack.of(heard(ear, no_speech(seed=seed)[name]))
+    phones = PhoneTrack.from_phones(heard(ear, no_speech(seed=seed)[name]))
     assert np.abs(opening_mm(phones, 4.0)).max() < 1.0
     assert phones.duration_s == pytest.approx(4.0)
 
@@ -57,7 +57,7 @@ def test_loudness_hardly_matters() -> None:
     speech = spoken("rms", BABY)
     truth = closures(speech.phones)
     for gain in (0.03, 0.3, 1.0):
-        found = closures(PhoneTrack.of(heard(SmallRecognizer(), (gain * speech.samples).astype(np.int16))))
+        found = closures(PhoneTrack.from_phones(heard(SmallRecognizer(), (gain * speech.samples).astype(np.int16))))
         assert met(truth, found) >= 0.7 * len(truth)
 
 

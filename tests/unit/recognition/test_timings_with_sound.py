@@ -26,7 +26,7 @@ def test_what_is_said_quietly_opens_the_mouth_less() -> None:
 
 
 def test_phones_that_tell_their_loudness_keep_it() -> None:
-    phones = PhoneTrack.of([Phone("a", 0.0, 0.5, loudness_db=6.0), Phone("i", 0.5, 1.0)])
+    phones = PhoneTrack.from_phones([Phone("a", 0.0, 0.5, loudness_db=6.0), Phone("i", 0.5, 1.0)])
     assert with_loudness(phones, np.zeros(RATE_HZ, np.int16), RATE_HZ) is phones
 
 
@@ -46,6 +46,6 @@ def test_a_long_sound_is_heard_in_pieces_as_in_one(rate_hz: int) -> None:
 
 
 def test_phones_behind_the_end_of_a_sound_change_nothing() -> None:
-    phones = PhoneTrack.of([Phone("a", 0.0, 0.5), Phone("i", 0.5, 1.0), Phone("u", 30.0, 31.0)])
+    phones = PhoneTrack.from_phones([Phone("a", 0.0, 0.5), Phone("i", 0.5, 1.0), Phone("u", 30.0, 31.0)])
     told = with_loudness(phones, np.zeros(100, np.int16), RATE_HZ)
     assert told.phones == phones.phones

@@ -13,7 +13,7 @@ from fapengine.errors import UsageError
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.render.camera import preset
-from fapengine.render.drawing import Drawing
+from fapengine.render.drawing import RenderOptions
 from fapengine.render.live import MIN_WAIT_S, FrameBudget, LiveRenderer, Quality, ladder
 
 RATE_HZ = 60.0
@@ -143,7 +143,7 @@ def test_refuses() -> None:
 def test_a_real_renderer_obeys() -> None:
     """No machine draws this in half a millisecond without giving something up; any can in 10 seconds."""
     head, faps = build_head(), np.zeros(68)
-    with LiveRenderer([head], Drawing(size=(1024, 1024)), rate_hz=1000.0) as live:
+    with LiveRenderer([head], RenderOptions(size=(1024, 1024)), rate_hz=1000.0) as live:
         best = live.draw(faps).astype(int)
         assert live.quality.shading == "auto"
         frames = 0
@@ -158,7 +158,7 @@ def test_a_real_renderer_obeys() -> None:
         with live._context:
             side = np.frombuffer(live.paint(faps).read(), np.uint8).reshape(1024, 1024, 4)
         assert np.abs(side[..., :3].astype(int) - best).mean() > 5
-    with LiveRenderer([head], Drawing(size=(64, 64)), rate_hz=0.1) as live:
+    with LiveRenderer([head], RenderOptions(size=(64, 64)), rate_hz=0.1) as live:
         for _ in range(5):
             live.draw(faps)
         assert live.quality == live.budget.qualities[0]
@@ -172,7 +172,7 @@ def test_levels_of_detail_are_used() -> None:
         now[0] += 0.02
         return now[0]
 
-    with LiveRenderer([head, head], Drawing(size=(16, 16)), rate_hz=60.0, clock=clock) as live:
+    with LiveRenderer([head, head], RenderOptions(size=(16, 16)), rate_hz=60.0, clock=clock) as live:
         for _ in range(150):
             live.draw(np.zeros(68))
         assert live.quality.level == 1
@@ -191,7 +191,7 @@ def test_a_coarser_level_is_loaded_when_the_rate_asks_for_it() -> None:
         loaded.append(head)
         return head
 
-    with LiveRenderer([head, load], Drawing(size=(16, 16)), rate_hz=60.0, clock=clock) as live:
+    with LiveRenderer([head, load], RenderOptions(size=(16, 16)), rate_hz=60.0, clock=clock) as live:
         live.draw(np.zeros(68))
         assert not loaded
         for _ in range(150):

@@ -10,7 +10,7 @@ from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mpeg4 import fap
 from fapengine.render.camera import preset
-from fapengine.render.drawing import Drawing
+from fapengine.render.drawing import RenderOptions
 from fapengine.render.renderer import CrowdRenderer, FaceRenderer
 
 TILE = (96, 128)
@@ -33,7 +33,7 @@ def test_each_tile_is_what_the_face_is_alone(head: FaceMesh) -> None:
     other = replace(head, texture=None)
     meshes, cameras = [head, other, head], [preset("front"), preset("three-quarter"), preset("close")]
     faps = poses(3)
-    with CrowdRenderer(meshes, Drawing(size=TILE, samples=1), columns=2) as crowd:
+    with CrowdRenderer(meshes, RenderOptions(size=TILE, samples=1), columns=2) as crowd:
         crowd.cameras = cameras
         assert crowd.columns == 2
         assert crowd.size == (192, 256)
@@ -41,7 +41,9 @@ def test_each_tile_is_what_the_face_is_alone(head: FaceMesh) -> None:
         picture = crowd.draw(faps)
         for number, (mesh, camera) in enumerate(zip(meshes, cameras, strict=True)):
             x, y = crowd.corner(number)
-            with FaceRenderer(mesh, Drawing(size=TILE, camera=camera, samples=1), context=crowd._context) as renderer:
+            with FaceRenderer(
+                mesh, RenderOptions(size=TILE, camera=camera, samples=1), context=crowd._context
+            ) as renderer:
                 alone = renderer.draw(faps[number])
             tile = picture[y : y + TILE[1], x : x + TILE[0]]
             assert (np.abs(tile.astype(int) - alone).max(axis=-1) <= 2).mean() > 0.995, number
@@ -50,7 +52,9 @@ def test_each_tile_is_what_the_face_is_alone(head: FaceMesh) -> None:
 
 def test_frames_of_a_crowd(head: FaceMesh) -> None:
     rows = np.stack([poses(2), poses(2)[::-1]])
-    with CrowdRenderer([head] * 2, Drawing(size=(64, 64), background="transparent", samples=0), columns=2) as crowd:
+    with CrowdRenderer(
+        [head] * 2, RenderOptions(size=(64, 64), background="transparent", samples=0), columns=2
+    ) as crowd:
         streamed = [picture.copy() for picture in crowd.frames(rows)]
         assert [picture.shape for picture in streamed] == [(64, 128, 4)] * 2
         assert np.array_equal(streamed[1], crowd.draw(rows[1]))
@@ -64,9 +68,9 @@ def test_refuses(head: FaceMesh) -> None:
     with pytest.raises(UsageError, match="got 3 columns, expected 1 to 2"):
         CrowdRenderer([head] * 2, columns=3)
     with pytest.raises(UsageError, match="got 10240x512"):
-        CrowdRenderer([head] * 20, Drawing(samples=0), columns=20)
+        CrowdRenderer([head] * 20, RenderOptions(samples=0), columns=20)
     with (
-        CrowdRenderer([head] * 2, Drawing(size=(32, 32), samples=0)) as crowd,
+        CrowdRenderer([head] * 2, RenderOptions(size=(32, 32), samples=0)) as crowd,
         pytest.raises(UsageError, match=r"shape \(3, 68\), expected \(2"),
     ):
         crowd.draw(poses(3))

@@ -10,7 +10,7 @@ import pytest
 
 from fapengine.errors import UsageError
 from fapengine.render.camera import Camera, preset
-from fapengine.render.drawing import DEFAULT_DRAWING, Drawing, parse_background, parse_edges, parse_size
+from fapengine.render.drawing import DEFAULT_RENDER_OPTIONS, RenderOptions, parse_background, parse_edges, parse_size
 
 
 @pytest.mark.parametrize(
@@ -37,12 +37,12 @@ from fapengine.render.drawing import DEFAULT_DRAWING, Drawing, parse_background,
 )
 def test_refuses(wrong: dict[str, Any], message: str) -> None:
     with pytest.raises(UsageError, match=f"^{message}"):
-        Drawing(**wrong)
+        RenderOptions(**wrong)
 
 
 def test_it_is_a_value() -> None:
     picture = np.zeros((4, 6, 3), np.uint8)
-    drawing = Drawing(background=picture)
+    drawing = RenderOptions(background=picture)
     picture[:] = 255
     assert isinstance(drawing.background, np.ndarray)
     assert not drawing.background.any()
@@ -55,20 +55,20 @@ def test_it_is_a_value() -> None:
 
 
 def test_what_follows_from_it() -> None:
-    drawing = Drawing(size=(300, 200), scale=0.35, background="transparent")
+    drawing = RenderOptions(size=(300, 200), scale=0.35, background="transparent")
     assert (drawing.aspect, drawing.components, drawing.drawn_size) == (1.5, 4, (105, 70))
-    assert (DEFAULT_DRAWING.components, DEFAULT_DRAWING.drawn_size) == (3, DEFAULT_DRAWING.size)
+    assert (DEFAULT_RENDER_OPTIONS.components, DEFAULT_RENDER_OPTIONS.drawn_size) == (3, DEFAULT_RENDER_OPTIONS.size)
 
 
 def test_it_is_read_from_text() -> None:
-    drawing = Drawing.parse(size="640X480", camera="20,-5", background="#fa3", edges="soft", wire=True)
+    drawing = RenderOptions.parse(size="640X480", camera="20,-5", background="#fa3", edges="soft", wire=True)
     assert (drawing.size, drawing.samples, drawing.wire) == ((640, 480), 0, True)
     assert drawing.camera == Camera(yaw_deg=20.0, pitch_deg=-5.0)
     assert drawing.background == (255, 170, 51)
-    plain = Drawing.parse()
+    plain = RenderOptions.parse()
     assert (plain.size, plain.camera, plain.background, plain.samples) == ((512, 512), preset("front"), "studio", 0)
     picture = np.zeros((4, 6, 3), np.uint8)
-    assert np.array_equal(Drawing.parse(background=picture).background, picture)
+    assert np.array_equal(RenderOptions.parse(background=picture).background, picture)
     assert [parse_edges(name) for name in ("fine", "soft", "none")] == [4, 0, 1]
     assert parse_size("96") == (96, 96)
     assert [parse_background(name) for name in ("studio", "none", "transparent")] == [
@@ -91,7 +91,7 @@ def test_it_is_read_from_text() -> None:
 )
 def test_refuses_text(wrong: dict[str, str], message: str) -> None:
     with pytest.raises(UsageError, match=f"^{message}"):
-        Drawing.parse(**wrong)
+        RenderOptions.parse(**wrong)
 
 
 def test_describing_needs_no_opengl() -> None:

@@ -12,7 +12,7 @@ from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD
 from fapengine.profiles import parse_profile
 from fapengine.render.camera import preset
-from fapengine.render.drawing import Drawing
+from fapengine.render.drawing import RenderOptions
 from fapengine.render.renderer import FaceRenderer
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory.planner import plan
@@ -47,13 +47,13 @@ def faps() -> Array:
             now_s += PHONE_S
         now_s += PAUSE_S
     profile = parse_profile(profile_files("grid_s1_en"))
-    track = plan(PhoneTrack.of(phones), profile, rng=np.random.default_rng(3), rate_hz=RATE_HZ).track
+    track = plan(PhoneTrack.from_phones(phones), profile, rng=np.random.default_rng(3), rate_hz=RATE_HZ).track
     return track.values[:FRAMES].astype(np.float64)
 
 
 @pytest.fixture(scope="module")
 def film(head: FaceMesh, faps: Array) -> NDArray[np.int16]:
-    with FaceRenderer(head, Drawing(size=SIZE)) as renderer:
+    with FaceRenderer(head, RenderOptions(size=SIZE)) as renderer:
         return np.array(list(renderer.frames(faps)), dtype=np.int16)
 
 

@@ -10,7 +10,7 @@ from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.default_head.mesh_builder import MeshBuilder
 from fapengine.mesh.default_head.style import HeadStyle, palette_of, random_person
 from fapengine.render.camera import Camera
-from fapengine.render.drawing import Drawing
+from fapengine.render.drawing import RenderOptions
 from fapengine.render.renderer import FaceRenderer
 
 
@@ -19,7 +19,7 @@ from fapengine.render.renderer import FaceRenderer
 def test_long_hair_has_no_edges_across(haircut: str, yaw_deg: float) -> None:
     head = build_head(HeadStyle(haircut=haircut))
     camera = Camera(yaw_deg=yaw_deg, target_mm=(0.0, 10.0, -20.0), distance_mm=900.0, field_deg=5.0)
-    with FaceRenderer(head, Drawing(size=(256, 256), camera=camera)) as renderer:
+    with FaceRenderer(head, RenderOptions(size=(256, 256), camera=camera)) as renderer:
         light = np.log(renderer.draw(np.zeros(68))[..., :3].mean(axis=-1) + 8.0)
     down, across = (np.percentile(np.abs(np.diff(light, axis=axis)), 99.9) for axis in (0, 1))
     assert across > 0.2

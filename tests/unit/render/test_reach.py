@@ -10,7 +10,7 @@ from fapengine.mesh.deform import single_fap
 from fapengine.mesh.face_mesh import FaceMesh, Material
 from fapengine.mpeg4 import fap
 from fapengine.render.camera import PRESETS, Camera
-from fapengine.render.drawing import Drawing
+from fapengine.render.drawing import RenderOptions
 from fapengine.render.model import still_vertices
 from fapengine.render.packing import frame_uniforms, pack
 from fapengine.render.renderer import FaceRenderer, Reach
@@ -26,7 +26,7 @@ def head() -> FaceMesh:
 
 @pytest.mark.parametrize("camera", ["front", "profile"])
 def test_softening_parts_is_softening_all(head: FaceMesh, camera: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    with FaceRenderer(head, Drawing(size=SIZE, camera=PRESETS[camera])) as renderer:
+    with FaceRenderer(head, RenderOptions(size=SIZE, camera=PRESETS[camera])) as renderer:
         in_parts = [renderer.draw(faps).copy() for faps in POSES]
         monkeypatch.setattr(Reach, "rectangles", lambda *_: [(0, 0, *SIZE)])
         for number, part, faps in zip(range(3, 69), in_parts, POSES, strict=True):
@@ -56,7 +56,7 @@ def test_a_head_without_shoulders_or_outside_of_the_picture(head: FaceMesh) -> N
 def test_a_picture_behind_the_head_is_softened_everywhere(head: FaceMesh) -> None:
     stripes = np.zeros((*SIZE, 3), dtype=np.uint8)
     stripes[np.add.outer(np.arange(128), np.arange(128)) % 16 < 8] = 255
-    with FaceRenderer(head, Drawing(size=SIZE, background=stripes)) as renderer:
+    with FaceRenderer(head, RenderOptions(size=SIZE, background=stripes)) as renderer:
         corner = renderer.draw(np.zeros(68))[:20, :20]
     assert len(np.unique(corner)) > 2
 
@@ -72,7 +72,7 @@ def test_a_picture_behind_the_head_is_softened_everywhere(head: FaceMesh) -> Non
     ],
 )
 def test_shoulders_and_wall_are_drawn_anew_where_they_change(head: FaceMesh, change: dict[str, object]) -> None:
-    before = Drawing(size=SIZE)
+    before = RenderOptions(size=SIZE)
     after = replace(before, **change)  # type: ignore[arg-type]
     with FaceRenderer(head, before) as changed, FaceRenderer(head, after) as fresh:
         first = changed.draw(POSES[0]).copy()

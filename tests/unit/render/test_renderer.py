@@ -19,7 +19,7 @@ from fapengine.render import context as context_module
 from fapengine.render import programs
 from fapengine.render.camera import PRESETS, Camera, preset, turned
 from fapengine.render.context import create_context
-from fapengine.render.drawing import Drawing, Shading
+from fapengine.render.drawing import RenderOptions, Shading
 from fapengine.render.packing import ATTRIBUTE_SIZES, frame_uniforms, normal_deltas
 from fapengine.render.renderer import FaceRenderer
 from tests.projection import project
@@ -43,7 +43,7 @@ def head() -> FaceMesh:
 
 @pytest.fixture(scope="module")
 def renderer(head: FaceMesh) -> Iterator[FaceRenderer]:
-    with FaceRenderer(head, Drawing(size=SIZE, samples=0)) as made:
+    with FaceRenderer(head, RenderOptions(size=SIZE, samples=0)) as made:
         yield made
 
 
@@ -68,7 +68,7 @@ def _positions(renderer: FaceRenderer, capture: moderngl.Program, faps: NDArray[
 def test_the_gpu_moves_vertices_as_the_reference_does(head: FaceMesh) -> None:
     """Run the vertex shader with transform feedback over frames that use every FAP."""
     rng = np.random.default_rng(8)
-    with FaceRenderer(head, Drawing(size=(16, 16), samples=0)) as renderer:
+    with FaceRenderer(head, RenderOptions(size=(16, 16), samples=0)) as renderer:
         context = renderer._context
         source = programs.stage_source(("face.vert",))
         with context:
@@ -153,7 +153,7 @@ def test_frames_equal_single_draws_in_order(renderer: FaceRenderer) -> None:
 
 
 def test_transparent_pictures_have_alpha(head: FaceMesh) -> None:
-    with FaceRenderer(head, Drawing(size=SIZE, background="transparent", samples=0)) as renderer:
+    with FaceRenderer(head, RenderOptions(size=SIZE, background="transparent", samples=0)) as renderer:
         picture = renderer.draw(np.zeros(68))
     assert picture.shape[-1] == 4
     assert picture[2, 2, 3] == 0
@@ -161,7 +161,7 @@ def test_transparent_pictures_have_alpha(head: FaceMesh) -> None:
 
 
 def test_multisampling_softens_edges_too(head: FaceMesh) -> None:
-    with FaceRenderer(head, Drawing(size=SIZE, samples=4)) as renderer:
+    with FaceRenderer(head, RenderOptions(size=SIZE, samples=4)) as renderer:
         picture = renderer.draw(np.zeros(68))
     assert picture[SIZE[1] // 2, SIZE[0] // 2, 0] > 100
 
@@ -182,7 +182,7 @@ def test_a_painting_lies_where_its_coordinates_say(head: FaceMesh, shading: Shad
     picture = np.full((256, 256, 3), 255, dtype=np.uint8)
     picture[:128, 128:, 1:] = 0  # below, the subject's left: red
     picture[128:, :128, :2] = 0  # above, the right: blue
-    with FaceRenderer(painted(head, picture), Drawing(size=SIZE, shading=shading, samples=0)) as renderer:
+    with FaceRenderer(painted(head, picture), RenderOptions(size=SIZE, shading=shading, samples=0)) as renderer:
         seen = renderer.draw(np.zeros(68)).astype(int)
         camera = renderer.drawing.camera
 
@@ -206,7 +206,7 @@ def test_paint_tints_the_surface(head: FaceMesh, renderer: FaceRenderer, grey: i
     )
     pictures = []
     for mesh in (plain, painted(head, np.full((2, 2, 3), grey, dtype=np.uint8))):
-        with FaceRenderer(mesh, Drawing(size=SIZE, samples=0), context=renderer._context) as other:
+        with FaceRenderer(mesh, RenderOptions(size=SIZE, samples=0), context=renderer._context) as other:
             pictures.append(other.draw(np.zeros(68)).astype(int))
     assert np.abs(pictures[0] - pictures[1]).max() <= 1
 
@@ -216,7 +216,7 @@ def test_holes_in_the_painting_are_seen_through(shading: Shading) -> None:
     picture = np.full((128, 128, 4), 255, dtype=np.uint8)
     picture[100:, :, 3] = 0
     mesh = painted(build_head(HeadStyle(hair=False)), picture)
-    with FaceRenderer(mesh, Drawing(size=SIZE, background="transparent", shading=shading, samples=0)) as renderer:
+    with FaceRenderer(mesh, RenderOptions(size=SIZE, background="transparent", shading=shading, samples=0)) as renderer:
         assert set(renderer._model.packed.parts) == {"face", "cutout", "eye", "strand"}
         alpha = renderer.draw(np.zeros(68))[..., 3]
         y = int(project(renderer.drawing.camera, np.array([0.0, (100 / 128 - 0.5) * 300, 60.0]), SIZE)[1])
@@ -229,7 +229,7 @@ def test_a_painting_is_taken_in_the_pictures_resolution(head: FaceMesh) -> None:
     """A chequered picture finer than the pixels: without a coarser level it would be noise."""
     squares = (255 * (np.indices((2048, 2048)).sum(axis=0) % 2)).astype(np.uint8)
     mesh = painted(head, np.repeat(squares[..., None], 3, axis=2))
-    with FaceRenderer(mesh, Drawing(size=SIZE, samples=0)) as renderer:
+    with FaceRenderer(mesh, RenderOptions(size=SIZE, samples=0)) as renderer:
         far = renderer.draw(np.zeros(68)).astype(int)
         assert list(renderer._model._skins) == [3]  # 2048 texels over 300 mm, 0.66 pixels a mm
         renderer.drawing = replace(renderer.drawing, camera=preset("mouth"))
@@ -242,7 +242,7 @@ def test_a_painting_is_taken_in_the_pictures_resolution(head: FaceMesh) -> None:
 def test_light_at_vertices_is_nearly_light_at_pixels(head: FaceMesh) -> None:
     rng = np.random.default_rng(3)
     faps = rng.normal(0, 60, 68)
-    with FaceRenderer(head, Drawing(size=SIZE, samples=0)) as renderer:
+    with FaceRenderer(head, RenderOptions(size=SIZE, samples=0)) as renderer:
         renderer.drawing = replace(renderer.drawing, shading="pixels")
         fine = renderer.draw(faps).astype(int)
         renderer.drawing = replace(renderer.drawing, shading="vertices")
@@ -256,7 +256,7 @@ def test_auto_shading_goes_by_the_size_of_triangles(renderer: FaceRenderer) -> N
     model = renderer._model
 
     def is_at_vertices(camera: str, side: int, shading: Shading) -> bool:
-        return model.is_lit_at_vertices(Drawing(camera=preset(camera), size=(side, side), shading=shading))
+        return model.is_lit_at_vertices(RenderOptions(camera=preset(camera), size=(side, side), shading=shading))
 
     assert is_at_vertices("front", 512, "auto")
     assert not is_at_vertices("front", 2048, "auto")
@@ -267,13 +267,13 @@ def test_auto_shading_goes_by_the_size_of_triangles(renderer: FaceRenderer) -> N
 
 def test_backgrounds(head: FaceMesh, renderer: FaceRenderer) -> None:
     context = renderer._context
-    with FaceRenderer(head, Drawing(size=SIZE, background=(12, 200, 90), samples=0), context=context) as flat:
+    with FaceRenderer(head, RenderOptions(size=SIZE, background=(12, 200, 90), samples=0), context=context) as flat:
         picture = flat.draw(np.zeros(68)).astype(int)
     assert np.abs(picture[:8, :8] - (12, 200, 90)).max() <= 1
     behind = np.zeros((100, 400, 3), dtype=np.uint8)
     behind[:, 150:250] = (200, 30, 60)
     behind[:50, 150:250, 2] = 0
-    with FaceRenderer(head, Drawing(size=SIZE, background=behind, samples=0), context=context) as framed:
+    with FaceRenderer(head, RenderOptions(size=SIZE, background=behind, samples=0), context=context) as framed:
         picture = framed.draw(np.zeros(68)).astype(int)
     assert np.abs(picture[2, [2, -3]] - (200, 30, 0)).max() <= 1  # its middle square, upright
     assert np.abs(picture[60, [2, -3], 2] - 0).max() <= 1
@@ -281,7 +281,7 @@ def test_backgrounds(head: FaceMesh, renderer: FaceRenderer) -> None:
 
 
 def test_the_wire_mesh_lies_over_the_face(head: FaceMesh) -> None:
-    with FaceRenderer(head, Drawing(size=(512, 512), camera=preset("mouth"), samples=0)) as renderer:
+    with FaceRenderer(head, RenderOptions(size=(512, 512), camera=preset("mouth"), samples=0)) as renderer:
         bare = renderer.draw(np.zeros(68)).astype(int)
         renderer.drawing = replace(renderer.drawing, wire=True)
         wired = renderer.draw(np.zeros(68)).astype(int)
@@ -292,7 +292,7 @@ def test_the_wire_mesh_lies_over_the_face(head: FaceMesh) -> None:
 
 
 def test_a_smaller_drawing_is_enlarged(head: FaceMesh) -> None:
-    with FaceRenderer(head, Drawing(size=SIZE, samples=0)) as renderer:
+    with FaceRenderer(head, RenderOptions(size=SIZE, samples=0)) as renderer:
         full = renderer.draw(np.zeros(68)).astype(int)
         renderer.drawing = replace(renderer.drawing, scale=0.5)
         assert renderer._canvas.drawn == (SIZE[0] // 2, SIZE[1] // 2)
@@ -307,12 +307,12 @@ def test_a_smaller_drawing_is_enlarged(head: FaceMesh) -> None:
 
 
 def test_stairs_may_stay(head: FaceMesh) -> None:
-    with FaceRenderer(head, Drawing(size=SIZE, samples=0)) as renderer:
+    with FaceRenderer(head, RenderOptions(size=SIZE, samples=0)) as renderer:
         soft = renderer.draw(np.zeros(68)).astype(int)
         assert renderer.drawing.samples == 0
         renderer.drawing = replace(renderer.drawing, samples=1)
         hard = renderer.draw(np.zeros(68))
-    with FaceRenderer(head, Drawing(size=SIZE, samples=1)) as renderer:
+    with FaceRenderer(head, RenderOptions(size=SIZE, samples=1)) as renderer:
         assert np.array_equal(renderer.draw(np.zeros(68)), hard)
     assert np.abs(soft - hard).max() > 20
 
@@ -321,10 +321,10 @@ def test_stairs_may_stay(head: FaceMesh) -> None:
 def test_hairs_thinner_than_pixels_are_drawn_by_their_share(head: FaceMesh, samples: int) -> None:
     """However edges are smoothed, brows and lashes are what a picture of four times the size shows, not dots."""
     view = Camera(target_mm=(32.0, 44.0, 80.0), distance_mm=600.0, field_deg=8.0)
-    with FaceRenderer(head, Drawing(size=(768, 768), camera=view, shading="pixels", samples=4)) as renderer:
+    with FaceRenderer(head, RenderOptions(size=(768, 768), camera=view, shading="pixels", samples=4)) as renderer:
         large = renderer.draw(np.zeros(68)).astype(float)
     truth = large.reshape(192, 4, 192, 4, 3).mean(axis=(1, 3))
-    with FaceRenderer(head, Drawing(size=(192, 192), camera=view, shading="pixels", samples=samples)) as renderer:
+    with FaceRenderer(head, RenderOptions(size=(192, 192), camera=view, shading="pixels", samples=samples)) as renderer:
         hairs = renderer.draw(np.zeros(68))
     error = np.abs(hairs - truth).max(axis=-1)
     # 25 soft, 17 with stairs, 13 fine; 43 to 50 if a hair covered a pixel wholly or not at all.

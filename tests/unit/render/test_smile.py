@@ -11,7 +11,7 @@ from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.face_mesh import FaceMesh, Material
 from fapengine.render.camera import Camera
-from fapengine.render.drawing import Drawing
+from fapengine.render.drawing import RenderOptions
 from fapengine.render.renderer import FaceRenderer
 
 MOUTH = Camera(target_mm=(0.0, -28.0, 80.0), distance_mm=700.0, field_deg=7.0)
@@ -21,7 +21,7 @@ GREY = np.array([0.299, 0.587, 0.114])
 
 
 def draw(head: FaceMesh, name: str, camera: Camera) -> np.ndarray:
-    with FaceRenderer(head, Drawing(size=SIZE, camera=camera, samples=4, rest=0.0)) as renderer:
+    with FaceRenderer(head, RenderOptions(size=SIZE, camera=camera, samples=4, rest=0.0)) as renderer:
         return renderer.draw(pose(load_profile("grid_s1_en"), name)).astype(float)
 
 

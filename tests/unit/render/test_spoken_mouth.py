@@ -14,7 +14,7 @@ from fapengine.files.profiles import load_profile
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.face_mesh import Bone, FaceMesh, Material
 from fapengine.render.camera import Camera
-from fapengine.render.drawing import Drawing
+from fapengine.render.drawing import RenderOptions
 from fapengine.render.renderer import FaceRenderer
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.trajectory.planner import plan
@@ -40,7 +40,7 @@ def head() -> FaceMesh:
 
 
 def draw(faps: list[np.ndarray], camera: Camera, mesh: FaceMesh | None = None) -> list[np.ndarray]:
-    drawing = Drawing(size=SIZE, camera=camera, samples=4, background="transparent")
+    drawing = RenderOptions(size=SIZE, camera=camera, samples=4, background="transparent")
     with FaceRenderer(mesh or head(), drawing) as renderer:
         return [renderer.draw(row).astype(float) for row in faps]
 
@@ -133,8 +133,10 @@ def spoken_sentences() -> list[np.ndarray]:
     for sentence in SENTENCES:
         edges = 0.4 + PHONE_S * np.arange(len(sentence.split()) + 1)
         phones = [Phone(label, *span) for label, span in zip(sentence.split(), pairwise(edges), strict=True)]
-        track = PhoneTrack.of([Phone(SILENCE, 0.0, 0.4), *phones])
-        faps += list(plan(track, profile, rng=np.random.default_rng(0), rate_hz=25.0, style=Style.still()).track.values)
+        track = PhoneTrack.from_phones([Phone(SILENCE, 0.0, 0.4), *phones])
+        faps += list(
+            plan(track, profile, rng=np.random.default_rng(0), rate_hz=25.0, style=Style.speech_only()).track.values
+        )
     return faps
 
 

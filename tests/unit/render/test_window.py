@@ -13,7 +13,7 @@ from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mpeg4 import fap
 from fapengine.render.camera import PRESETS
-from fapengine.render.drawing import Drawing
+from fapengine.render.drawing import RenderOptions
 from fapengine.render.renderer import FaceRenderer
 from fapengine.render.window import BORDER, FaceWindow, _fitted, start_glfw, try_window
 from tests.processes import start
@@ -40,7 +40,7 @@ def display() -> Iterator[None]:
 
 @pytest.fixture
 def window(display: None) -> Iterator[FaceWindow]:
-    with FaceWindow(mesh(), Drawing(size=SIZE), vsync=False) as opened:
+    with FaceWindow(mesh(), RenderOptions(size=SIZE), vsync=False) as opened:
         yield opened
 
 
@@ -58,7 +58,7 @@ def speaking() -> np.ndarray:
 
 
 def test_it_gives_quality_up_for_a_rate(display: None) -> None:
-    with FaceWindow(build_head(), Drawing(size=SIZE), coarser=[mesh()], vsync=False, hold_hz=1000.0) as hasty:
+    with FaceWindow(build_head(), RenderOptions(size=SIZE), coarser=[mesh()], vsync=False, hold_hz=1000.0) as hasty:
         hasty.show(REST)
         assert (hasty.quality.level, hasty.quality.scale) == (0, 1)
         for _ in range(300):
@@ -69,7 +69,7 @@ def test_it_gives_quality_up_for_a_rate(display: None) -> None:
         assert hasty.quality.scale < 0.5
         hasty.show(REST)
         rough = hasty.picture().astype(int)
-    with FaceWindow(mesh(), Drawing(size=SIZE), vsync=False) as calm:
+    with FaceWindow(mesh(), RenderOptions(size=SIZE), vsync=False) as calm:
         calm.show(REST)
         assert str(calm.quality) == "every pixel, the finest head"
         assert 0.2 < np.abs(calm.picture() - rough).mean() < 10
@@ -79,7 +79,7 @@ def test_it_shows_what_the_renderer_draws(window: FaceWindow) -> None:
     window.show(REST)
     picture = window.picture()
     assert picture.shape == (SIZE[1], SIZE[0], 3)
-    with FaceRenderer(mesh(), Drawing(size=SIZE)) as renderer:
+    with FaceRenderer(mesh(), RenderOptions(size=SIZE)) as renderer:
         drawn = renderer.draw(REST)
     np.testing.assert_allclose(picture.astype(int), drawn.astype(int), atol=1)
     assert set(window._program) - {"gl_VertexID"} == {"u_picture"}
@@ -197,9 +197,9 @@ def test_a_picture_keeps_its_proportions() -> None:
 
 def test_other_renderers_may_draw_before_and_between(display: None) -> None:
     """X ends a process that makes a window's context current while EGL's is."""
-    with FaceRenderer(mesh(), Drawing(size=(64, 64), samples=0)) as other:
+    with FaceRenderer(mesh(), RenderOptions(size=(64, 64), samples=0)) as other:
         before = other.draw(REST)
-        with FaceWindow(mesh(), Drawing(size=SIZE), vsync=False) as window:
+        with FaceWindow(mesh(), RenderOptions(size=SIZE), vsync=False) as window:
             window.show(REST)
             seen = window.picture()
             np.testing.assert_array_equal(other.draw(REST), before)
@@ -211,8 +211,8 @@ def test_other_renderers_may_draw_before_and_between(display: None) -> None:
 
 def test_refuses(display: None) -> None:
     with pytest.raises(UsageError, match="size: got 50x50"):
-        FaceWindow(mesh(), Drawing(size=(50, 50)))
-    window = FaceWindow(mesh(), Drawing(size=SIZE))
+        FaceWindow(mesh(), RenderOptions(size=(50, 50)))
+    window = FaceWindow(mesh(), RenderOptions(size=SIZE))
     window.close()
     window.close()
     assert not window.is_open
@@ -242,4 +242,4 @@ def test_no_opengl_is_said_plainly(display: None, monkeypatch: pytest.MonkeyPatc
 
     monkeypatch.setattr(glfw, "create_window", refuse)
     with pytest.raises(ResourceError, match=r"no OpenGL 3\.3 on this display .*GLX"):
-        FaceWindow(mesh(), Drawing(size=SIZE))
+        FaceWindow(mesh(), RenderOptions(size=SIZE))

@@ -31,7 +31,7 @@ def phones() -> PhoneTrack:
             stress = 1 if vowel and number % 2 == 0 else 0
             spoken.append(Phone(label, at_s, at_s + length_s, stress=stress, word=f"{word} {number}"))
             at_s += length_s
-    return PhoneTrack.of([*spoken, Phone("_", at_s, at_s + 0.6)])
+    return PhoneTrack.from_phones([*spoken, Phone("_", at_s, at_s + 0.6)])
 
 
 @cache

@@ -31,7 +31,7 @@ def shape(**weights: float) -> np.ndarray:
 
 def speech() -> np.ndarray:
     labels = ["b", "ɹ", "aɪ", "t", "s", "ʌ", "n", "ʃ", "aɪ", "n", "m", "uː", "v", "z", "f", "aɪ", "v", "b", "ɪ", "ɡ"]
-    phones = PhoneTrack.of([Phone(label, 0.3 + 0.11 * n, 0.41 + 0.11 * n) for n, label in enumerate(labels)])
+    phones = PhoneTrack.from_phones([Phone(label, 0.3 + 0.11 * n, 0.41 + 0.11 * n) for n, label in enumerate(labels)])
     profile = parse_profile(profile_files("grid_s1_en"))
     return plan(phones, profile, rng=np.random.default_rng(0), rate_hz=30).track.values.copy()
 

@@ -65,7 +65,7 @@ def test_a_table_goes_there_and_back() -> None:
     faps = arkit_map().to_faps(weights(5))
     faps[:, fap.column(49)] = 12_000
     faps[:, fap.column(3)] = np.maximum(faps[:, fap.column(3)], 0)
-    track = FapTrack.of(np.rint(faps).astype(int), rate_hz=25.0)
+    track = FapTrack.from_values(np.rint(faps).astype(int), rate_hz=25.0)
     back = parse_blend_track(format_blend_csv(track))
     assert back.rate_hz == 25.0
     columns = [fap.column(number) for number in (3, 5, 12, 49, 52)]
@@ -170,7 +170,7 @@ def test_bytes_that_are_no_text_are_refused() -> None:
 GOOD = (
     json.dumps([azure(weights(2)), azure(weights(2), 2)]).encode(),
     f"{HEADER}\n0,{ROW}\n0.04,{ROW}\n".encode(),
-    *(format_blend_csv(FapTrack.of(np.zeros((2, 68), int), rate_hz=25.0), key) for key in ("oculus", "vrm0")),
+    *(format_blend_csv(FapTrack.from_values(np.zeros((2, 68), int), rate_hz=25.0), key) for key in ("oculus", "vrm0")),
 )
 
 
@@ -195,7 +195,7 @@ def test_convert_and_render(tmp_path: Path) -> None:
     np.testing.assert_allclose(one.values[:, fap.column(3)], other.values[:, fap.column(3)], rtol=0.1, atol=12)
     for name in ("a.json", "a.csv", "a.fap"):
         run("render", tmp_path / name, "--size", "64x64", "--at", "0.04", "-o", tmp_path / f"{name}.png")
-    save_fap(tmp_path / "c.fap", FapTrack.of(np.zeros((2, 68), int), rate_hz=25.0))
+    save_fap(tmp_path / "c.fap", FapTrack.from_values(np.zeros((2, 68), int), rate_hz=25.0))
     run("encode", tmp_path / "c.fap", "-o", tmp_path / "c.fba")
     run("convert", tmp_path / "c.fba", "-o", tmp_path / "c.csv")
     with pytest.raises(UsageError, match=r"got .*, expected a name that ends with \.fap, "):

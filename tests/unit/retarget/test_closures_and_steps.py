@@ -34,7 +34,7 @@ FOLLOWERS: dict[str, Callable[[], ArkitFollower | VisemeFollower | PresetFollowe
 def phones_of(text: str) -> PhoneTrack:
     phones = [Phone(label, 0.3 + 0.085 * n, 0.385 + 0.085 * n) for n, label in enumerate(text.split())]
     phones.append(Phone("_", phones[-1].end_s, phones[-1].end_s + 0.4))
-    return PhoneTrack.of(phones)
+    return PhoneTrack.from_phones(phones)
 
 
 @cache
@@ -44,7 +44,7 @@ def spoken(text: str, rate_hz: float) -> np.ndarray:
 
 
 def seen(faps: np.ndarray, rate_hz: float) -> Mouth:
-    return mouth_of(FapTrack.of(to_codable(faps), rate_hz=rate_hz))
+    return mouth_of(FapTrack.from_values(to_codable(faps), rate_hz=rate_hz))
 
 
 def check(key: str, weights: np.ndarray, text: str, rate_hz: float) -> None:

@@ -2,6 +2,7 @@
 
 import io
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -221,6 +222,7 @@ def test_a_vrm_has_bones_expressions_gaze_and_licences(standing: Puppet) -> None
     assert set(vrm["expressions"]["custom"]) == set(ARKIT_NAMES)
     assert vrm["lookAt"]["type"] == "bone"
     assert vrm["meta"]["commercialUsage"] == "corporation"
+    assert [name for name in vrm["meta"] if re.search("Sexual|Violent|Hate", name)] == []  # VRM's default: not allowed
     assert ICT_COPYRIGHT in vrm["meta"]["thirdPartyLicenses"]
     other = format_head(standing, licence="not stated", source="x.glb", vrm="ada")
     meta = json.loads(dict(split_glb(other))[JSON_CHUNK])["extensions"]["VRMC_vrm"]["meta"]

@@ -37,9 +37,9 @@ def spoken(mood: Expression | None = None, strength: float = 0.0, *, alive: bool
     phones = [Phone(label, 0.3 + 0.1 * n, 0.4 + 0.1 * n) for n, label in enumerate(SENTENCE.split())]
     phones.append(Phone("_", phones[-1].end_s, phones[-1].end_s + 0.4))
     return plan(
-        PhoneTrack.of(phones), english(), rng=np.random.default_rng(1), rate_hz=RATE_HZ,
+        PhoneTrack.from_phones(phones), english(), rng=np.random.default_rng(1), rate_hz=RATE_HZ,
         expressions=[] if mood is None else [Mood(mood, strength)],
-        style=Style() if alive else Style.still(method="context"),
+        style=Style() if alive else Style.speech_only(method="context"),
     ).track.values.astype(float)  # fmt: skip
 
 
@@ -208,7 +208,7 @@ def test_a_relaxed_face_smiles_a_little() -> None:
 @pytest.mark.parametrize("key", sorted(SHAPE_SETS))
 def test_tables_of_every_set_come_back(key: str) -> None:
     faps = spoken() if key == "oculus" else spoken(Expression.JOY, 0.5)  # visemes have no moods
-    track = FapTrack.of(np.rint(faps).astype(int), rate_hz=RATE_HZ)
+    track = FapTrack.from_values(np.rint(faps).astype(int), rate_hz=RATE_HZ)
     data = format_blend_csv(track, key)
     back = parse_blend_track(data)
     assert back.rate_hz == RATE_HZ
@@ -246,4 +246,6 @@ def test_refuses_what_is_no_set() -> None:
 
 @pytest.mark.parametrize("key", ["arkit", "oculus", "vrm0", "vrm1"])
 def test_a_track_without_frames_is_a_table_without_rows(key: str) -> None:
-    assert len(format_blend_csv(FapTrack.of(np.zeros((0, 68), np.int32), rate_hz=RATE_HZ), key).splitlines()) == 1
+    assert (
+        len(format_blend_csv(FapTrack.from_values(np.zeros((0, 68), np.int32), rate_hz=RATE_HZ), key).splitlines()) == 1
+    )

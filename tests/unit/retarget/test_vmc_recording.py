@@ -93,6 +93,6 @@ def test_what_is_no_recording_is_refused(text: str, error: type[Exception], mess
 
 @given(st.binary(max_size=80), st.integers(0, 400))
 def test_for_all_bytes_it_is_a_track_or_a_data_error(noise: bytes, at: int) -> None:
-    text = recording(FapTrack.of(np.zeros((4, 68), int), rate_hz=30.0)).encode()
+    text = recording(FapTrack.from_values(np.zeros((4, 68), int), rate_hz=30.0)).encode()
     with contextlib.suppress(DataError):
         parse_vmc_recording(text[:at] + noise + text[at + len(noise) :])

@@ -14,7 +14,7 @@ LIDS = [fap.column(number) for number in (19, 20)]
 
 
 def mouth(values: np.ndarray) -> Mouth:
-    return mouth_of(FapTrack.of(values.astype(np.int32), rate_hz=RATE_HZ))
+    return mouth_of(FapTrack.from_values(values.astype(np.int32), rate_hz=RATE_HZ))
 
 
 def test_blinks_are_counted_and_sleep_and_winks_are_not() -> None:

@@ -26,7 +26,7 @@ def spoken() -> fapengine.Performance:
 
 
 def track(values: np.ndarray, rate_hz: float = RATE_HZ) -> FapTrack:
-    return FapTrack.of(values, rate_hz=rate_hz)
+    return FapTrack.from_values(values, rate_hz=rate_hz)
 
 
 def late(made: FapTrack) -> FapTrack:
@@ -125,7 +125,9 @@ def test_a_mouth_that_never_opens_has_recall_but_no_precision(spoken: fapengine.
 
 
 def test_one_phone_decides_with_tolerance() -> None:
-    phones = PhoneTrack.of([Phone("ɑ", 0, 0.4), Phone("m", 0.4, 0.5), Phone("f", 0.5, 0.6), Phone("ɑ", 0.6, 1.0)])
+    phones = PhoneTrack.from_phones(
+        [Phone("ɑ", 0, 0.4), Phone("m", 0.4, 0.5), Phone("f", 0.5, 0.6), Phone("ɑ", 0.6, 1.0)]
+    )
     values = np.zeros((101, fap.FAP_COUNT), np.int32)
     values[:, fap.column(5)] = -400  # 8.6 mm
     wide = score_motion(track(values, 100.0), phones=phones).phones
@@ -144,10 +146,10 @@ def test_one_phone_decides_with_tolerance() -> None:
 def test_a_mouth_opens_where_phones_are_spoken() -> None:
     values = np.zeros((101, fap.FAP_COUNT), np.int32)
     values[50:, fap.column(5)] = -400  # 8.6 mm, in the pause
-    phones = PhoneTrack.of([Phone("ɑ", 0, 0.49), Phone("_", 0.49, 1.0)])
+    phones = PhoneTrack.from_phones([Phone("ɑ", 0, 0.49), Phone("_", 0.49, 1.0)])
     assert score_motion(track(values, 100.0), phones=phones).opens_mm == 0.0
     assert score_motion(track(values, 100.0)).opens_mm == pytest.approx(400 * ADULT.mns0_mm / 1024)
-    silence = PhoneTrack.of([Phone("_", 0, 1.0)])
+    silence = PhoneTrack.from_phones([Phone("_", 0, 1.0)])
     assert score_motion(track(values, 100.0), phones=silence).opens_mm is None
 
 

@@ -74,7 +74,9 @@ def test_what_does_not_move_has_no_time() -> None:
 
 
 def test_phones_lead_to_expect_an_opening() -> None:
-    phones = PhoneTrack.of([Phone("ɑ", 0.5, 1.0), Phone("m", 1.0, 1.5), Phone("i", 1.5, 2.0), Phone(SILENCE, 2.0, 3.0)])
+    phones = PhoneTrack.from_phones(
+        [Phone("ɑ", 0.5, 1.0), Phone("m", 1.0, 1.5), Phone("i", 1.5, 2.0), Phone(SILENCE, 2.0, 3.0)]
+    )
     times_s = grid(3.0)
     seen = expected_opening(phones, times_s)
     at = dict(zip(times_s.round(2).tolist(), seen.tolist(), strict=True))

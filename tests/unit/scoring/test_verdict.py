@@ -26,7 +26,7 @@ def spoken() -> fapengine.Performance:
 def scored(spoken: fapengine.Performance, values: np.ndarray, **options: object) -> Score:
     power = np.abs(np.sin(np.arange(1000) / 30))
     return score_mouth(
-        mouth_of(FapTrack.of(values.astype(np.int32), rate_hz=RATE_HZ)),
+        mouth_of(FapTrack.from_values(values.astype(np.int32), rate_hz=RATE_HZ)),
         truth=mouth_of(spoken.track), phones=spoken.phones, power=power, **options,  # type: ignore[arg-type]
     )  # fmt: skip
 
@@ -100,21 +100,21 @@ def test_recognized_phones_are_trusted_less(spoken: fapengine.Performance) -> No
         (fault,) = judge(scored(spoken, half, is_heard=is_heard), MEASURES).faults
         assert fault.message.endswith(f"at least {limit} %)")
     few = fapengine.speak("Bob.", rate_hz=RATE_HZ)
-    made = mouth_of(FapTrack.of(opened(few.track.values), rate_hz=RATE_HZ))
+    made = mouth_of(FapTrack.from_values(opened(few.track.values), rate_hz=RATE_HZ))
     assert judge(score_mouth(made, phones=few.phones, is_heard=True), MEASURES).unchecked == ("closures",)
     assert not judge(score_mouth(made, phones=few.phones), MEASURES).passes
 
 
 def test_another_recording_s_closures_count_only_by_name(spoken: fapengine.Performance) -> None:
-    made = mouth_of(FapTrack.of(opened(spoken.track.values).astype(np.int32), rate_hz=RATE_HZ))
+    made = mouth_of(FapTrack.from_values(opened(spoken.track.values).astype(np.int32), rate_hz=RATE_HZ))
     score = score_mouth(made, truth=mouth_of(spoken.track))
     assert judge(score, MEASURES).checked == ("opens", "lag", "lead")
     assert [fault.check for fault in judge(score, MEASURES, {"closures": 50}).faults] == ["closures"]
 
 
 def test_without_speech_or_a_reference_nothing_fails() -> None:
-    still = mouth_of(FapTrack.of(np.zeros((50, 68), np.int32), rate_hz=RATE_HZ))
-    silence = fapengine.PhoneTrack.of([fapengine.Phone("_", 0.0, 1.0)])
+    still = mouth_of(FapTrack.from_values(np.zeros((50, 68), np.int32), rate_hz=RATE_HZ))
+    silence = fapengine.PhoneTrack.from_phones([fapengine.Phone("_", 0.0, 1.0)])
     verdict = judge(score_mouth(still, phones=silence), MEASURES)
     assert str(verdict) == "passes: nothing could be checked; not checked: opens, lag, lead, closures"
     assert not judge(score_mouth(still), MEASURES).passes  # who gives no phones says that there is speech

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from fapengine.server.calls.calls import CallCounts
-from fapengine.server.config import ServeConfig
+from fapengine.server.config import ServerConfig
 from fapengine.server.film.film import FilmCounts
 from fapengine.server.metrics import ServerMetrics
 from fapengine.server.server import Server
@@ -56,7 +56,7 @@ def names_of(metrics: ServerMetrics) -> list[str]:
 
 
 def test_names_and_labels_stay() -> None:
-    config = ServeConfig()
+    config = ServerConfig()
     metrics = Server(replace(config, listen=replace(config.listen, web_port=None))).metrics
     assert "sent" in names_of_families(metrics)  # also where there is no sink
     for counts in (WebCounts(), CallCounts(), FilmCounts()):

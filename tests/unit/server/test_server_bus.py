@@ -303,7 +303,7 @@ def test_a_connection_is_copied_both_ways_until_it_ends() -> None:
 def test_a_sender_that_is_not_answered_asks_the_next_address(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(connection, "LOST_S", 0.1)
     first, second = udp(), udp()
-    client = sender.Client(*first.getsockname(), session="anna", others=[second.getsockname()])
+    client = sender.Client(*first.getsockname(), session="anna", fallback_addresses=[second.getsockname()])
     stop_s = time.monotonic() + 300.0
     data = b""
     while b"/fap/1/hello" not in data and time.monotonic() < stop_s:

@@ -6,25 +6,25 @@ import tomllib
 import pytest
 
 from fapengine.errors import DataError, UsageError
-from fapengine.server.config import Face, Listen, ServeConfig, overridden, parse_config
+from fapengine.server.config import Face, Listen, ServerConfig, overridden, parse_config
 from tests.serve_example import EXAMPLE
 
 
 def test_nothing_told_is_all_by_default() -> None:
-    assert parse_config(b"", "a.toml") == ServeConfig()
-    assert ServeConfig().limits.engine.sessions == 1000
+    assert parse_config(b"", "a.toml") == ServerConfig()
+    assert ServerConfig().limits.engine.sessions == 1000
 
 
 def test_the_documented_example_says_the_defaults() -> None:
     config = parse_config(EXAMPLE.encode(), "a.toml")
     assert config.sinks == ("vmc://127.0.0.1:39539",)
-    assert config == ServeConfig(sinks=config.sinks)
+    assert config == ServerConfig(sinks=config.sinks)
 
 
 def test_the_documented_example_has_every_key() -> None:
     keys = {table: set(values) for table, values in tomllib.loads(EXAMPLE).items() if isinstance(values, dict)}
     for table, values in keys.items():
-        for name in type(getattr(ServeConfig(), table)).__slots__:
+        for name in type(getattr(ServerConfig(), table)).__slots__:
             assert name in values or re.search(rf"\b{name}\b", EXAMPLE) or name in ("method", "emphasis"), name
 
 

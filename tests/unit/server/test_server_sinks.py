@@ -65,7 +65,7 @@ class Stage:
 
     def __init__(self, *sessions: str) -> None:
         self.now_s = 50.0
-        engine = Engine(english(), rng=np.random.default_rng(1), style=Style.still())
+        engine = Engine(english(), rng=np.random.default_rng(1), style=Style.speech_only())
         self.hub = Hub(engine, rate_hz=RATE_HZ, clock=lambda: self.now_s)
         for session in sessions:
             self.hub.open(session)

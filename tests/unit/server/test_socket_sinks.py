@@ -21,7 +21,7 @@ from fapengine.retarget.arkit import approximate_arkit
 from fapengine.retarget.blend import ARKIT_NAMES
 from fapengine.retarget.visemes import OCULUS_NAMES
 from fapengine.server.cluster.workers import check_workers
-from fapengine.server.config import Listen, ServeConfig
+from fapengine.server.config import Listen, ServerConfig
 from fapengine.server.intake import doors
 from fapengine.server.sinks import websockets as socket_sinks
 from fapengine.server.sinks.kinds import SinkAddress, parse_sink
@@ -186,7 +186,7 @@ def test_addresses_of_socket_sinks() -> None:
             parse_sink(wrong)
     for url in ("ws-json://:9200?session=a", "vts://h?session=a"):
         with pytest.raises(UsageError, match="expected one that sends datagrams"):
-            check_workers(ServeConfig(listen=Listen(workers=2), sinks=(url,)))
+            check_workers(ServerConfig(listen=Listen(workers=2), sinks=(url,)))
 
 
 class Studio:

@@ -64,7 +64,9 @@ def serve(
     """Run a server, and a client against it."""
 
     async def run() -> None:
-        engine = Engine(english(), rng=np.random.default_rng(1), style=Style.still(), limits=Limits(sessions=sessions))
+        engine = Engine(
+            english(), rng=np.random.default_rng(1), style=Style.speech_only(), limits=Limits(sessions=sessions)
+        )
         hub = Hub(engine, rate_hz=100.0)
         app = make_app(hub, head, access=Access(token, origins), profile="grid_s1_en", voice=voice)
         async with asyncio.timeout(LIMIT_S), TestClient(TestServer(app)) as client:
@@ -561,7 +563,7 @@ def test_a_connection_that_was_handed_over_for_another_session_is_misdirected(he
             return line.split()[1]
 
     async def main() -> None:
-        engine = Engine(english(), rng=np.random.default_rng(1), style=Style.still())
+        engine = Engine(english(), rng=np.random.default_rng(1), style=Style.speech_only())
         app = make_app(Hub(engine, rate_hz=100.0), head)
         site = await open_site(app, "127.0.0.1", None, Door(9, 9))
         assert await answered(site, "anna", "/ws?session=anna") == b"426"
@@ -609,7 +611,7 @@ def test_sound_of_a_microphone_goes_to_the_ear_of_one_page_at_a_time(head: FaceM
     piece = SOUND_HEAD.pack(SOUND_KIND, 16_000) + bytes(1280)
 
     async def run() -> None:
-        hub = Hub(Engine(english(), rng=np.random.default_rng(1), style=Style.still()), rate_hz=100.0)
+        hub = Hub(Engine(english(), rng=np.random.default_rng(1), style=Style.speech_only()), rate_hz=100.0)
         hearing = Hearing(hub, max_recognizers=1)
         app = make_app(hub, head, hearing=hearing)
         async with asyncio.timeout(LIMIT_S), TestClient(TestServer(app)) as client:
@@ -652,7 +654,9 @@ def test_sound_that_is_sent_becomes_an_utterance_with_its_events(
 
     async def run() -> None:
         clock = PatientClock()
-        hub = Hub(Engine(english(), rng=np.random.default_rng(1), style=Style.still()), rate_hz=100.0, clock=clock)
+        hub = Hub(
+            Engine(english(), rng=np.random.default_rng(1), style=Style.speech_only()), rate_hz=100.0, clock=clock
+        )
         hub.listeners.on_frames(lambda frames: clock.allow(hub, 0.01))
         hearing = Hearing(hub, opens=lambda _: DirectRecognizer(SphinxRecognizer()))
         app = make_app(hub, head, hearing=hearing)

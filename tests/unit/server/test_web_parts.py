@@ -25,7 +25,7 @@ from fapengine.voices.protocol import Speech
 
 
 def spoken(length: int, rate_hz: int = 16_000) -> Speech:
-    phones = PhoneTrack.of([Phone(SILENCE, 0.0, length / rate_hz)])
+    phones = PhoneTrack.from_phones([Phone(SILENCE, 0.0, length / rate_hz)])
     samples = np.arange(length, dtype=np.int16)
     return Speech(samples=samples, sample_rate_hz=rate_hz, phones=phones)
 

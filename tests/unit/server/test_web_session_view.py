@@ -67,7 +67,7 @@ def clock() -> Clock:
 
 @pytest.fixture
 def hub(clock: Clock) -> Hub:
-    engine = Engine(english(), rng=np.random.default_rng(1), style=Style.still(), limits=Limits(sessions=2))
+    engine = Engine(english(), rng=np.random.default_rng(1), style=Style.speech_only(), limits=Limits(sessions=2))
     return Hub(engine, clock=clock)
 
 
@@ -220,7 +220,7 @@ def test_a_held_fap_stays_whatever_is_said_and_all_pages_know(hub: Hub, clock: C
 
 
 def test_sound_is_offered_with_its_address(hub: Hub, clock: Clock) -> None:
-    speech = Speech(samples=np.zeros(8000, np.int16), sample_rate_hz=16_000, phones=PhoneTrack.of(PHONES))
+    speech = Speech(samples=np.zeros(8000, np.int16), sample_rate_hz=16_000, phones=PhoneTrack.from_phones(PHONES))
     view, page = SessionView(hub, "a b"), Page()
     view.enter(page)
     spoken = hub.say("a b", speech, text="Ma!")
@@ -262,7 +262,7 @@ def test_where_the_server_plays_the_sound_no_page_does(hub: Hub) -> None:
     view, page = SessionView(hub, "anna", server_plays_audio=True), Page()
     view.enter(page)
     view.plays(page, on=True)
-    speech = Speech(samples=np.zeros(8000, np.int16), sample_rate_hz=16_000, phones=PhoneTrack.of(PHONES))
+    speech = Speech(samples=np.zeros(8000, np.int16), sample_rate_hz=16_000, phones=PhoneTrack.from_phones(PHONES))
     spoken = hub.say("anna", speech)
     assert spoken.anchor == "now"  # the page is not waited for
     assert [text["url"] for text in page.of("sound")] == [None]
@@ -288,7 +288,7 @@ def test_the_last_page_closes_the_door(hub: Hub, clock: Clock) -> None:
 
 
 def test_a_session_is_held_while_anybody_watches_and_given_up_then(clock: Clock) -> None:
-    engine = Engine(english(), rng=np.random.default_rng(1), style=Style.still())
+    engine = Engine(english(), rng=np.random.default_rng(1), style=Style.speech_only())
     hub = Hub(engine, clock=clock, idle_close_s=2.0)
     view, page = SessionView(hub, "anna"), Page()
     view.enter(page)
@@ -296,7 +296,7 @@ def test_a_session_is_held_while_anybody_watches_and_given_up_then(clock: Clock)
     run(hub, clock, 12.0)
     assert "anna" in hub.engine
     view.leave(page)
-    speech = Speech(samples=np.zeros(8000, np.int16), sample_rate_hz=16_000, phones=PhoneTrack.of(PHONES))
+    speech = Speech(samples=np.zeros(8000, np.int16), sample_rate_hz=16_000, phones=PhoneTrack.from_phones(PHONES))
     assert hub.say("anna", speech).anchor == "now"  # nobody plays it any more
     assert page.of("sound") == []
     run(hub, clock, 12.0)

@@ -273,7 +273,7 @@ def test_words_are_not_taken_for_the_phones_of_a_recording(tmp_path: Path) -> No
     warnings: list[str] = []
     assert _phones(tmp_path / "take.c3d", 1.0, None, warnings) == ()
     assert warnings == ["take take: take.align times words, not phones: left out"]
-    said = _phones(tmp_path / "take.c3d", 9.0, lambda track: PhoneTrack.of([Phone("m", 0.0, 0.2)]), warnings)
+    said = _phones(tmp_path / "take.c3d", 9.0, lambda track: PhoneTrack.from_phones([Phone("m", 0.0, 0.2)]), warnings)
     assert [interval.label for interval in said] == ["m"]
     assert warnings.pop().endswith("pronounced, so phones within a word are not where they were said")
     (tmp_path / "take.lab").write_text(SAMPLES["htk"])

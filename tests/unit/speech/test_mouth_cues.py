@@ -35,7 +35,7 @@ def track(*spoken: tuple[str, float]) -> PhoneTrack:
     for label, length_s in spoken:
         phones.append(Phone(label, now_s, now_s + length_s))
         now_s += length_s
-    return PhoneTrack.of(phones)
+    return PhoneTrack.from_phones(phones)
 
 
 def brief(cues: tuple[MouthCue, ...]) -> list[tuple[str, int]]:

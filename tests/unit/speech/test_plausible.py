@@ -12,7 +12,7 @@ FILE = Reading("ipa")
 
 def evenly(length_s: float, count: int = 8, reading: Reading = FILE) -> PhoneTrack:
     phones = [Phone("ma"[n % 2], n * length_s, (n + 1) * length_s) for n in range(count)]
-    return PhoneTrack.of(phones, reading=reading)
+    return PhoneTrack.from_phones(phones, reading=reading)
 
 
 @pytest.mark.parametrize(
@@ -46,7 +46,7 @@ def test_rows_without_length_are_counted_and_the_first_is_named() -> None:
 
 
 def test_unknown_labels_and_rival_alphabets_are_remarks() -> None:
-    track = PhoneTrack.of([Phone("AA1", 0, 0.2), Phone("B", 0.2, 0.4), Phone("m", 0.4, 0.6)])
+    track = PhoneTrack.from_phones([Phone("AA1", 0, 0.2), Phone("B", 0.2, 0.4), Phone("m", 0.4, 0.6)])
     assert remarks_on(track) == tuple(f"unknown phone '{label}' once, first at {at}00 s; /ə/ is used instead"
                                       for label, at in (("AA1", "0.0"), ("B", "0.2")))  # fmt: skip
     rivals = parse_timings(b"0 1000000 m\n1000000 2000000 ao\n2000000 3000000 t\n", ending=".lab")

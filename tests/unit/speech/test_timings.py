@@ -211,12 +211,12 @@ def test_most_labels_decide_the_alphabet() -> None:
 
 
 def test_track_has_no_holes() -> None:
-    track = PhoneTrack.of([Phone("m", 0.1, 0.2), Phone("a", 0.2004, 0.4), Phone("n", 0.6, 0.7)])
+    track = PhoneTrack.from_phones([Phone("m", 0.1, 0.2), Phone("a", 0.2004, 0.4), Phone("n", 0.6, 0.7)])
     assert labels(track) == [SILENCE, "m", "a", SILENCE, "n"]
     assert all(before.end_s == after.start_s for before, after in zip(track.phones, track.phones[1:], strict=False))
     assert PhoneTrack(()).duration_s == 0.0
     with pytest.raises(UsageError, match="the one before ends"):
-        PhoneTrack.of([Phone("m", 0.0, 0.5), Phone("a", 0.2, 0.6)])
+        PhoneTrack.from_phones([Phone("m", 0.0, 0.5), Phone("a", 0.2, 0.6)])
     with pytest.raises(UsageError, match="no gap and no overlap"):
         PhoneTrack((Phone("m", 0.0, 0.5), Phone("a", 0.6, 0.7)))
     with pytest.raises(UsageError, match="start < end"):

@@ -13,7 +13,7 @@ from fapengine.speech.formats.visemes import VISEME_SETS, format_visemes, viseme
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 
 LABELS = [SILENCE, "m", "aʊ", "h", "u", "tʃ", "f", "QQ", SILENCE]
-PHONES = PhoneTrack.of([Phone(label, 0.1 * n, 0.1 * n + 0.1) for n, label in enumerate(LABELS)])
+PHONES = PhoneTrack.from_phones([Phone(label, 0.1 * n, 0.1 * n + 0.1) for n, label in enumerate(LABELS)])
 
 
 @pytest.mark.parametrize(
@@ -63,7 +63,7 @@ def test_our_own_reader_reads_what_is_written(shapes: str, ending: str) -> None:
 
 def test_a_motion_shows_nearly_what_its_phones_say() -> None:
     """Lips that close in the phones close in the motion."""
-    spoken = fapengine.animate(PhoneTrack.of([Phone("ama"[n], 0.2 * n, 0.2 * n + 0.2) for n in range(3)]))
+    spoken = fapengine.animate(PhoneTrack.from_phones([Phone("ama"[n], 0.2 * n, 0.2 * n + 0.2) for n in range(3)]))
     for shapes in ("mpeg4", "oculus", "azure", "rhubarb"):
         name, start_s, end_s = next(row for row in spoken.visemes(shapes) if row[1] <= 0.3 < row[2])
         seen = [row for row in fapengine.visemes(spoken.track, shapes) if row[0] == name]

@@ -21,9 +21,9 @@ from tests.single_stream import SingleStream, jet_of_plan
 LABELS = ["p", "b", "m", "f", "s", "aɪ", "ɑː", "i", "uː", "w", "ʃ", "n", "tʃ", "%", SILENCE]
 TICK_S = 1 / 60
 STYLES = [
-    Style.still(),
-    Style.still(articulation=1.7),
-    Style.still(articulation=0.4, method="paper"),
+    Style.speech_only(),
+    Style.speech_only(articulation=1.7),
+    Style.speech_only(articulation=0.4, method="paper"),
     Style(jaw=0.3, lips=1.5, loudness_db=-6.0),
 ]
 
@@ -114,7 +114,7 @@ def test_every_row_is_what_a_planner_of_its_own_shows(events, horizon_s, style):
 
 def test_long_texts_and_many_sessions_outgrow_the_first_room():
     """More knots than a window holds, more holds and more rows than there was room for."""
-    pair = Pair(Style.still(), 0.0)
+    pair = Pair(Style.speech_only(), 0.0)
     for _ in range(FIRST_ROWS + 3):
         pair.open(5.0)
     spoken = phones(["b", "ɑː", "m", "s", "p", "uː"] * 6, 0.05)
@@ -230,7 +230,7 @@ def test_refuses():
 
 def test_by_default_nothing_after_the_last_frame_is_settled() -> None:
     """A phone that begins 0.1 s after the last frame is shown as by a planner without a horizon."""
-    bank, own = BatchPlanner(english()), SingleStream(english(), Style.still(), 0.0)
+    bank, own = BatchPlanner(english()), SingleStream(english(), Style.speech_only(), 0.0)
     session = bank.open(0.0)
     bank.frames(1.0)
     own.frames([1.0])

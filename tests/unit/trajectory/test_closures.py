@@ -39,7 +39,7 @@ def mm() -> float:
     return english().fapu.unit(fap.FapUnit.MNS)
 
 
-STILL = Style.still()
+STILL = Style.speech_only()
 RATE_HZ = 240.0
 ROUNDING_FAPU = 1.5
 CLOSED_MM = 0.3
@@ -65,7 +65,7 @@ def spoken(speech: list[tuple[str, float]], rate: float) -> PhoneTrack:
     ends = 0.3 + np.cumsum([seconds / rate for _, seconds in speech])
     starts = [0.3, *ends[:-1]]
     phones = [Phone(label, start, end) for (label, _), start, end in zip(speech, starts, ends, strict=True)]
-    return PhoneTrack.of([*phones, Phone("_", ends[-1], ends[-1] + 0.4)])
+    return PhoneTrack.from_phones([*phones, Phone("_", ends[-1], ends[-1] + 0.4)])
 
 
 def lips_of(

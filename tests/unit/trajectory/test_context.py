@@ -17,7 +17,7 @@ from tests.english import english
 def track(spelling: str, *, each_s: float = 0.1, lead_s: float = 0.3) -> PhoneTrack:
     labels = spelling.split()
     times = lead_s + each_s * np.arange(len(labels) + 1)
-    return PhoneTrack.of([Phone(label, *span) for label, *span in zip(labels, times, times[1:], strict=False)])
+    return PhoneTrack.from_phones([Phone(label, *span) for label, *span in zip(labels, times, times[1:], strict=False)])
 
 
 def targets(tokens: list[Token], model: ContextModel) -> np.ndarray:
@@ -125,7 +125,9 @@ def test_a_model_that_heard_no_letters_says_their_names_like_words() -> None:
 
 
 def poses_of_word(spelling: str, word: str, profile: Profile) -> np.ndarray:
-    spoken = PhoneTrack.of([replace(phone, word=word) for phone in track(spelling).phones if not phone.is_silence])
+    spoken = PhoneTrack.from_phones(
+        [replace(phone, word=word) for phone in track(spelling).phones if not phone.is_silence]
+    )
     return weights_of(spoken, profile, np.arange(0.0, spoken.phones[-1].end_s, 0.02))
 
 
@@ -229,7 +231,7 @@ def test_h_takes_the_shape_of_what_follows() -> None:
 
 
 def test_nothing_said_is_nothing_learned() -> None:
-    tokens, _ = tokens_of(PhoneTrack.of([Phone(SILENCE, 0.0, 1.0)]), english().phones)
+    tokens, _ = tokens_of(PhoneTrack.from_phones([Phone(SILENCE, 0.0, 1.0)]), english().phones)
     with pytest.raises(UsageError, match="no spoken phone"):
         fit_context([tokens], [np.zeros((1, 2, 3))])
 

@@ -24,7 +24,7 @@ from fapengine.trajectory.ramps import sample_ramps
 from tests.english import english
 
 TIMES = np.arange(0, 4, 0.01)
-PHONES = PhoneTrack.of(
+PHONES = PhoneTrack.from_phones(
     [
         Phone("h", 0.5, 0.6, word="hello"), Phone("ə", 0.6, 0.7, word="hello"), Phone("ð", 0.7, 0.8, word="there"),
         Phone("h", 2.0, 2.1, word="Hello"), Phone("ə", 2.1, 2.3, word="Hello"),
@@ -104,11 +104,11 @@ def test_moods_of_one_expression_add_up_to_a_limit() -> None:
 
 def test_a_word_brings_its_expression_each_time() -> None:
     moods = during_word(Expression.SURPRISE, 0.8, "hello", PHONES)
-    assert [(mood.start_s, mood.stop_s) for mood in moods] == [
+    assert [(mood.start_s, mood.end_s) for mood in moods] == [
         pytest.approx((0.5 - ATTACK_S, 0.7 + RELEASE_S)), pytest.approx((2.0 - ATTACK_S, 2.3 + RELEASE_S))
     ]  # fmt: skip
     for mood in moods:
-        during = (mood.start_s + ATTACK_S + 0.01 <= TIMES) & (mood.stop_s - RELEASE_S - 0.01 >= TIMES)
+        during = (mood.start_s + ATTACK_S + 0.01 <= TIMES) & (mood.end_s - RELEASE_S - 0.01 >= TIMES)
         assert level(mood)[during] == pytest.approx(0.8)
     assert during_word(Expression.JOY, 1.0, "THERE", PHONES, attack_s=2.0)[0].start_s == 0
 
@@ -116,7 +116,7 @@ def test_a_word_brings_its_expression_each_time() -> None:
 def test_plan_takes_moods_as_well_as_strengths() -> None:
     def values(expressions: object) -> np.ndarray:
         return plan(
-            PHONES, english(), rng=np.random.default_rng(1), style=Style.still(), expressions=expressions
+            PHONES, english(), rng=np.random.default_rng(1), style=Style.speech_only(), expressions=expressions
         ).track.values  # type: ignore[arg-type]
 
     np.testing.assert_array_equal(values({Expression.JOY: 0.5}), values([Mood(Expression.JOY, 0.5)]))
@@ -144,6 +144,6 @@ def test_refuses_words_that_are_not_spoken() -> None:
     with pytest.raises(UsageError, match="got word 'bye', expected one of: hello, there"):
         during_word(Expression.JOY, 1.0, "bye", PHONES)
     with pytest.raises(UsageError, match="no words at all"):
-        during_word(Expression.JOY, 1.0, "bye", PhoneTrack.of([Phone("a", 0.0, 1.0)]))
+        during_word(Expression.JOY, 1.0, "bye", PhoneTrack.from_phones([Phone("a", 0.0, 1.0)]))
     with pytest.raises(UsageError, match="does not have it"):
         mood_ramps([Mood(Expression.NEUTRAL)], english(), 4.0)

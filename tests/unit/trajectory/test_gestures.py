@@ -31,7 +31,7 @@ from fapengine.trajectory.ramps import Ramp, Ramps, sample_ramps
 from fapengine.trajectory.style import Style
 
 TIMES = np.arange(0, 20, 0.01)
-PHONES = PhoneTrack.of([Phone("a", 2.0, 2.2, stress=1), Phone("t", 2.2, 2.3), Phone("i", 4.0, 4.1, stress=2)])
+PHONES = PhoneTrack.from_phones([Phone("a", 2.0, 2.2, stress=1), Phone("t", 2.2, 2.3), Phone("i", 4.0, 4.1, stress=2)])
 
 
 def rng() -> np.random.Generator:

@@ -36,7 +36,7 @@ def track_of(
     mask[:, 0], mask[:, 1] = visemes is not None, expressions is not None
     for number, value in (faps or {}).items():
         values[:, fap.column(number)], mask[:, fap.column(number)] = value, True
-    empty = FapTrack.of(values, rate_hz=25.0)
+    empty = FapTrack.from_values(values, rate_hz=25.0)
     return replace(
         empty, mask=mask, visemes=empty.visemes if visemes is None else np.array(visemes),
         expressions=empty.expressions if expressions is None else np.array(expressions),

@@ -45,8 +45,8 @@ def measured(word: str) -> list[tuple[str, dict[str, float]]]:
     edges = np.cumsum([0.3, *[EACH_S] * len(labels)])
     phones = [Phone(label, float(a), float(b)) for label, (a, b) in zip(labels, pairwise(edges), strict=True)]
     end_s = float(edges[-1])
-    track = PhoneTrack.of([Phone(SILENCE, 0.0, 0.3), *phones, Phone(SILENCE, end_s, end_s + 0.3)])
-    made = plan(track, english(), rng=np.random.default_rng(0), rate_hz=100.0, style=Style.still())
+    track = PhoneTrack.from_phones([Phone(SILENCE, 0.0, 0.3), *phones, Phone(SILENCE, end_s, end_s + 0.3)])
+    made = plan(track, english(), rng=np.random.default_rng(0), rate_hz=100.0, style=Style.speech_only())
     assert not made.unknown, word
     mm = made.track.values * english().fapu.steps()
 

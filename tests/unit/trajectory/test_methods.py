@@ -85,10 +85,12 @@ def test_paper_001_as_published_meets_one_key_per_phone_and_closes_no_lips() -> 
     """At 30 % of each phone the face is the phone's median, whatever the lips do; ``paper`` closes them in b and p."""
     profile = load_profile("grid_s1_en")
     labels = ["b", "aɪ", "p", "oʊ", "m", "i"]
-    phones = PhoneTrack.of([Phone(label, 0.2 + 0.1 * n, 0.3 + 0.1 * n) for n, label in enumerate(labels)])
+    phones = PhoneTrack.from_phones([Phone(label, 0.2 + 0.1 * n, 0.3 + 0.1 * n) for n, label in enumerate(labels)])
     assert len(keys_of(phones, as_published(profile)).times_s) == len(labels)
     faps = {
-        method: plan(phones, profile, rng=np.random.default_rng(0), rate_hz=100.0, style=Style.still(method=method))
+        method: plan(
+            phones, profile, rng=np.random.default_rng(0), rate_hz=100.0, style=Style.speech_only(method=method)
+        )
         for method in ("published", "paper")
     }
     at_keys = [round(100 * (0.2 + 0.1 * n + 0.03)) for n in range(len(labels))]

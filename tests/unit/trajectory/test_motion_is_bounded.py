@@ -33,7 +33,7 @@ def spoken(speech: list[tuple[str, float]], rate: float) -> PhoneTrack:
     ends = 0.3 + np.cumsum([seconds / rate for _, seconds in speech])
     starts = [0.3, *ends[:-1]]
     phones = [Phone(label, start, end) for (label, _), start, end in zip(speech, starts, ends, strict=True)]
-    return PhoneTrack.of([*phones, Phone("_", ends[-1], ends[-1] + 0.4)])
+    return PhoneTrack.from_phones([*phones, Phone("_", ends[-1], ends[-1] + 0.4)])
 
 
 def opening_mm(phones: PhoneTrack, step_s: float = STEP_S) -> NDArray[np.float64]:
@@ -104,7 +104,7 @@ def test_rest_is_reached_in_an_eighth_of_a_second(
     values = plan(
         phones, english(), rng=np.random.default_rng(1), rate_hz=100.0, style=STILL, expressions=wish
     ).track.values
-    alone = plan(PhoneTrack.of([Phone("_", 0.0, phones.duration_s)]), english(), rng=np.random.default_rng(1),
+    alone = plan(PhoneTrack.from_phones([Phone("_", 0.0, phones.duration_s)]), english(), rng=np.random.default_rng(1),
                  rate_hz=100.0, style=STILL, expressions=wish).track.values  # fmt: skip
     last_s = phones.phones[-2].end_s
     behind = int(np.ceil((last_s + REST_MARGIN_S) * 100 + 1e-6))
@@ -112,12 +112,12 @@ def test_rest_is_reached_in_an_eighth_of_a_second(
     np.testing.assert_array_equal(values[behind:], alone[behind:])
 
 
-STILL = Style.still()
+STILL = Style.speech_only()
 
 
 def test_short_phones_have_one_keyframe_between_their_two() -> None:
     seconds = 2 * APART_S
     for length, count in ((seconds * 1.01, 2), (seconds * 0.99, 1)):
-        keys = keys_of(PhoneTrack.of([Phone("s", 0.0, length)]), english())
+        keys = keys_of(PhoneTrack.from_phones([Phone("s", 0.0, length)]), english())
         assert len(keys.times_s) == len(keys.targets) == count
         assert np.mean(keys.times_s) == pytest.approx(0.45 * length)

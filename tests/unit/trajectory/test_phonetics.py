@@ -19,12 +19,12 @@ from tests.english import english
 CONTRAST_MM = 4.0
 JOY = {Expression.JOY: 0.6}
 STYLES = {
-    "still": Style.still(),
+    "still": Style.speech_only(),
     "alive": Style(),
-    "mumbled": Style.still(articulation=0.4),
+    "mumbled": Style.speech_only(articulation=0.4),
     "loud": Style(1.2, jaw=1.5, lips=0.8, loudness_db=6.0),
-    "over": Style.still(articulation=2.0),
-    **{method: Style.still(method=method) for method in METHOD_NAMES if method != "published"},
+    "over": Style.speech_only(articulation=2.0),
+    **{method: Style.speech_only(method=method) for method in METHOD_NAMES if method != "published"},
 }
 FEELINGS = {"neutral": {}, "joy": JOY}
 WORDS = {  # the phone that is looked at has a capital place: its index
@@ -40,7 +40,7 @@ def said(labels: tuple[str, ...], style: Style, expressions: dict, each_s: float
     edges = np.cumsum([0.4, *[each_s] * len(labels)])
     spoken = [Phone(label, float(a), float(b)) for label, (a, b) in zip(labels, itertools.pairwise(edges), strict=True)]
     end_s = float(edges[-1]) + 0.4
-    track = PhoneTrack.of([Phone(SILENCE, 0.0, 0.4), *spoken, Phone(SILENCE, float(edges[-1]), end_s)])
+    track = PhoneTrack.from_phones([Phone(SILENCE, 0.0, 0.4), *spoken, Phone(SILENCE, float(edges[-1]), end_s)])
     rng = np.random.default_rng(1)
     faps = plan(track, english(), rng=rng, rate_hz=100.0, style=style, expressions=expressions, duration_s=end_s)
     return track, faps.track.values.astype(float)
@@ -137,7 +137,7 @@ def test_a_smile_is_seen_on_all_other_sounds() -> None:
 def test_contacts_are_kept_whatever_is_felt(expression: Expression) -> None:
     for label, neighbour in itertools.product("pbmfv", "uaiʃ"):
         labels = (neighbour, label, neighbour)
-        track, faps = said(labels, Style.still(), {expression: 0.6}, EACH_S)
+        track, faps = said(labels, Style.speech_only(), {expression: 0.6}, EACH_S)
         phone = track.phones[2]
         from_, to = (0.1, 0.5) if label in "pbm" else (0.45, 0.65)
         held = slice(
@@ -154,7 +154,7 @@ def test_contacts_are_kept_whatever_is_felt(expression: Expression) -> None:
 
 @pytest.mark.parametrize("label", ["s", "z", "ʃ"])
 def test_sibilants_keep_the_jaw_high(label: str) -> None:
-    for style in (Style.still(), Style.still(articulation=2.5), Style(jaw=3.0)):
+    for style in (Style.speech_only(), Style.speech_only(articulation=2.5), Style(jaw=3.0)):
         track, faps = said(("ɑ", label, "ɑ"), style, {Expression.SURPRISE: 1.0}, 0.14)
         phone = track.phones[2]
         middle = slice(round(100 * (phone.start_s + 0.04)), round(100 * (phone.end_s - 0.04)))
@@ -188,7 +188,7 @@ def test_lips_foresee_and_remember() -> None:
 def test_only_three_neighbours_count() -> None:
     def targets(labels: str) -> np.ndarray:
         phones = [Phone(label, 0.1 * n, 0.1 * (n + 1)) for n, label in enumerate(labels.split())]
-        return keys_of(PhoneTrack.of(phones), english(), context=False).targets[0, -WIDTH:]
+        return keys_of(PhoneTrack.from_phones(phones), english(), context=False).targets[0, -WIDTH:]
 
     np.testing.assert_array_equal(targets("t h h t u"), targets("t h h t i"))
     assert np.abs(targets("t h h u") - targets("t h h i")).max() > 1

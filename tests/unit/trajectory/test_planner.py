@@ -19,7 +19,7 @@ from fapengine.trajectory.planner import Style, plan, rest_s
 from fapengine.trajectory.targets import REST_MARGIN_S, keys_of, weights_of
 from tests.english import english
 
-STILL = Style.still()
+STILL = Style.speech_only()
 RATE_HZ = 100.0
 
 
@@ -31,7 +31,7 @@ def track(spelling: str, *, each_s: float = 0.12, lead_s: float = 0.3, tail_s: f
     labels = spelling.split()
     times = lead_s + each_s * np.arange(len(labels) + 1)
     spoken = [Phone(label, *span) for label, *span in zip(labels, times, times[1:], strict=False)]
-    return PhoneTrack.of([*spoken, Phone(SILENCE, times[-1], times[-1] + tail_s)])
+    return PhoneTrack.from_phones([*spoken, Phone(SILENCE, times[-1], times[-1] + tail_s)])
 
 
 def values_of(phones: PhoneTrack, **options: object) -> NDArray[np.int32]:
@@ -148,27 +148,27 @@ def test_a_long_pause_rests_and_a_short_one_does_not() -> None:
     gap = opening(values_of(track("ɑ ɑ _ _ _ _ ɑ ɑ")))
     assert gap[int(0.78 * RATE_HZ)] == 0
     first = Phone("ɑ", 0.3, 0.5)
-    gap = opening(values_of(PhoneTrack.of([first, Phone(SILENCE, 0.5, 0.56), Phone("ɑ", 0.56, 0.8)])))
+    gap = opening(values_of(PhoneTrack.from_phones([first, Phone(SILENCE, 0.5, 0.56), Phone("ɑ", 0.56, 0.8)])))
     assert gap[40:60].min() > 100
 
 
 @pytest.mark.parametrize(("pause_s", "rests"), [(0.085, False), (0.105, True), (0.2, True), (0.29, True)])
 def test_a_pause_from_a_tenth_of_a_second_on_passes_through_rest(pause_s: float, rests: bool) -> None:
     vowels = [Phone("ɑ", 0.3, 0.5), Phone(SILENCE, 0.5, 0.5 + pause_s), Phone("ɑ", 0.5 + pause_s, 0.8 + pause_s)]
-    values = values_of(PhoneTrack.of([*vowels, Phone(SILENCE, 0.8 + pause_s, 1.5)]), rate_hz=200.0)
+    values = values_of(PhoneTrack.from_phones([*vowels, Phone(SILENCE, 0.8 + pause_s, 1.5)]), rate_hz=200.0)
     middle = values[round((0.5 + pause_s / 2) * 200)]
     assert (np.abs(middle).max() <= 2) == rests
 
 
 def test_a_pause_of_three_tenths_of_a_second_holds_rest() -> None:
-    phones = PhoneTrack.of([Phone("ɑ", 0.3, 0.5), Phone(SILENCE, 0.5, 0.81), Phone("ɑ", 0.81, 1.0)])
+    phones = PhoneTrack.from_phones([Phone("ɑ", 0.3, 0.5), Phone(SILENCE, 0.5, 0.81), Phone("ɑ", 0.81, 1.0)])
     held = values_of(phones, rate_hz=200.0)[124:139]  # from 0.12 s behind one to 0.12 s before the other
     assert np.abs(held).max() <= 12  # a quarter of a millimetre
 
 
 def test_a_track_lasts_until_the_face_is_at_rest_however_soon_its_phones_end() -> None:
     spoken = [Phone("ɑ", 0.3, 0.5)]
-    for phones in (PhoneTrack.of(spoken), PhoneTrack.of([*spoken, Phone(SILENCE, 0.5, 0.51)])):
+    for phones in (PhoneTrack.from_phones(spoken), PhoneTrack.from_phones([*spoken, Phone(SILENCE, 0.5, 0.51)])):
         assert rest_s(phones) == rest_s(phones, 0.4) == pytest.approx(0.5 + REST_MARGIN_S)
         values = values_of(phones)
         assert len(values) == 62
@@ -176,11 +176,11 @@ def test_a_track_lasts_until_the_face_is_at_rest_however_soon_its_phones_end() -
         assert opening(values)[-1] <= 10
     assert rest_s(phones, 2.0) == 2.0
     assert rest_s(PhoneTrack(())) == 0.0
-    assert len(values_of(PhoneTrack.of([Phone(SILENCE, 0.0, 1.0)]))) == 100
+    assert len(values_of(PhoneTrack.from_phones([Phone(SILENCE, 0.0, 1.0)]))) == 100
 
 
 def test_silence_alone_is_a_still_face() -> None:
-    phones = PhoneTrack.of([Phone(SILENCE, 0.0, 1.0)])
+    phones = PhoneTrack.from_phones([Phone(SILENCE, 0.0, 1.0)])
     assert not values_of(phones).any()
     assert not values_of(PhoneTrack(())).any()
 
@@ -192,19 +192,19 @@ def test_a_label_that_is_no_ipa_is_counted() -> None:
 
 @pytest.mark.parametrize("letter", sorted(ipa.SOUNDS))
 def test_every_ipa_letter_has_a_target(letter: str) -> None:
-    keys = keys_of(PhoneTrack.of([Phone(letter, 0.0, 0.1)]), english())
+    keys = keys_of(PhoneTrack.from_phones([Phone(letter, 0.0, 0.1)]), english())
     assert not keys.unknown
     assert len(keys.targets) >= 1
 
 
 @pytest.mark.parametrize("letter", "pbmɸβ")
 def test_what_sounds_like_a_bilabial_closes(letter: str) -> None:
-    keys = keys_of(PhoneTrack.of([Phone(letter, 0.0, 0.1)]), english())
+    keys = keys_of(PhoneTrack.from_phones([Phone(letter, 0.0, 0.1)]), english())
     assert keys.said[0][0][1] == "lips"
 
 
 def test_parts_of_a_strange_diphthong_share_its_time() -> None:
-    keys = keys_of(PhoneTrack.of([Phone("ɔɪ", 1.0, 1.2)]), english(), context=False)
+    keys = keys_of(PhoneTrack.from_phones([Phone("ɔɪ", 1.0, 1.2)]), english(), context=False)
     assert keys.times_s == pytest.approx((1.03, 1.13))
 
 
@@ -216,7 +216,7 @@ def test_the_same_seed_is_the_same_face() -> None:
 
 
 def test_articulation_scales_speech() -> None:
-    small, large = (opening(values_of(track("m ɑ m"), style=Style.still(articulation=a)))
+    small, large = (opening(values_of(track("m ɑ m"), style=Style.speech_only(articulation=a)))
                     for a in (0.5, 1.5))  # fmt: skip
     assert large.max() > 2.2 * small.max()
 

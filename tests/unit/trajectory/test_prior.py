@@ -33,8 +33,8 @@ def pose_mm(spelling: str, vowel: str, each_s: float) -> np.ndarray:
     labels = spelling.format(vowel).split()
     edges = 0.3 + each_s * np.arange(len(labels) + 1)
     spoken = [Phone(label, *span) for label, *span in zip(labels, edges[:-1], edges[1:], strict=True)]
-    phones = PhoneTrack.of([Phone(SILENCE, 0.0, 0.3), *spoken, Phone(SILENCE, edges[-1], edges[-1] + 0.3)])
-    faps = plan(phones, english(), rng=np.random.default_rng(0), rate_hz=100.0, style=Style.still()).track.values
+    phones = PhoneTrack.from_phones([Phone(SILENCE, 0.0, 0.3), *spoken, Phone(SILENCE, edges[-1], edges[-1] + 0.3)])
+    faps = plan(phones, english(), rng=np.random.default_rng(0), rate_hz=100.0, style=Style.speech_only()).track.values
     at = 0.3 + each_s * (labels.index(vowel) + np.array([0.25, 0.75]))
     return np.asarray(faps[round(100 * at[0]) : round(100 * at[1]) + 1].mean(axis=0) * english().fapu.steps())
 
@@ -73,7 +73,13 @@ def test_vowels_open_by_height_between_consonants_of_letters_names(frame: str) -
 def test_a_vowel_opens_farther_in_the_name_of_a_letter() -> None:
     def opens_mm(word: str) -> float:
         said = [Phone("s", 0.3, 0.45, word=word), Phone("i", 0.45, 0.6, word=word), Phone("t", 0.6, 0.7, word="to")]
-        faps = plan(PhoneTrack.of(said), english(), rng=np.random.default_rng(0), rate_hz=100.0, style=Style.still())
+        faps = plan(
+            PhoneTrack.from_phones(said),
+            english(),
+            rng=np.random.default_rng(0),
+            rate_hz=100.0,
+            style=Style.speech_only(),
+        )
         mm = faps.track.values[45:60] * english().fapu.steps()
         return float((-mm[:, fap.column(4)] - mm[:, fap.column(5)]).max())
 

@@ -18,7 +18,7 @@ from fapengine.trajectory.targets import keys_of
 from tests.english import english
 from tests.single_stream import SingleStream, jet_of_plan
 
-STILL = Style.still()
+STILL = Style.speech_only()
 RATE_HZ = 100.0
 LABELS = st.lists(
     st.sampled_from(["p", "b", "m", "f", "s", "aɪ", "ɑː", "i", "uː", "w", "ʃ", "n"]), min_size=3, max_size=14
@@ -40,7 +40,7 @@ def times_until(end_s: float) -> np.ndarray:
 
 
 def offline(spoken: list[Phone], times: np.ndarray) -> np.ndarray:
-    track = PhoneTrack.of(spoken)
+    track = PhoneTrack.from_phones(spoken)
     return keys_of(track, english()).paths()[0].sample(times)
 
 
@@ -68,7 +68,7 @@ def test_phones_that_come_early_enough_give_the_offline_path(labels, each_s, see
 
 def test_its_faps_are_the_planners():
     spoken = phones(["b", "aɪ", "m", "s", "uː", "p"], 0.12)
-    track = PhoneTrack.of([*spoken, Phone(SILENCE, spoken[-1].end_s, spoken[-1].end_s + 0.5)])
+    track = PhoneTrack.from_phones([*spoken, Phone(SILENCE, spoken[-1].end_s, spoken[-1].end_s + 0.5)])
     whole = plan(track, english(), style=STILL, rate_hz=RATE_HZ, rng=np.random.default_rng(0)).track.values
     planner = SingleStream(english())
     planner.feed(spoken)
@@ -128,7 +128,7 @@ def test_a_long_vowel_that_is_cut_short_holds_the_mouth_open_no_longer(ending):
 
 @given(LABELS, LENGTHS, st.floats(0.2, 1.0), st.floats(0.01, 10.0))
 def test_a_slow_fade_opens_the_face_no_farther_than_speech_did(labels, each_s, share, fade_s):
-    uncancelled, planner = SingleStream(english(), Style.still()), SingleStream(english(), Style.still())
+    uncancelled, planner = SingleStream(english(), Style.speech_only()), SingleStream(english(), Style.speech_only())
     spoken = phones(["m", "ɑ", "b", "i", *labels, "ɑ", "b"], each_s)
     uncancelled.feed(spoken)
     planner.feed(spoken)

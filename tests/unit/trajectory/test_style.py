@@ -17,7 +17,7 @@ from fapengine.trajectory.style import Style
 from fapengine.trajectory.targets import keys_of
 from tests.english import english
 
-PHONES = PhoneTrack.of(
+PHONES = PhoneTrack.from_phones(
     [Phone(label, 0.3 + 0.12 * n, 0.42 + 0.12 * n) for n, label in enumerate(["m", "ɑ", "s", "uː", "f", "aɪ", "p"])]
     + [Phone("_", 0.3 + 0.12 * 7, 1.6)]
 )
@@ -88,7 +88,7 @@ def test_a_face_that_does_not_articulate_holds_no_vowel_open() -> None:
 
 @pytest.mark.parametrize("method", METHOD_NAMES)
 def test_every_method_makes_speech_that_rests_at_both_ends(method: str) -> None:
-    faps = values(Style.still(method=method))  # type: ignore[arg-type]
+    faps = values(Style.speech_only(method=method))  # type: ignore[arg-type]
     opening = -(faps[:, fap.column(4)] + faps[:, fap.column(5)])
     assert opening.max() > 150
     tolerance = 60 if method == "dominance" else 1  # which never quite rests
@@ -123,7 +123,7 @@ def test_minimum_jerk_has_less_jerk_than_the_local_path() -> None:
 
 
 def test_dominance_is_the_mean_of_two_equal_neighbours_halfway() -> None:
-    phones = PhoneTrack.of([Phone("s", 5.0, 5.2), Phone("uː", 5.2, 5.4)])
+    phones = PhoneTrack.from_phones([Phone("s", 5.0, 5.2), Phone("uː", 5.2, 5.4)])
     keys = keys_of(phones, english(), context=False)
     halfway = dominance(keys, np.array([5.2]), rate_hz=60.0)[0]
     middle = (keys.targets[0] + keys.targets[1]) / 2

@@ -123,7 +123,7 @@ def test_phones_are_those_of_the_table(code: str) -> None:
 def test_lips_of_unrounded_vowels_stay_and_labials_touch(code: str) -> None:
     profile, rate_hz = load_profile("grid_s1_en"), 100.0
     track = heard(code).track
-    values = plan(track, profile, rng=np.random.default_rng(0), rate_hz=rate_hz, style=Style.still()).track.values
+    values = plan(track, profile, rng=np.random.default_rng(0), rate_hz=rate_hz, style=Style.speech_only()).track.values
     mouth_mm = profile.fapu.mns0_mm / 1024
     pushed, open_labials, labials = [], [], 0
     for phone in track.phones:

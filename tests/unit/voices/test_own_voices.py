@@ -21,7 +21,7 @@ MODULE = """
 import numpy as np
 from fapengine import Phone, PhoneTrack, Speech, UsageError
 
-PHONES = PhoneTrack.of([Phone("m", 0.0, 0.5), Phone("a", 0.5, 1.0)])
+PHONES = PhoneTrack.from_phones([Phone("m", 0.0, 0.5), Phone("a", 0.5, 1.0)])
 
 class Good:
     said = []

@@ -27,7 +27,9 @@ class Parrot:
             phones.append(Phone(letter, now_s, now_s + place / 10, 1))
             now_s = phones[-1].end_s
         return Speech(
-            samples=np.zeros(1000, np.int16), sample_rate_hz=1000, phones=PhoneTrack.of(phones, tolerance_s=0.0)
+            samples=np.zeros(1000, np.int16),
+            sample_rate_hz=1000,
+            phones=PhoneTrack.from_phones(phones, tolerance_s=0.0),
         )
 
 
@@ -41,7 +43,7 @@ class Reader:
         if text not in self.spellings:
             raise UsageError("nothing to speak")
         phones = [Phone(label, index / 10, (index + 1) / 10) for index, label in enumerate(self.spellings[text])]
-        return Speech(samples=np.zeros(1000, np.int16), sample_rate_hz=1000, phones=PhoneTrack.of(phones))
+        return Speech(samples=np.zeros(1000, np.int16), sample_rate_hz=1000, phones=PhoneTrack.from_phones(phones))
 
 
 def spelled(*words: str) -> PhoneTrack:
@@ -56,7 +58,7 @@ def heard(track: PhoneTrack) -> list[tuple[str, str]]:
 def test_phones_fill_the_time_of_their_word() -> None:
     words = [Phone("ma", 0.5, 1.1, word="ma"), Phone("%", 1.1, 1.5, word="%"), Phone("ma", 1.5, 1.8, word="ma")]
     parrot = Parrot()
-    track = pronounce(PhoneTrack.of(words, level="word", spelled=True), parrot)
+    track = pronounce(PhoneTrack.from_phones(words, level="word", spelled=True), parrot)
     assert heard(track) == [(SILENCE, ""), ("m", "ma"), ("a", "ma"), (SILENCE, ""), ("m", "ma"), ("a", "ma")]
     assert [track.phones[index].start_s for index in (1, 3, 4)] == [0.5, 1.1, 1.5]
     assert track.phones[-1].end_s == 1.8
@@ -90,7 +92,7 @@ def test_a_word_that_is_not_heard_in_the_phrase_is_spoken_alone() -> None:
 
 
 def test_silences_end_a_phrase() -> None:
-    track = PhoneTrack.of(
+    track = PhoneTrack.from_phones(
         [Phone("a", 0.0, 0.2), Phone("b", 0.2, 0.4), Phone("c", 0.6, 0.8)], level="word", spelled=True
     )
     parrot = Parrot()

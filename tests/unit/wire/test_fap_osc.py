@@ -99,14 +99,14 @@ def test_a_track_is_numbered_without_gaps_and_keeps_its_times() -> None:
     rng = np.random.default_rng(1)
     values = rng.integers(-500, 500, (3, 68), dtype=np.int32)
     values[:, :2] = 0
-    track = replace(FapTrack.of(values, rate_hz=25.0), frame_numbers=np.array([0, 2, 3]))
+    track = replace(FapTrack.from_values(values, rate_hz=25.0), frame_numbers=np.array([0, 2, 3]))
     decoded = [decode_frame(data) for data in encode_track(track, session="s", start_us=1_000_000, first_number=5)]
     assert [frame.number for frame in decoded] == [5, 6, 7]
     assert [frame.time_us for frame in decoded] == [1_000_000, 1_080_000, 1_120_000]
     for row, frame in enumerate(decoded):
         assert np.array_equal(frame.values, track.values[row] * track.mask[row])
         assert np.array_equal(frame.mask, track.mask[row])
-    assert encode_track(FapTrack.of(np.zeros((0, 68)), rate_hz=25.0), session="s") == []
+    assert encode_track(FapTrack.from_values(np.zeros((0, 68)), rate_hz=25.0), session="s") == []
 
 
 def test_many_sessions_at_once_are_what_each_would_be_alone() -> None:
@@ -149,7 +149,7 @@ def test_low_level_faps_of_a_session() -> None:
 
 
 def test_the_first_and_the_last_number_can_be_sent() -> None:
-    track = FapTrack.of(np.zeros((2, 68)), rate_hz=25.0)
+    track = FapTrack.from_values(np.zeros((2, 68)), rate_hz=25.0)
     for first in (0, 2**31 - 2):
         found = [decode_frame(data).number for data in encode_track(track, session="s", first_number=first)]
         assert found == [first, first + 1]
@@ -158,7 +158,7 @@ def test_the_first_and_the_last_number_can_be_sent() -> None:
 @pytest.mark.parametrize("where", [{"start_us": -1}, {"first_number": -1}, {"first_number": 2**31 - 1}])
 def test_numbers_that_cannot_be_sent(where: dict[str, int]) -> None:
     with pytest.raises(UsageError, match="expected both from 0 on"):
-        encode_track(FapTrack.of(np.zeros((2, 68)), rate_hz=25.0), session="s", **where)
+        encode_track(FapTrack.from_values(np.zeros((2, 68)), rate_hz=25.0), session="s", **where)
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,9 @@ from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory.planner import plan
 from fapengine.wire.shapes import ArkitFollower
 
-PHONES = PhoneTrack.of([Phone(label, 0.1 * n, 0.1 * n + 0.1) for n, label in enumerate(["m", "aɪ", "b", "uː", "f"])])
+PHONES = PhoneTrack.from_phones(
+    [Phone(label, 0.1 * n, 0.1 * n + 0.1) for n, label in enumerate(["m", "aɪ", "b", "uː", "f"])]
+)
 JAW, CLOSE = ARKIT_NAMES.index("jawOpen"), ARKIT_NAMES.index("mouthClose")
 
 
