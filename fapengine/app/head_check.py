@@ -113,15 +113,15 @@ def check_avatar(path: Path, mapping: Path | None = None) -> SelfTest:
 
     Raises
     ------
-    UsageError
+    OSError, UsageError
         If a file cannot be read.
     """
-    status = path.stat()
-    return _check_avatar(path, mapping, (status.st_mtime_ns, status.st_size))
+    states = [file.stat() for file in (path, mapping) if file is not None]
+    return _check_avatar(path, mapping, tuple((state.st_mtime_ns, state.st_size) for state in states))
 
 
 @lru_cache(maxsize=4)
-def _check_avatar(path: Path, mapping: Path | None, _version: tuple[int, int]) -> SelfTest:
+def _check_avatar(path: Path, mapping: Path | None, _versions: tuple[tuple[int, int], ...]) -> SelfTest:
     rows, labels = _tested()
     try:
         mesh, choice, standard, _ = load_marked(path, None, mapping)

@@ -326,8 +326,11 @@ def _spell_set(title: str, one: dict[str, Any]) -> str:
 def _licence(gltf: Gltf) -> str:
     """Find what VRM 1.0, VRM 0.x or the asset itself states: the first of them that does."""
     extensions, asset = gltf.root.item("extensions"), gltf.root.item("asset")
+    vrm = extensions.item("VRMC_vrm").item("meta")
     stated = (
-        extensions.item("VRMC_vrm").item("meta").string("licenseUrl", ""),
+        vrm.string("otherLicenseUrl", ""),
+        vrm.string("copyrightInformation", ""),
+        vrm.string("licenseUrl", ""),  # the same in each valid file
         extensions.item("VRM").item("meta").string("licenseName", ""),
         asset.string("copyright", ""),
     )

@@ -87,6 +87,15 @@ def test_an_avatar_file_is_measured_by_its_own_shapes(tmp_path: Path) -> None:
     assert gone.summary == "lips not measured, lids not measured"  # no lids show where the face is
 
 
+def test_another_mapping_of_the_same_name_is_read_again(tmp_path: Path) -> None:
+    names = {"jawOpen": "mund", "eyeBlinkLeft": "links", "eyeBlinkRight": "rechts"}
+    avatar, mapping = avatar_file(tmp_path / "a.glb", names), tmp_path / "map.toml"
+    mapping.write_text('[shapes]\nmund = "unused"\n')
+    assert check_avatar(avatar, mapping).summary.startswith("lips not measured")
+    mapping.write_text("[shapes]\n" + "".join(f'{own} = "{arkit}"\n' for arkit, own in names.items()))
+    assert check_avatar(avatar, mapping).summary.startswith("lips open")
+
+
 def test_a_mouth_without_jaw_open_follows_its_vowels(tmp_path: Path) -> None:
     """VRoid files have 38 of ARKit's shapes, but not jawOpen: with --into the mouth opened 2 mm."""
     names = {name: name for name in ARKIT_NAMES if not name.startswith(("jaw", "tongue"))} | {"jawOpen": "Fcl_MTH_A"}

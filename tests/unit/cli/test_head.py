@@ -21,6 +21,7 @@ from fapengine.app.head_check import poses
 from fapengine.cli.main import app
 from fapengine.errors import DataError, ProfileError, ResourceError, UnsupportedError, UsageError
 from fapengine.files.heads import meshes
+from fapengine.files.heads.import_file import import_head_file
 from fapengine.files.heads.load import load_head, load_head_info, load_levels
 from fapengine.files.heads.meshes import load_neutral, load_rig
 from fapengine.files.motion import save_fap
@@ -141,6 +142,7 @@ def test_shapes_that_are_missing_are_made_on_request(avatar, tmp_path):
     assert {"mouthSmileLeft", "mouthSmileRight"} <= set(found["shapes"]["used"])
     assert found["shapes"]["lacking"] == []
     assert [note for note in found["notes"] if note.startswith("completed: 2 of ARKit's 52 shapes are made from")]
+    assert "completed: nothing, as no shape of the skin is missing" in import_head_file(avatar, complete=True)[0].notes
     with pytest.raises(UsageError, match="--complete: cannot be used with --adapt"):
         run("head", "import", avatar, "--complete", "--adapt", "-o", head)
 

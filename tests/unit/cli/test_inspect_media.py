@@ -150,6 +150,22 @@ def test_an_avatar(tmp_path: Path) -> None:
     assert str(path) in refused(path, where=True)
 
 
+@pytest.mark.parametrize(
+    ("meta", "licence"),
+    [
+        ({"copyrightInformation": "Anna", "otherLicenseUrl": "https://a.example"}, "https://a.example"),
+        ({"copyrightInformation": "Anna; CC0"}, "Anna; CC0"),
+        ({}, "https://vrm.dev/licenses/1.0/"),
+    ],
+)
+def test_the_licence_of_a_vrm_is_not_the_one_that_all_state(tmp_path: Path, meta: dict, licence: str) -> None:
+    builder = Builder()
+    builder.node(mesh=square(builder))
+    builder.doc["extensions"] = {"VRMC_vrm": {"meta": {"licenseUrl": "https://vrm.dev/licenses/1.0/"} | meta}}
+    (tmp_path / "a.vrm").write_bytes(builder.glb())
+    assert as_json(tmp_path / "a.vrm")["licence"] == licence
+
+
 def test_sets_of_shapes_are_complete_partial_empty_or_missing() -> None:
     """VRoid names ARKit's shapes that move nothing; those of rest move nothing anywhere."""
     oculus = [f"viseme_{name}" for name in OCULUS]
