@@ -22,6 +22,14 @@ from tests.unit.host.test_stream import RATE_HZ, noise, stage
 from tests.unit.host.ticking_recognizer import TickingRecognizer
 
 LONG_S = 4.0
+ECHO = """
+import sys
+from fapengine._child import messages, packed
+for _, data in messages(sys.stdin.buffer):
+    sys.stdout.buffer.write(packed({}, data))
+    sys.stdout.buffer.flush()
+"""
+"""A painter's program whose image is what it was sent."""
 
 
 class StandInPainter:
@@ -147,13 +155,14 @@ def test_a_listening_face_that_hardly_moves_is_drawn_every_second_time() -> None
     run_leaping(work())
 
 
-def test_a_painter_whose_process_ends_draws_the_same_image_in_a_new_one() -> None:
-    painter = Painter(size=(32, 48), edges="none")
+def test_a_painter_whose_process_ends_draws_the_same_image_in_a_new_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(_child, "BACK_OFF_S", (0.0, 0.0))
+    monkeypatch.setattr("fapengine.server.film.painter.command", lambda *_, **__: [sys.executable, "-c", ECHO])
+    painter = Painter()
     try:
-        before = painter.draw(np.zeros(68, np.int32))
         for ends in (1, 2):
             painter._child.kill()
-            assert painter.draw(np.zeros(68, np.int32)) == before
+            assert painter.draw(np.full(68, ends, np.int32)) == np.full(68, ends, np.int32).tobytes()
             assert painter.counts.restarts == ends
     finally:
         painter.close()
