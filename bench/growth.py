@@ -258,6 +258,11 @@ def _soon(n: int) -> Command:
     return Express(Expression.JOY, n % 2, 2.0 + 1e-6 * n, 0.01, 0.0, 0.01)
 
 
+def _changed(n: int) -> Command:
+    phones = tuple(Phone(LABELS[(n + at) % 4], 0.04 * at, 0.04 * at + 0.04) for at in range(5, 15))
+    return Append(0, 5, phones, n + 1, keeps_earlier=True)
+
+
 LONG = utterance(0, 15_000, 0.04)
 CROWDS: dict[str, Callable[[], Commands]] = {
     "normal speech": lambda: _queue(3, 40, 0.1),
@@ -276,6 +281,7 @@ CROWDS: dict[str, Callable[[], Commands]] = {
     "jumps of the sound": lambda: _again(LONG, lambda n: Audio(0, n / 6000, n * 7.9 % 590)),
     "speak, cancel": lambda: _again([], Begin, lambda n: Append(n, 0, (Phone("m", 0.1, 0.2),)), lambda n: Cancel()),
     "revise": lambda: _again(LONG, lambda n: Append(0, n, (Phone("m", 0.1 * n, 0.1 * n + 0.1),), n), times=20),
+    "phones that change": lambda: _again(LONG, _changed, times=20),
     "cancel over 10 s": lambda: _again(LONG, lambda n: Cancel(fade_s=10.0)),
     "parameters": lambda: _again([], lambda n: SetParameter("jaw", n % 3), lambda n: SetParameter("gaze", n % 2)),
     "turns, looks, blinks": lambda: _again(

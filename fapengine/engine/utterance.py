@@ -125,7 +125,8 @@ class Utterance:
     """Stream time of its start, for ``"at"``."""
     revision: int = 0
     revised: int = 0
-    """Index below which phones are those of earlier revisions, or replace them: these are not late."""
+    """Index below which phones may replace others that were shown (:attr:`.commands.Append.keeps_earlier`): these are
+    not counted as late."""
     phones: dict[int, Phone] = field(default_factory=dict)
     order: list[int] = field(default_factory=list)
     """Their indices, rising. That of a later index is said later."""
@@ -246,6 +247,7 @@ class Utterance:
         new = dict(enumerate(command.phones, command.first_index)) if isinstance(command, Append) else {}
         if isinstance(command, Append) and command.keeps_earlier:
             place = bisect_left(order, command.first_index)
+            self.revised = max(self.revised, self.size)
         else:
             place = bisect_left(order, from_s, key=lambda index: phones[index].start_s)
         while place < len(order) and new.get(order[place]) == phones[order[place]]:
@@ -253,7 +255,6 @@ class Utterance:
         dropped_s = phones[order[place]].start_s if place < len(order) else inf
         self.revision, self.is_dry = command.revision, False
         self.phone_count = self.duration_s = None
-        self.revised = max(self.revised, self.size)
         for index in order[place:]:
             del phones[index]
         del order[place:]

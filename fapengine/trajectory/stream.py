@@ -272,7 +272,7 @@ class StreamingPlanner:
             return
         last = self._plans[-1]
         left_s = max(last.start_s + last.fade_s - edge, MIN_FADE_S)
-        if left_s < fade_s:
+        if left_s < fade_s and edge > self._cancelled_s:
             fade_s = left_s + share * (fade_s - left_s)
         momentum_s = min(fade_s, MOMENTUM_S, last.shortest_fade_s(edge))
         self._plans.append(StreamPlan(edge, path, fade_s, momentum_s, left_over))
@@ -282,15 +282,13 @@ class StreamingPlanner:
     def _renew_holds(self, contacts: Sequence[tuple[Phone, str]], edge: float) -> None:
         """Renew holds: late bilabials close as soon as they can; holds that have begun stay."""
         before, self._holds = self._holds, {}
+        begun = [key for key, hold in before.items() if hold.start_s - RAMP_S < edge]
         for phone, contact in contacts:
-            key = phone.start_s, phone.end_s, phone.label
-            near = (  # a phone whose times have changed a little closes once, not twice
-                one
-                for one, hold in before.items()
-                if hold.start_s - RAMP_S < edge and hold.contact == contact
-                if one[0] < phone.end_s and one[1] > phone.start_s
-            )
-            same = before.pop(key if key in before else min(near, default=key), None)
+            key = key_before = phone.start_s, phone.end_s, phone.label
+            if begun and key not in before:  # a phone whose times have changed a little closes once, not twice
+                near = (one for one in begun if one[0] < phone.end_s and one[1] > phone.start_s and one in before)
+                key_before = next((one for one in near if before[one].contact == contact), key)
+            same = before.pop(key_before, None)
             if same is None and phone.end_s <= edge:  # its time is over, and so is what it had to hold
                 continue
             hold: Hold | None = hold_until(same, max(phone.end_s, edge)) if same else hold_of(phone, contact)

@@ -22,10 +22,8 @@ from tests.patient import PatientClock
 from tests.unit.recognition.speech import BABY, FAPU_MM, closures, no_speech, opening_mm, spoken
 
 PIECE = RATE_HZ // 50
-MIN_LIKENESS = 0.8
-"""Correlation with the lips of the true phones: 0.92."""
-
-
+MIN_LIKENESS = 0.75
+"""Correlation with the lips of the true phones: 0.88, and 0.81 if the process is as late as :data:`LAG_S` allows."""
 LAG_S = 0.04
 """Sound that an ear may not have heard yet: two frames. The face follows after 0.3 s: more shows in its lips."""
 

@@ -393,6 +393,73 @@ def test_a_partial_result_replaces_the_phones_from_its_first_on_also_one_that_is
     assert (counters.late, counters.lost) == (0, 0)
 
 
+def said(rng, begins_s, count):
+    """Phones of random labels and lengths, without gaps."""
+    ends_s = begins_s + np.cumsum(rng.uniform(0.04, 0.16, count))
+    labels = rng.choice(list("mapbilofsut"), count)
+    return tuple(map(Phone, labels.tolist(), [begins_s, *ends_s[:-1].tolist()], ends_s.tolist()))
+
+
+def partial_results(rng, phones):
+    """Results of a recognizer: each has more of the phones, and others after them that the next one replaces."""
+    known, last = 0, 6
+    for revision in range(1, last):
+        final = int(rng.integers(known, min(known + 4, len(phones))))
+        tail = said(rng, phones[final].start_s, int(rng.integers(1, 4)))
+        yield Append(1, known, (*phones[known:final], *tail), revision, keeps_earlier=True)
+        known = final
+    yield Append(1, known, phones[known:], last, keeps_earlier=True)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_phones_that_changed_before_they_were_shown_leave_no_trace(seed):
+    def shown(*commands):
+        face = engine()
+        for command in (Begin(1), *commands, End(1, len(phones), 2.5, commands[-1].revision)):
+            face.apply("anna", command, 0.0)
+        seen = frames(face, 0.0, 2.6)
+        assert kinds(face) == ["started", "finished"]
+        counters = face.counters("anna")
+        assert (counters.late, counters.dropped, counters.concealed, counters.lost) == (0, 0, 0, 0)
+        return seen
+
+    phones = said(np.random.default_rng(seed), 0.3, 12)
+    changed = shown(*partial_results(np.random.default_rng(seed), phones))
+    assert np.array_equal(changed, shown(Append(1, 0, phones)))
+
+
+def test_lips_do_not_jump_when_phones_change_again_and_again_while_they_are_said():
+    steps = {True: 0, False: 0}
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        phones = said(rng, 0.3, 12)
+        for changes in steps:
+            face = engine()
+            face.apply("anna", Begin(1), 0.0)
+            results = list(partial_results(rng, phones)) if changes else [Append(1, 0, phones)]
+            seen = []
+            for step in range(250):
+                now_s = step / 100
+                if results and step % 8 == 0 and now_s > phones[results[0].first_index].start_s - 0.1:
+                    face.apply("anna", results.pop(0), now_s)
+                seen.append(face.frame(now_s).faps[0])
+            assert not results
+            steps[changes] = max(steps[changes], np.abs(np.diff(opening(np.array(seen)))).max())
+    assert 0 < steps[True] < 1.2 * steps[False]
+
+
+def test_a_revision_that_comes_late_is_counted_late():
+    face = engine()
+    say(face, sentence(["a"] * 12))
+    frames(face, 0.0, 0.7)
+    revised = (Phone("m", 0.5, 0.66), Phone("i", 0.66, 0.8), Phone("u", 0.8, 0.9))
+    face.apply("anna", Append(1, 4, revised, revision=1), 0.7)
+    frames(face, 0.7, 1.0)
+    counters = face.counters("anna")
+    assert (counters.late, counters.dropped) == (1, 1)
+    assert kinds(face).count("late") == 1
+
+
 def test_a_missing_phone_is_concealed_and_a_late_one_counted():
     face = engine()
     phones = sentence(["a", "o", "m", "a", "a"])

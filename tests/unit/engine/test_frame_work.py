@@ -68,6 +68,29 @@ def test_a_queue_is_planned_in_linear_work(monkeypatch: pytest.MonkeyPatch) -> N
     assert 400 <= sum(keys) <= 2 * 400  # phones so short have one each
 
 
+def test_phones_that_change_are_planned_in_work_that_does_not_grow(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A result of a recognizer every 80 ms, for 24 s: each plans its phones and the few around them."""
+    keys = []
+
+    def counted_keys(*arguments: Any, **options: Any) -> Any:
+        made = speech_keys(*arguments, **options)
+        keys.append(len(made.times_s))
+        return made
+
+    monkeypatch.setattr(stream, "speech_keys", counted_keys)
+    engine = Engine(english(), rng=np.random.default_rng(1))
+    engine.open("anna", 0.0)
+    engine.apply("anna", Begin(1), 0.0)
+    for block in range(300):
+        starts_s = [0.08 * number + 0.2 for number in range(block, block + 4)]
+        partial = tuple(Phone("mabi"[(block + n) % 3], at_s, at_s + 0.08) for n, at_s in enumerate(starts_s))
+        engine.apply("anna", Append(1, block, partial, block, keeps_earlier=True), 0.08 * block)
+        for third in range(3):
+            engine.frame(0.08 * block + 0.027 * third)
+    assert len(keys) == 300
+    assert max(keys) <= 40
+
+
 def test_phones_before_the_position_of_a_seek_are_looked_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     engine = Engine(english(), rng=np.random.default_rng(1))
     engine.open("anna", 0.0)

@@ -230,6 +230,18 @@ def test_a_change_that_fades_goes_on_fading_when_the_same_phones_are_planned_aga
     assert changed < 0.1 * shown(again=False).max()
 
 
+def test_a_cancel_takes_its_time_though_a_change_is_fading():
+    planner = SingleStream(english())
+    planner.feed([Phone("ɑ", 0.3, 0.9)])
+    planner.frames(times_until(0.4))
+    planner.feed([Phone("m", 0.35, 0.9)])
+    planner.frames(np.arange(0.4, 0.45, 1 / RATE_HZ))
+    planner.cancel(0.45, fade_s=1.0)
+    seen = opening(planner.frames(np.arange(0.45, 1.5, 1 / RATE_HZ)))
+    assert np.abs(seen[round(0.4 * RATE_HZ)]) > 0.2 * np.abs(seen).max()
+    assert np.abs(seen[-1]) < 0.01 * np.abs(seen).max()
+
+
 def test_a_closure_that_is_over_is_not_made_again_when_what_followed_is_taken_back():
     planner = SingleStream(english())
     said = phones(["b", "ɑ", "s", "z", "ɑ", "s", "ɑ"], 0.1, lead_s=0.1)
