@@ -30,7 +30,7 @@ from fapengine.recognition.choice import is_installed
 from fapengine.recognition.process import RecognizerProcess
 from fapengine.recognition.protocol import RecognizedPhones, StreamRecognizer
 from fapengine.recognition.sphinx_recognizer import LOOK_AHEAD_S
-from fapengine.speech.phone_track import SILENCE, Phone
+from fapengine.speech.phone_track import Phone
 
 DELAY_S = 0.3
 """Delay of the face after audio that comes as it is spoken (``bench/ear_delays.py``)."""
@@ -401,8 +401,8 @@ class Hearing:
             for phone in (*final, *partial)
             if phone.end_s + offset_s > 0
         )
-        if known and not phones:  # all of them were taken back
-            phones = (Phone(SILENCE, known[0].start_s, known[-1].end_s),)
+        if not phones:
+            return
         is_longer = phones[: len(known)] == known
         first = len(known) if is_longer else 0
         if phones[first:]:

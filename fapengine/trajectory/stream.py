@@ -282,11 +282,11 @@ class StreamingPlanner:
     def _renew_holds(self, contacts: Sequence[tuple[Phone, str]], edge: float) -> None:
         """Renew holds: late bilabials close as soon as they can; holds that have begun stay."""
         before, self._holds = self._holds, {}
-        begun = [key for key, hold in before.items() if hold.start_s - RAMP_S < edge]
+        begun_keys = [key for key, hold in before.items() if hold.start_s - RAMP_S < edge]
         for phone, contact in contacts:
             key = key_before = phone.start_s, phone.end_s, phone.label
-            if begun and key not in before:  # a phone whose times have changed a little closes once, not twice
-                near = (one for one in begun if one[0] < phone.end_s and one[1] > phone.start_s and one in before)
+            if begun_keys and key not in before:  # a phone whose times have changed a little closes once, not twice
+                near = (one for one in begun_keys if one[0] < phone.end_s and one[1] > phone.start_s and one in before)
                 key_before = next((one for one in near if before[one].contact == contact), key)
             same = before.pop(key_before, None)
             if same is None and phone.end_s <= edge:  # its time is over, and so is what it had to hold
