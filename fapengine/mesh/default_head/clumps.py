@@ -115,7 +115,7 @@ def _hanging_groups(end_mm: float) -> list[_Group]:
         groups += [
             _Group(ring, down, down, 0, 34, (1, 2, 2, 1), end_mm=end_mm + 6, is_lining=True),
             _Group(middle, (0.3 * side, -1, -0.1), down, 0, 30, (2, 5, 5, 4.5), end_mm=end_mm),
-            _Group(parting, (side, -0.15, -0.3), down, 0, 31, (1.5, 6.5, 7.5, 7.5), fine=0.7, end_mm=end_mm - 4),
+            _Group(parting, (side, -0.15, -0.3), down, 0, 31, (1.5, 8.5, 10.5, 10.5), fine=0.7, end_mm=end_mm - 4),
         ]
     return groups
 

@@ -23,7 +23,7 @@ LEAN_RAD, RELIEF_MM = 0.55, 0.5
 """Angle by which strands of the cap lean back on their way down the sides, and height of their waves."""
 EDGE_HAIRS, EDGE_POINTS = 260, 3
 """Single hairs along the hairline, and points of each."""
-THICK, UNDER_LOCKS = {"short": 0.55, "cropped": 0.22}, 0.3
+THICK, UNDER_LOCKS = {"short": 0.55, "cropped": 0.22}, 0.1
 """Thickness of the cap by haircut, relative to short hair; under long hair."""
 UNDER_CLUMPS = 0.6
 """Detail of a cap that clumps cover, relative to one that shows."""
