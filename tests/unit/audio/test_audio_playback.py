@@ -93,7 +93,7 @@ class Stage:
     clock: Clock
     hub: Hub
     speaker: Playback
-    off_s: list[float] = field(default_factory=list)
+    sync_error_s: list[float] = field(default_factory=list)
     frames: list[tuple[float, np.ndarray]] = field(default_factory=list)
     """Where the sound really is, and the FAPs that are shown."""
 
