@@ -140,7 +140,7 @@ class HeldDetector(Detector):
 class Screen:
     """Nothing is seen; when it is closed, time passes again. Stateful."""
 
-    lead_s = 0.0
+    display_latency_s = 0.0
 
     def __init__(self, clock: PatientClock) -> None:
         self._clock = clock

@@ -15,7 +15,7 @@ call kind begun dropped lost refused unheard
 calls kind speaking watching
 connections door metrics osc page
 connections_lost door,kind metrics,refused metrics,timed_out osc,refused osc,timed_out page,refused page,timed_out
-ears
+recognizers
 faulted
 frames
 idle_closed

@@ -48,7 +48,7 @@ def test_the_bytes_are_those_of_the_encoder():
 
 @pytest.mark.parametrize("number", [0, 1])
 def test_the_python_examples_speak(number):
-    code = [text for language, text in BLOCKS if language == "python" and "sound(" not in text][number]
+    code = [text for language, text in BLOCKS if language == "python" and "send_audio(" not in text][number]
     name, scope = ("face", "anna")[number], {}
     with Place() as place:
         exec(code.replace("9110", str(place.port)), scope)
@@ -65,7 +65,7 @@ def test_the_python_examples_speak(number):
 
 
 def test_the_example_of_sound_sends_it():
-    (code,) = [text for language, text in BLOCKS if language == "python" and "sound(" in text]
+    (code,) = [text for language, text in BLOCKS if language == "python" and "send_audio(" in text]
     with Place() as place:
         exec(code.replace("9110", str(place.port)), {})
         requests = place.receiver.sounds(0.0)
