@@ -16,7 +16,7 @@ from tests.processes import start
 SHARED = Path(os.environ.get("FAPENGINE_SHARED", Path(__file__).resolve().parent.parent.parent / "shared"))
 """Folder of measurement data; a name that does not exist shows what a clone without them runs."""
 # Programs: importing one of the first switches the compiler off, the second runs in an environment of its own.
-collect_ignore = ["fuzz", "detector/landmarks.py"]
+collect_ignore = ["fuzz", "detector/landmarks.py", "oracles/pages"]
 NO_SHARED, NO_BROWSER = "measurement data absent", "no Chromium on this machine"
 NO_DETECTOR, NO_LLVMPIPE = "face detector absent", "pictures are drawn by something else than llvmpipe"
 LEAVE = (NO_SHARED, NO_BROWSER, NO_DETECTOR, NO_LLVMPIPE)
