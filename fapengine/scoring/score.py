@@ -100,9 +100,10 @@ def slope(made: Array, true: Array) -> float | None:
     return float(centred @ made / (centred @ centred))
 
 
-BLINK_SHUT, MAX_BLINK_S = 0.5, 0.6
-"""An eye counts as shut below half its opening, and longer closures are not blinks (blinks last 0.1 to 0.4 s;
-Schiffman, "Sensation and Perception", 2001, cited from memory)."""
+BLINK_SHUT, BLINK_OPEN, MAX_BLINK_S = 0.5, 0.3, 0.6
+"""An eye counts as shut below half its opening, and until it is seven tenths open again: detectors waver in between.
+Longer closures are not blinks (blinks last 0.1 to 0.4 s; Schiffman, "Sensation and Perception", 2001, cited from
+memory)."""
 WINDOW_S, HOP_S, MIN_WINDOWS = 1.0, 0.5, 6
 """Windows in which loudness and motion are compared, and the smallest number of them that gives a result."""
 LEVEL_FLOOR_DB = -50.0
@@ -140,7 +141,7 @@ def behaviour_of(mouth: Mouth) -> Behaviour:
     """Measure head and eyes."""
     first_s, last_s = mouth.start_s, mouth.end_s
     length_s = last_s - first_s
-    shut = runs(mouth.shut.min(axis=1) > BLINK_SHUT, mouth.times_s)
+    shut = _shut_spans(mouth.shut.min(axis=1), mouth.times_s)
     blinks = [(start, end) for start, end in shut if end - start <= MAX_BLINK_S and start > first_s and end < last_s]
     frame_s = length_s / (len(mouth.times_s) - 1)
     turned = np.linalg.norm(np.diff(mouth.head_rad, axis=0), axis=1).sum()
@@ -152,6 +153,16 @@ def behaviour_of(mouth: Mouth) -> Behaviour:
         blinks_per_minute=60 * len(blinks) / length_s,
         blink_ms=float(1000 * np.mean([end - start + frame_s for start, end in blinks])) if blinks else None,
     )
+
+
+def _shut_spans(shut: Array, times_s: Array) -> list[tuple[float, float]]:
+    """First and last time of each closure, of how far the eyes are shut (0 to 1)."""
+    spans = []
+    for start_s, end_s in runs(shut > BLINK_OPEN, times_s):
+        within = times_s[(times_s >= start_s) & (times_s <= end_s) & (shut > BLINK_SHUT)]
+        if len(within):
+            spans.append((float(within[0]), float(within[-1])))
+    return spans
 
 
 def intensity_of(mouth: Mouth, power: Array) -> Intensity:

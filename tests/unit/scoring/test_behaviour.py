@@ -30,6 +30,14 @@ def test_blinks_are_counted_and_sleep_and_winks_are_not() -> None:
     assert found.blink_ms == pytest.approx(140)
 
 
+def test_lids_that_waver_while_they_are_shut_blink_once() -> None:
+    values = np.zeros((200, fap.FAP_COUNT))
+    values[50:57, LIDS] = np.array([600, 700, 450, 800, 400, 750, 300])[:, None] * 0.9
+    found = behaviour_of(mouth(values))
+    assert found.blinks == 1
+    assert found.blink_ms == pytest.approx(120)  # six frames from the first to the last that is more than half shut
+
+
 def test_a_head_that_swings_has_its_deviation_and_speed() -> None:
     turn_rad = 0.1 * np.sin(2 * np.pi * np.arange(1001) / 100)
     values = np.zeros((1001, fap.FAP_COUNT))
