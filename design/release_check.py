@@ -79,7 +79,7 @@ def dead_links(text: str, address: str, root: Path = ROOT) -> Iterator[str]:
 
 
 def wheel_faults(wheel: Path, address: str) -> Iterator[str]:
-    """What is wrong with the page that the index would show of a wheel."""
+    """Return the faults of the page that the index would show of a wheel."""
     with zipfile.ZipFile(wheel) as archive:
         (name,) = (name for name in archive.namelist() if name.endswith(".dist-info/METADATA"))
         metadata = email.message_from_bytes(archive.read(name))
@@ -105,7 +105,7 @@ def wheel_faults(wheel: Path, address: str) -> Iterator[str]:
 
 
 def npm_faults(package: Path, address: str, version: str) -> Iterator[str]:
-    """What is wrong with an npm package whose wheel has this version."""
+    """Return the faults of an npm package whose wheel has this version."""
     with tarfile.open(package) as archive:
         files = {member.name.removeprefix("package/") for member in archive.getmembers()}
         about, readme = (archive.extractfile(f"package/{name}").read() for name in ("package.json", "README.md"))  # type: ignore[union-attr]
