@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import fapengine
+from design import live_tables
 from fapengine.files.heads.load import load_head
 from fapengine.mpeg4 import fap
 from fapengine.retarget import arkit, moods
@@ -40,6 +41,7 @@ def build(folder: Path) -> None:
     (assets / "head.bin").write_bytes(head_binary(load_head("default")))
     head = "// Made by python -m design.face_package from fapengine/retarget.\n"
     (folder / "arkit-table.js").write_text(f"{head}export const ARKIT = {json.dumps(arkit_table())};\n")
+    live_tables.write(folder)
 
 
 def version() -> str:

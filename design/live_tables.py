@@ -1,0 +1,164 @@
+"""Every number of ``fapengine-face/live`` from Python's own modules: ``constants.js`` and two files of tables.
+
+``python -m design.face_package`` calls :func:`write`; none of these numbers is typed by hand.
+
+A file of tables has ``FAPLIVE1``, the length of a JSON text (uint32, little-endian), the text, and its arrays. The text
+lists each array with kind, shape and offset after the text; both are padded with spaces or zeros to a multiple of 8.
+"""
+
+import json
+import re
+import struct
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fapengine import speaking
+from fapengine.expressions import EXPRESSION_NAMES
+from fapengine.files.profiles import load_profile
+from fapengine.host import hearing
+from fapengine.mpeg4 import fap
+from fapengine.mpeg4.track import _codable_range
+from fapengine.profiles import Profile
+from fapengine.recognition import loudness, protocol, small_net, small_recognizer
+from fapengine.speaking import DEFAULT_PROFILE
+from fapengine.speech import ipa, phone_track
+from fapengine.speech.articulation import ARTICULATIONS
+from fapengine.trajectory import (
+    closures,
+    context,
+    expression,
+    hermite,
+    phonetics,
+    ramps,
+    stream,
+    style,
+    targets,
+)
+from fapengine.trajectory.expression import expression_faps
+from fapengine.trajectory.faps import displacements_to_faps
+from fapengine.trajectory.style import jaw_share
+
+MAGIC = b"FAPLIVE1"
+MODULES: dict[str, ModuleType] = {
+    module.__name__.rpartition(".")[2]: module
+    for module in (
+        closures, context, expression, fap, hearing, hermite, ipa, loudness, phone_track, phonetics,
+        protocol, ramps, small_net, small_recognizer, speaking, stream, style, targets,
+    )
+}  # fmt: skip
+"""Modules with constants that the JavaScript imports, by the name that it uses."""
+IMPORTED = re.compile(r"import {([^}]*)} from \"./constants.js\";")
+
+
+def write(package: Path) -> None:
+    """Write the numbers into a folder of the package."""
+    assets = package / "assets"
+    assets.mkdir(exist_ok=True)
+    head = "// Made by python -m design.face_package (design/live_tables.py).\n"
+    constants_file = package / "live" / "constants.js"
+    values_of = constants(package / "live")
+    lines = [f"export const {name} = {json.dumps(values)};\n" for name, values in values_of.items()]
+    constants_file.write_text(head + "".join(lines), encoding="utf-8")
+    (assets / "planner.bin").write_bytes(packed(*planner_tables(load_profile(DEFAULT_PROFILE))))
+    (assets / "recognizer.bin").write_bytes(packed(*recognizer_tables()))
+
+
+def constants(source: Path) -> dict[str, dict[str, Any]]:
+    """Constants that the JavaScript of a folder imports, by module; a leading underscore is left out."""
+    values: dict[str, dict[str, Any]] = {}
+    for path in sorted(source.glob("*.js")):
+        text = path.read_text(encoding="utf-8")
+        for imported in IMPORTED.findall(text):
+            for module, _, alias in (name.partition(" as ") for name in re.split(r",\s*", imported.strip())):
+                local = alias or module
+                taken = re.findall(rf"const {{([^}}]*)}} = {local};", text)
+                names = {name.split(":")[0].strip() for list_ in taken for name in list_.split(",")} - {""}
+                names |= set(re.findall(rf"\b{local}\.([A-Z][A-Z0-9_]*)\b", text))
+                values.setdefault(module, {}).update((name, _constant(module, name)) for name in sorted(names))
+    return values
+
+
+def _constant(module: str, name: str) -> Any:
+    found = vars(MODULES[module])
+    value = found[name] if name in found else found[f"_{name}"]
+    return sorted(value) if isinstance(value, frozenset) else value
+
+
+def planner_tables(profile: Profile) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """Gather what the planner needs of a profile: names and small tables, and arrays."""
+    model = profile.context
+    assert model is not None, f"profile {profile.id}: got no context model, expected one"
+    space, known = profile.space, tuple(profile.phones)
+    letters = {}
+    for letter in ipa.SOUNDS:
+        ((name, _),), _ = context.spelled(letter, known)
+        letters[letter] = {
+            "contact": profile.phones[name].contact,
+            "opens": targets.must_open(letter),
+            "ways": context.ways(letter),
+        }
+    about = {
+        "fractions": model.fractions,
+        "features": model.features,
+        "letters": letters,
+        "rows": {letter: row for row, letter in enumerate(ARTICULATIONS)},
+        "whole": {name: targets.contact_of(context.spelled(name, known)[0], profile) for name in known},
+        "silent": context.ways(phone_track.SILENCE),
+        "sibilants": sorted(targets.SIBILANTS),
+        "expressionNames": EXPRESSION_NAMES,
+    }
+    coefficients = model.coefficients.reshape(len(model.features), -1)
+    halves = coefficients.astype(np.float16)
+    low, high = _codable_range()
+    return about, {
+        "coefficients": halves if np.array_equal(halves, coefficients) else coefficients,
+        "modes": displacements_to_faps(space.modes_mm, space.points, profile.fapu),
+        "jaws": jaw_share(profile),
+        "layer": phonetics.layer_faps(profile),
+        "values": phonetics.values_of(profile),
+        "insists": phonetics._INSISTS,
+        "timesMore": phonetics._TIMES_MORE,
+        "puckered": phonetics._PUCKERED,
+        "expressions": expression_faps(profile).T,
+        "low": low,
+        "high": high,
+    }
+
+
+def recognizer_tables() -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """Gather the small recognizer's weights, (outputs, inputs) int8 with a scale for each row, and its other tables."""
+    weights = small_net.shipped()
+    layers = {"front": weights.front, "head": weights.head}
+    layers |= {f"mix{number}": layer for number, layer in enumerate(weights.mix)}
+    layers |= {f"out{number}": layer for number, layer in enumerate(weights.out)}
+    search = small_recognizer.Search(weights)
+    arrays: dict[str, NDArray[Any]] = {
+        "firstMean": weights.first_mean,
+        "bonus": search._bonus,
+        "order": search._order,
+        "filters": small_net._FILTERS,
+        "window": small_net._WINDOW / 2**15,
+    }
+    for name, (matrix, bias) in layers.items():
+        rows = matrix.T.astype(np.float64)
+        scale = np.abs(rows).max(axis=1) / 127
+        arrays[f"{name}.matrix"] = np.rint(rows / np.maximum(scale, 1e-30)[:, None]).astype(np.int8)
+        arrays[f"{name}.scale"], arrays[f"{name}.bias"] = scale.astype(np.float32), bias
+    return {"labels": weights.labels, "offsets": small_net.OFFSETS}, arrays
+
+
+def packed(about: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> bytes:
+    """Write a file of tables."""
+    places: dict[str, object] = {}
+    data = b""
+    for name, array in arrays.items():
+        places[name] = {"kind": str(array.dtype), "shape": array.shape, "offset": len(data)}
+        raw = np.ascontiguousarray(array).tobytes()
+        data += raw + bytes(-len(raw) % 8)
+    text = json.dumps(about | {"arrays": places}, ensure_ascii=False, separators=(",", ":"), allow_nan=False).encode()
+    text += b" " * (-(len(MAGIC) + 4 + len(text)) % 8)
+    return MAGIC + struct.pack("<I", len(text)) + text + data

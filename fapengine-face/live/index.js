@@ -1,0 +1,2 @@
+export { Planner, planAll } from "./planner.js";
+export { Profile } from "./profile.js";

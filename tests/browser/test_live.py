@@ -1,0 +1,208 @@
+"""``fapengine-face/live`` in Node: the same FAPs and phones as Python, value for value."""
+
+import ast
+import hashlib
+import json
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from design import live_tables
+from fapengine.files.profiles import load_profile
+from fapengine.profiles import Profile
+from fapengine.speech import ipa
+from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
+from fapengine.trajectory.batch import BatchPlanner
+from fapengine.trajectory.expression import expression_faps
+from fapengine.trajectory.faps import Overlay
+from fapengine.trajectory.planner import plan
+from fapengine.trajectory.style import Style
+
+ROOT = Path(__file__).resolve().parents[2]
+RUNNER = Path(__file__).with_name("live_runner.mjs")
+PORTED = {
+    "trajectory/batch.py": "planner.js", "trajectory/closures.py": "closures.js", "trajectory/context.py": "keys.js",
+    "trajectory/faps.py": "planner.js", "trajectory/hermite.py": "path.js", "trajectory/phonetics.py": "keys.js",
+    "trajectory/planner.py": "planner.js", "trajectory/stream.py": "planner.js", "trajectory/style.py": "planner.js",
+    "trajectory/targets.py": "keys.js",
+}  # fmt: skip
+"""Modules of Python that ``fapengine-face/live`` has in JavaScript, and the file there."""
+SAME_AS = Path(__file__).with_name("ported.json")
+"""Digests of these modules, without comments and docstrings, when the JavaScript was last the same."""
+STRANGE = ("ʧ", "ʏ", "ɔɪ", "oː", "pf", "ɛ̃", "t͡s", "ç", "xyz%", "ɝ", "hʔ", "aʊə", "ˈm", "…", "g")
+NAMES_OF_LETTERS = ("B", "q,", "“Z”", "m", "h", "are")
+pytestmark = pytest.mark.skipif(shutil.which("node") is None, reason="needs Node")
+
+
+@pytest.fixture(scope="module")
+def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The live part of the npm package, with its numbers."""
+    folder = tmp_path_factory.mktemp("package")
+    shutil.copytree(ROOT / "fapengine-face" / "live", folder / "live")
+    shutil.copy(ROOT / "fapengine-face" / "package.json", folder)
+    live_tables.write(folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def profile() -> Profile:
+    return load_profile("grid_s1_en")
+
+
+def node(package: Path, script: Path, given: object) -> Any:
+    """Run a script of this folder with a JSON value; returns what it writes."""
+    before, after = package / "given.json", package / "found.json"
+    before.write_text(json.dumps(given, ensure_ascii=False))
+    ran = subprocess.run(
+        ["node", str(script), str(package), str(before), str(after)],
+        capture_output=True, text=True, check=False, timeout=600,
+    )  # fmt: skip
+    assert ran.returncode == 0, ran.stderr
+    return json.loads(after.read_text())
+
+
+def spoken(rng: np.random.Generator, known: list[str], count: int, start_s: float = 0.0) -> list[Phone]:
+    """Random phones of any alphabet, with pauses, words that are names of letters, and loudness."""
+    found = []
+    for _ in range(count):
+        labels = known if rng.random() < 0.7 else STRANGE if rng.random() < 0.5 else list(ipa.SOUNDS)
+        if rng.random() < 0.15:
+            start_s += float(rng.choice([0.003, 0.05, 0.15, 0.4, 1.0]))
+        end_s = start_s + float(rng.choice([0.02, 0.04, 0.06, 0.08, 0.12, 0.2, 0.5])) * float(rng.uniform(0.8, 1.2))
+        word = str(rng.choice(NAMES_OF_LETTERS)) if rng.random() < 0.2 else ""
+        loudness_db = float(rng.uniform(-12, 8)) if rng.random() < 0.2 else 0.0
+        found.append(Phone(str(rng.choice(labels)), start_s, end_s, word=word, loudness_db=loudness_db))
+        start_s = end_s
+    return found
+
+
+def as_json(phone: Phone) -> dict[str, Any]:
+    named = {"label": phone.label, "start": phone.start_s, "end": phone.end_s}
+    return named | {"word": phone.word, "loudness": phone.loudness_db}
+
+
+def events_of(
+    rng: np.random.Generator, known: list[str], end_s: float
+) -> list[tuple[float, list[Phone] | tuple[float, float]]]:
+    """Phones as they come: early, late, again, revised, overlapped, removed; and times at which speech is cancelled."""
+    events: list[tuple[float, list[Phone] | tuple[float, float]]] = []
+    for phone in spoken(rng, known, round(10 * end_s), 0.3):
+        at_s = max(phone.start_s - float(rng.uniform(-0.15, 0.4)), 0.0)
+        events.append((at_s, [phone]))
+        if rng.random() < 0.1:
+            label = SILENCE if rng.random() < 0.3 else "m"
+            events.append((at_s + 0.02, [Phone(label, phone.start_s + 0.01, phone.end_s + 0.02)]))
+        if rng.random() < 0.1:  # again, and a little later
+            moved_s = float(rng.choice([0.0, 0.0, 0.0004, 0.01]))
+            events.append((at_s + 0.05, [Phone(phone.label, phone.start_s + moved_s, phone.end_s + moved_s)]))
+    cancels = [(float(rng.uniform(0, end_s)), float(rng.choice([0.1, 0.2, 0.5]))) for _ in range(rng.integers(0, 3))]
+    events += [(float(rng.uniform(0, end_s)), cancel) for cancel in cancels]
+    return sorted(events, key=lambda event: event[0])
+
+
+def style_of(rng: np.random.Generator) -> tuple[dict[str, float], Style]:
+    """A random style, as both languages take it."""
+    if rng.random() < 0.5:
+        return {}, Style.speech_only()
+    sizes = {name: float(rng.uniform(0.2, 2)) for name in ("articulation", "jaw", "lips")}
+    loudness = float(rng.uniform(-10, 10))
+    return sizes | {"loudness": loudness}, Style(**sizes, loudness_db=loudness).without(["all"])
+
+
+def stream_of(rng: np.random.Generator, profile: Profile, end_s: float) -> tuple[dict[str, Any], np.ndarray, list[int]]:
+    """A random stream as the runner takes it, its FAPs, (T, 68), and its counts of phones."""
+    rate_hz, horizon_s = float(rng.choice([25, 30, 60])), float(rng.choice([0.0, 0.0, 0.1]))
+    options, style = style_of(rng)
+    faces = expression_faps(profile)
+    expression = faces @ (rng.uniform(0, 1, faces.shape[1]) * (rng.random(faces.shape[1]) < 0.2))
+    overlay = Overlay(expression[:, None], np.zeros((68, 1)), np.ones(1), np.ones(1))
+    planner = BatchPlanner(profile, style, horizon_s=horizon_s)
+    session = planner.open()
+    events = events_of(rng, list(profile.phones), end_s)
+    waiting, rows = list(events), []
+    for number in range(int(end_s * rate_hz)):
+        while waiting and waiting[0][0] <= number / rate_hz:
+            _, told = waiting.pop(0)
+            if isinstance(told, list):
+                planner.feed(session, told)
+            else:
+                planner.cancel(session, told[0], fade_s=told[1])
+        rows.append(planner.frames(number / rate_hz, overlay)[0].copy())
+    told_events = [
+        {"at": at_s, "phones": [*map(as_json, told)]}
+        if isinstance(told, list)
+        else {"at": at_s, "cancel": told[0], "fade": told[1]}
+        for at_s, told in events
+    ]
+    given = {"events": told_events, "frames": len(rows), "rate": rate_hz, "options": options | {"horizon": horizon_s}}
+    given["expression"] = expression.tolist()
+    counts = planner.counts(session)
+    return given, np.array(rows), [counts.late, counts.dropped, counts.revised, counts.cancelled, counts.unknown]
+
+
+def check_plans(package: Path, profile: Profile, seed: int, streams: int, tracks: int, *, end_s: float) -> None:
+    """Plan random streams and finished lists in both languages; every value is the same."""
+    rng = np.random.default_rng(seed)
+    made = [stream_of(rng, profile, end_s) for _ in range(streams)]
+    lists, plans = [], []
+    for _ in range(tracks):
+        phones = spoken(rng, list(profile.phones), round(8 * end_s))
+        options, style = style_of(rng)
+        rate_hz = float(rng.choice([25, 30, 60]))
+        lists.append({"phones": [*map(as_json, phones)], "options": options | {"rate": rate_hz}})
+        plans.append(plan(PhoneTrack.from_phones(phones), profile, rng=rng, rate_hz=rate_hz, style=style))
+    found = node(package, RUNNER, {"streams": [given for given, _, _ in made], "tracks": lists})
+    frames = 0
+    for number, (one, (_, expected, counts)) in enumerate(zip(found["streams"], made, strict=True)):
+        values = np.array(one["faps"])
+        where = np.flatnonzero((values != expected).any(axis=1))
+        assert not len(where), (
+            f"stream {number}: {len(where)} of {len(expected)} frames differ, the first is {where[0]}"
+        )
+        assert list(one["counts"].values()) == counts
+        frames += np.count_nonzero(expected.any(axis=1))
+    for number, (one, planned) in enumerate(zip(found["tracks"], plans, strict=True)):
+        assert np.array_equal(one["faps"], planned.track.values), f"track {number}"
+        assert sorted(set(one["unknown"])) == sorted(planned.unknown)
+    assert frames > 15 * end_s * streams  # faces that move
+    assert {name for _, _, counts in made for name, count in zip("ldrcu", counts, strict=True) if count} == set("ldrcu")
+
+
+def test_plans_are_pythons(package: Path, profile: Profile) -> None:
+    check_plans(package, profile, seed=1, streams=100, tracks=50, end_s=1.8)
+
+
+def digest(module: str) -> str:
+    """Digest of a module's code; comments, docstrings and blank lines do not count."""
+    text = (ROOT / "fapengine" / module).read_text(encoding="utf-8")
+    texts = {
+        line
+        for node in ast.walk(ast.parse(text))
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+        for line in range(node.lineno, (node.end_lineno or node.lineno) + 1)
+    }
+    code = [line.partition("  #")[0].strip() for number, line in enumerate(text.splitlines(), 1) if number not in texts]
+    return hashlib.sha256("\n".join(line for line in code if line and line[0] != "#").encode()).hexdigest()[:16]
+
+
+def test_who_changes_a_ported_module_is_asked_for_the_javascript() -> None:
+    known = json.loads(SAME_AS.read_text())
+    changed = [f"{name}: see {script}" for name, script in PORTED.items() if known.get(name) != digest(name)]
+    assert not changed, (
+        f"Python's side has changed ({'; '.join(changed)}): port it to fapengine-face/live, run this file's tests,"
+        " then write the digests with python -m tests.browser.test_live"
+    )
+    assert set(known) == set(PORTED)
+
+
+@pytest.mark.nightly
+def test_many_plans_are_pythons(package: Path, profile: Profile) -> None:
+    check_plans(package, profile, seed=2, streams=400, tracks=200, end_s=6.0)
+
+
+if __name__ == "__main__":
+    SAME_AS.write_text(json.dumps({name: digest(name) for name in PORTED}, indent=2) + "\n")
