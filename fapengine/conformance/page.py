@@ -20,8 +20,8 @@ FRAME_BYTES = 288
 LISTENED_S, QUIET_S = 3.0, 0.5
 PROTOCOL = "fapengine-web/1"
 HELLO: dict[str, tuple[type, ...]] = {
-    "session": (str,), "rate_hz": (int, float), "profile": (str,), "voice": (bool,), "ear": (bool,), "sound": (str,),
-    "paused": (bool,),
+    "session": (str,), "rate_hz": (int, float), "profile": (str,), "voice": (bool,), "recognizer": (bool,),
+    "sound": (str,), "paused": (bool,),
 }  # fmt: skip
 """Fields of the first message, and their types."""
 
@@ -195,7 +195,9 @@ async def watch(port: int, for_s: float, tell: Callable[[str], None], host: str 
         await socket.prepare(request)
         client.connections += 1
         session = request.query.get("session", "face")
-        hello = {"session": session, "rate_hz": 60.0, "profile": "none", "voice": False, "ear": True, "sound": "page"}
+        hello = {
+            "session": session, "rate_hz": 60.0, "profile": "none", "voice": False, "recognizer": True, "sound": "page",
+        }  # fmt: skip
         await socket.send_str(text_of("hello", protocol=PROTOCOL, paused=False, **hello))
         sending = asyncio.create_task(_show(socket))
         stop_s = loop.time() + for_s / 3  # then the connection ends, as if the server had restarted

@@ -326,7 +326,7 @@ class Server:
                 )  # fmt: skip
             except ResourceError as error:
                 log.warning("audio is not recognized: %s", error, extra={"session": request.session})
-                self.receiver.refuse_sound(request, "ears", now_s)
+                self.receiver.refuse_sound(request, "recognizers", now_s)
         if self.microphone is not None and not self._draining:
             self._listen(self.microphone)
         self.hearing.tick(now_s)

@@ -150,7 +150,7 @@ def test_a_flood_of_sound_is_bounded_and_counted() -> None:
             assert one.recognizer.waiting_s <= MAX_WAITING_S
             sender.tell("/fap/1/hello", "s", "bert")
             sender.socket.send(codec.encode(schema.Sound("bert", 0, 0, RATE_HZ, blob)))
-            await until(lambda: any("ears" in message.arguments for message in sender.answers()))  # one too many
+            await until(lambda: any("recognizers" in message.arguments for message in sender.answers()))  # one too many
             assert server.hub.counts.frames > 10
             sender.tell("/fap/1/utt/cancel", "s", "anna")
             await until(lambda: one.recognizer.waiting_s == 0)

@@ -220,7 +220,7 @@ def make_app(
         voices = {}
     hello = {
         "protocol": PROTOCOL, "rate_hz": hub.pacer.rate_hz, "profile": profile, "voice": bool(voices),
-        "ear": hearing is not None and hearing.is_possible, **mark(),
+        "recognizer": hearing is not None and hearing.is_possible, **mark(),
     }  # fmt: skip
     access = access or Access()
     handlers = _Handlers(hub, access, hello, heard_here, voice, hearing)

@@ -618,7 +618,7 @@ def test_sound_of_a_microphone_goes_to_the_ear_of_one_page_at_a_time(head: FaceM
             ticking = asyncio.create_task(hub.run(lambda now_s, due_s: hearing.tick(now_s)))
             try:
                 async with client.ws_connect("/ws?session=anna") as one, client.ws_connect("/ws?session=anna") as other:
-                    assert (await one.receive_json())["ear"]
+                    assert (await one.receive_json())["recognizer"]
                     await one.send_bytes(piece)
                     while not hearing.counts.recognizers:
                         await asyncio.sleep(0.005)
@@ -700,7 +700,7 @@ def test_sound_that_is_sent_becomes_an_utterance_with_its_events(
 def test_a_server_without_an_ear_says_so(head: FaceMesh) -> None:
     async def use(client: TestClient, hub: Hub) -> None:
         async with client.ws_connect("/ws?session=anna") as socket:
-            assert (await socket.receive_json())["ear"] is False
+            assert (await socket.receive_json())["recognizer"] is False
             await socket.send_bytes(SOUND_HEAD.pack(SOUND_KIND, 16_000) + bytes(4))
             assert (await text_from(socket, "error"))["message"] == "recognizer: this server has none"
 
