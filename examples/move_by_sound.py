@@ -1,4 +1,4 @@
-"""Sound as it comes moves a face: a client gives it piece by piece, and the server's ear finds the phones."""
+"""Sound as it comes moves a face: a client gives it piece by piece, and the server's recognizer finds the phones."""
 
 import asyncio
 import socket

@@ -208,7 +208,7 @@ class Page {
     byId("microphone").textContent = on ? "Mic on" : "Mic off";
   }
 
-  // A recording: heard by the server's ear as it plays.
+  // A recording: recognized by the server as it plays.
   async sayFile(file) {
     try {
       const { samples, rate } = await samplesOf(await file.arrayBuffer());
@@ -347,8 +347,8 @@ class Page {
     this.caption.wait(utterances.queue);
   }
 
-  hello({ session, profile, voice, ear, manner = {} }) {
-    byId("microphone").hidden = byId("file").hidden = !ear;
+  hello({ session, profile, voice, recognizer, manner = {} }) {
+    byId("microphone").hidden = byId("file").hidden = !recognizer;
     write("session", session);
     byId("session").title = `Session ${session}, profile ${profile}`;
     this.panel.rest(); // what is set is told next
