@@ -1,8 +1,7 @@
 # ruff: noqa: E501
-"""Write docs/conformance.md: clause, module, vectors, status; every deviation and every unverified memory.
+"""Write docs/conformance.md: clause, module, vectors, status, and every deviation.
 
-Run ``python -m design.conformance``. Deviations and memories are collected from the sources: a comment or docstring
-that begins ``Deviation:`` or contains ``[MEM]``.
+Run ``python -m design.conformance``. Deviations are comments and parts of docstrings that begin ``Deviation:``.
 """
 
 import re
@@ -11,6 +10,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 DOC = ROOT / "docs" / "conformance.md"
+MARK = "Deviation:"
 SOURCES = ("fapengine/mpeg4", "fapengine/codec", "fapengine/trajectory")
 
 
@@ -94,13 +94,13 @@ tests/vectors/fba. Each is encoded to the same bytes and decoded to the same val
 """
 
 
-def remarks(mark: str) -> list[tuple[str, str]]:
-    """Find what sources say at ``mark``: module, and the text up to the end of its paragraph."""
+def deviations() -> list[tuple[str, str]]:
+    """Find what sources say of deviations: module, and the text up to the end of its paragraph."""
     found = []
     for folder in SOURCES:
         for path in sorted((ROOT / folder).glob("*.py")):
             text = path.read_text()
-            for match in re.finditer(rf"[^\n]*{re.escape(mark)}.*?(?=\n\s*\n|\"\"\"|\Z)", text, re.S):
+            for match in re.finditer(rf"[^\n]*{MARK}.*?(?=\n\s*\n|\"\"\"|\Z)", text, re.S):
                 words = " ".join(re.sub(r"^\s*#?", "", match.group(), flags=re.M).replace('"""', "").split())
                 if "the source" not in words:
                     found.append((str(path.relative_to(ROOT / "fapengine")), words.replace("|", "\\|")))
@@ -110,11 +110,8 @@ def remarks(mark: str) -> list[tuple[str, str]]:
 def page() -> str:
     """Make the whole page."""
     rows = [f"| {c.clause} | {c.section} | {c.what} | {c.modules} | {c.proof} | {c.status} |\n" for c in CLAUSES]
-    parts = [HEAD, *rows]
-    for title, mark in (("Deviations", "Deviation:"), ("From unverified memory", "[MEM]")):
-        parts.append(f"\n## {title}\n\n")
-        parts += [f"- `{module}`: {words.removeprefix(mark).strip()}\n" for module, words in remarks(mark)]
-    return "".join(parts)
+    items = [f"- `{module}`: {words.removeprefix(MARK).strip()}\n" for module, words in deviations()]
+    return "".join([HEAD, *rows, "\n## Deviations\n\n", *items])
 
 
 if __name__ == "__main__":

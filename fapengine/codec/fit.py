@@ -18,9 +18,8 @@ without terms is read as 0 in a numerator and as 1 in a denominator, as the exam
 real or not finite, the FAP stays unknown. FAP 1 and 2 are not single numbers: a node that has one of them is never
 known and never computed.
 
-Deviation: the standard's formula for mask type 2 (FBA section 9) is not known here. The rules are: inner and outer lips
-replace each other, then left and right; the others keep their last value. They are written as a table,
-:data:`PARTNERS`; the publishers of the format name the same two uses. A table of one's own takes their place.
+Deviation: the standard's formula for mask type 2 is not known here. The table :data:`PARTNERS` has the rules of FBA
+section 9; a FIT table of your own replaces it.
 """
 
 from collections.abc import Iterator

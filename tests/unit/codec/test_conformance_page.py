@@ -17,5 +17,4 @@ def test_the_page_is_current() -> None:
 def test_modules_exist_and_deviations_are_found() -> None:
     modules = {name.strip() for clause in conformance.CLAUSES for name in clause.modules.split(",")} - {"-"}
     assert all((ROOT / "fapengine" / module).exists() for module in modules)
-    assert len(conformance.remarks("Deviation:")) >= 4
-    assert any("[MEM]" in words for _, words in conformance.remarks("[MEM]"))
+    assert len(conformance.deviations()) >= 4
