@@ -1,4 +1,4 @@
-"""Every number of ``fapengine-face/live`` from Python's own modules: ``constants.js`` and two files of tables.
+"""What ``fapengine-face/live`` has from Python's modules: ``constants.js`` and two files of tables; and its worker.
 
 ``python -m design.face_package`` calls :func:`write`; none of these numbers is typed by hand.
 
@@ -51,6 +51,8 @@ MODULES: dict[str, ModuleType] = {
     )
 }  # fmt: skip
 """Modules with constants that the JavaScript imports, by the name that it uses."""
+FROM = re.compile(r"import {([^}]*)} from \"./([^\"]+)\";")
+EXPORTED = re.compile(r"^export (?:class|const|function) (\w+)", re.MULTILINE)
 IMPORTED = re.compile(r"import {([^}]*)} from \"./constants.js\";")
 
 
@@ -63,8 +65,29 @@ def write(package: Path) -> None:
     values_of = constants(package / "live")
     lines = [f"export const {name} = {json.dumps(values)};\n" for name, values in values_of.items()]
     constants_file.write_text(head + "".join(lines), encoding="utf-8")
+    worker = joined(package / "live", "worker-source.js")
+    (package / "live" / "worker.js").write_text(head + worker, encoding="utf-8")
+    (package / "live" / "worker-source.js").unlink()
     (assets / "planner.bin").write_bytes(packed(*planner_tables(load_profile(DEFAULT_PROFILE))))
     (assets / "recognizer.bin").write_bytes(packed(*recognizer_tables()))
+
+
+def joined(source: Path, name: str) -> str:
+    """Join a script and the modules that it imports, each a function, to one that imports nothing."""
+    modules: dict[str, str] = {}
+
+    def add(file: str) -> None:
+        text = (source / file).read_text(encoding="utf-8")
+        for _, other in FROM.findall(text):
+            if other not in modules:
+                add(other)
+        exported = EXPORTED.findall(text)
+        text = FROM.sub(lambda found: f'const {{{found[1].replace(" as ", ": ")}}} = modules["{found[2]}"];', text)
+        text = re.sub(r"^export ", "", text, flags=re.MULTILINE)
+        modules[file] = f'modules["{file}"] = (() => {{\n{text}return {{ {", ".join(exported)} }};\n}})();\n'
+
+    add(name)
+    return f'"use strict";\nconst modules = {{}};\n{"".join(modules.values())}'
 
 
 def constants(source: Path) -> dict[str, dict[str, Any]]:

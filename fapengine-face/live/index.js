@@ -1,2 +1,4 @@
 export { Planner, planAll } from "./planner.js";
 export { Profile } from "./profile.js";
+export { Recognizer } from "./recognizer.js";
+export { Live } from "./live.js";

@@ -5,6 +5,7 @@ import hashlib
 import json
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,11 @@ import pytest
 
 from design import live_tables
 from fapengine.files.profiles import load_profile
+from fapengine.files.sound import load_sound
 from fapengine.profiles import Profile
+from fapengine.recognition import small_net
+from fapengine.recognition.protocol import RATE_HZ
+from fapengine.recognition.small_recognizer import SmallRecognizer
 from fapengine.speech import ipa
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.trajectory.batch import BatchPlanner
@@ -21,10 +26,14 @@ from fapengine.trajectory.expression import expression_faps
 from fapengine.trajectory.faps import Overlay
 from fapengine.trajectory.planner import plan
 from fapengine.trajectory.style import Style
+from tests.unit.recognition.speech import BABY, POPPIES, no_speech, spoken_by_espeak
 
 ROOT = Path(__file__).resolve().parents[2]
 RUNNER = Path(__file__).with_name("live_runner.mjs")
 PORTED = {
+    "recognition/loudness.py": "voicing.js", "recognition/protocol.py": "recognizer.js",
+    "recognition/small_net.py": "mel.js and small-net.js",
+    "recognition/small_recognizer.py": "recognizer.js and search.js",
     "trajectory/batch.py": "planner.js", "trajectory/closures.py": "closures.js", "trajectory/context.py": "keys.js",
     "trajectory/faps.py": "planner.js", "trajectory/hermite.py": "path.js", "trajectory/phonetics.py": "keys.js",
     "trajectory/planner.py": "planner.js", "trajectory/stream.py": "planner.js", "trajectory/style.py": "planner.js",
@@ -72,7 +81,9 @@ def spoken(rng: np.random.Generator, known: list[str], count: int, start_s: floa
         labels = known if rng.random() < 0.7 else STRANGE if rng.random() < 0.5 else list(ipa.SOUNDS)
         if rng.random() < 0.15:
             start_s += float(rng.choice([0.003, 0.05, 0.15, 0.4, 1.0]))
-        end_s = start_s + float(rng.choice([0.02, 0.04, 0.06, 0.08, 0.12, 0.2, 0.5])) * float(rng.uniform(0.8, 1.2))
+        end_s = start_s + float(rng.choice([0.001, 0.02, 0.04, 0.06, 0.08, 0.12, 0.2, 0.5])) * float(
+            rng.uniform(0.8, 1.2)
+        )
         word = str(rng.choice(NAMES_OF_LETTERS)) if rng.random() < 0.2 else ""
         loudness_db = float(rng.uniform(-12, 8)) if rng.random() < 0.2 else 0.0
         found.append(Phone(str(rng.choice(labels)), start_s, end_s, word=word, loudness_db=loudness_db))
@@ -99,6 +110,8 @@ def events_of(
         if rng.random() < 0.1:  # again, and a little later
             moved_s = float(rng.choice([0.0, 0.0, 0.0004, 0.01]))
             events.append((at_s + 0.05, [Phone(phone.label, phone.start_s + moved_s, phone.end_s + moved_s)]))
+    if rng.random() < 0.05:  # more than is planned ahead
+        events.append((0.1, spoken(rng, known, 200, end_s)))
     cancels = [(float(rng.uniform(0, end_s)), float(rng.choice([0.1, 0.2, 0.5]))) for _ in range(rng.integers(0, 3))]
     events += [(float(rng.uniform(0, end_s)), cancel) for cancel in cancels]
     return sorted(events, key=lambda event: event[0])
@@ -197,6 +210,58 @@ def test_who_changes_a_ported_module_is_asked_for_the_javascript() -> None:
         " then write the digests with python -m tests.browser.test_live"
     )
     assert set(known) == set(PORTED)
+
+
+def as_shipped() -> small_net.Weights:
+    """The recognizer's weights as the package has them, in 8 bits."""
+    weights, (_, arrays) = small_net.shipped(), live_tables.recognizer_tables()
+
+    def layer(name: str) -> tuple[np.ndarray, np.ndarray]:
+        matrix = arrays[f"{name}.matrix"] * arrays[f"{name}.scale"][:, None]
+        return np.ascontiguousarray(matrix.T.astype(np.float32)), arrays[f"{name}.bias"]
+
+    count = len(small_net.OFFSETS)
+    mix, out = (tuple(layer(f"{name}{number}") for number in range(count)) for name in ("mix", "out"))
+    return replace(weights, front=layer("front"), head=layer("head"), mix=mix, out=out)
+
+
+def check_phones(package: Path, sounds: list[np.ndarray]) -> int:
+    """Recognize sounds in both languages; the same phones and partial ones after each piece, of any length."""
+    pieces = [320, 1, 999, 640, 4000]
+    given = [{"samples": samples.tolist(), "pieces": pieces} for samples in sounds]
+    found = node(package, RUNNER, {"sounds": given})["heard"]
+    count = 0
+    for number, (samples, one) in enumerate(zip(sounds, found, strict=True)):
+        recognizer, phones, partials, at = SmallRecognizer(weights=as_shipped()), [], [], 0
+        while at < len(samples):
+            length = pieces[len(partials) % len(pieces)]
+            phones += recognizer.push(samples[at : at + length])
+            partials.append(recognizer.partial)
+            at += length
+        phones += recognizer.end()
+        spelled = [
+            [(one["label"], one["start"], one["end"]) for one in each] for each in (one["phones"], *one["partials"])
+        ]
+        expected = [[(one.label, one.start_s, one.end_s) for one in each] for each in (phones, *partials)]
+        assert spelled[0] == expected[0], f"sound {number}"
+        assert spelled[1:] == expected[1:], f"sound {number}"
+        count += sum(not phone.is_silence for phone in phones)
+    return count
+
+
+def test_phones_are_pythons(package: Path) -> None:
+    sentences = [spoken_by_espeak(voice, BABY).samples for voice in ("en-us", "fr")]
+    others = list(no_speech().values())[:2]
+    assert check_phones(package, [*sentences, *others]) > 40
+
+
+@pytest.mark.nightly
+@pytest.mark.shared
+def test_phones_of_twenty_recordings_are_pythons(package: Path, shared: Path) -> None:
+    files = sorted((shared / "data" / "speech_sound").glob("*.flac"))[:10]
+    filmed = [load_sound(path, rate_hz=RATE_HZ)[0] for path in files]
+    spoken_by = [(voice, text) for voice in ("en-us", "en-gb", "de", "fr", "it") for text in (BABY, POPPIES)]
+    assert check_phones(package, [*filmed, *(spoken_by_espeak(*one).samples for one in spoken_by)]) > 400
 
 
 @pytest.mark.nightly

@@ -1,0 +1,281 @@
+// A face without a server: it hears sound, or takes phones with times. A source of FAPs for <fap-face>, or for a rig of
+// one's own; needs neither DOM nor WebGL. Nothing is fetched before make, and the recognizer's weights not before hear.
+
+import { expression, hearing, phone_track, protocol } from "./constants.js";
+import { placeAfter } from "./path.js";
+import { Planner, checkedPhone } from "./planner.js";
+import { Profile } from "./profile.js";
+import { Ramp } from "./ramp.js";
+import { Recognizer } from "./recognizer.js";
+import { Pieces } from "./tap-worklet.js";
+
+const { ATTACK_S, MAX_WEIGHT, RELEASE_S } = expression;
+const { OPEN_S, PAUSE_S } = hearing;
+const { RATE_HZ } = protocol;
+const { SILENCE } = phone_track;
+const NEUTRAL = "neutral";
+const DELAY_S = 0.25;
+const LOOK_AHEAD_S = 0.3; // age of phones that do not change any more
+const STEPS = 1; // blocks of 20 ms
+const FAR_S = 1e6;
+const UNSEEN_S = 0.5; // time without pictures after which phones that come make one
+const ASSETS = {
+  // Spelled out, because that is how bundlers find them.
+  planner: new URL("../assets/planner.bin", import.meta.url),
+  recognizer: new URL("../assets/recognizer.bin", import.meta.url),
+  worker: new URL("./worker.js", import.meta.url),
+  worklet: new URL("./tap-worklet.js", import.meta.url),
+};
+
+async function bytesOf(address) {
+  const url = new URL(address, globalThis.document?.baseURI);
+  if (url.protocol === "file:" && globalThis.process) {
+    const files = "node:fs/promises"; // a name that bundlers for pages do not look for
+    const data = await (await import(/* @vite-ignore */ /* webpackIgnore: true */ files)).readFile(url);
+    return data.buffer.slice(data.byteOffset, data.byteOffset + data.byteLength);
+  }
+  const answer = await fetch(url);
+  if (!answer.ok) throw new Error(`${url}: got ${answer.status}`);
+  return answer.arrayBuffer();
+}
+
+// Where a page demands trusted types, its policy may name ours.
+function trusted(url) {
+  policy ??= globalThis.trustedTypes?.createPolicy("fapengine-face", { createScriptURL: (address) => address });
+  return policy ? policy.createScriptURL(String(url)) : url;
+}
+let policy = null;
+
+const seconds = () => performance.now() / 1000;
+const isAs = (one, other) => one.label === other.label && one.start === other.start && one.end === other.end;
+
+// Events: started, phone, finished, cancelled, error. Stateful.
+export class Live extends EventTarget {
+  // style: see Planner. assets: addresses of planner.bin, recognizer.bin, worker.js and tap-worklet.js elsewhere.
+  static async make({ assets = {}, ...style } = {}) {
+    const addresses = { ...ASSETS, ...assets };
+    return new Live(new Profile(await bytesOf(addresses.planner)), style, addresses);
+  }
+
+  constructor(profile, style = {}, addresses = ASSETS) {
+    super();
+    Object.assign(this, { profile, style, addresses });
+    this.moods = profile.expressionNames.map(() => new Ramp());
+    this.faps = new Float32Array(profile.low.length);
+    this.reset();
+  }
+
+  reset() {
+    this.planner = new Planner(this.profile, this.style);
+    this.clock = null; // position of what is shown, s
+    this.position = -Infinity;
+    this.fed = []; // phones of the recognizer that may still change, as the planner has them
+    this.deaf = 0; // phones of sound before it are not said
+    this.isSpeaking = false;
+    this.spokenUntil = -Infinity;
+    this.pause = 0;
+    this.sampled = -Infinity; // when, by the page's clock
+    this.recognizer = this.pieces = null;
+  }
+
+  tell(type, detail) {
+    this.dispatchEvent(Object.assign(new Event(type), { detail }));
+  }
+
+  // Follows sound: a MediaStream or an AudioNode. delay: time by which the face is later. Resolves to the delayed sound,
+  // an AudioNode that the page connects to where it is to be heard.
+  async hear(input, { context = input?.context, delay = DELAY_S, lookAhead = LOOK_AHEAD_S } = {}) {
+    if (!globalThis.AudioWorkletNode) throw new Error("hear: got no AudioWorklet; browsers have it on https and localhost, elsewhere use push");
+    const isStream = input instanceof MediaStream;
+    if (!isStream && !(input instanceof AudioNode)) throw new TypeError(`hear: got ${input}, expected a MediaStream or an AudioNode`);
+    this.stop();
+    const run = (this.run = {});
+    if (!context) context = run.context = new AudioContext();
+    const { worklet, worker } = this.addresses;
+    const [tables] = await Promise.all([bytesOf(this.addresses.recognizer), context.audioWorklet.addModule(String(worklet))]);
+    if (this.run !== run) throw new Error("hear: something else was begun meanwhile");
+    if (isStream) run.element = playUnheard(input);
+    const source = isStream ? new MediaStreamAudioSourceNode(context, { mediaStream: input }) : input;
+    run.worker = new Worker(trusted(worker));
+    const { port1, port2 } = new MessageChannel();
+    await new Promise((resolve, reject) => {
+      run.worker.onmessage = resolve;
+      run.worker.onerror = ({ message }) => reject(new Error(`hear: the recognizer's worker ${worker} did not start: ${message ?? ""}`));
+      run.worker.postMessage({ tables, port: port2, options: { lookAhead, steps: STEPS } }, [tables, port2]);
+    });
+    if (this.run !== run) throw new Error("hear: something else was begun meanwhile");
+    run.worker.onmessage = ({ data }) => this.take(data);
+    run.worker.onerror = ({ message }) => this.tell("error", `the recognizer's worker: ${message}`);
+    run.tap = new AudioWorkletNode(context, "fapengine-tap", { numberOfOutputs: 0 });
+    run.tap.port.onmessage = ({ data }) => (this.clock = () => heardBy(context) - data.begun - delay);
+    run.tap.port.postMessage({ to: port1 }, [port1]);
+    run.delayed = new DelayNode(context, { delayTime: delay, maxDelayTime: Math.max(1, delay) });
+    run.cut = () => [run.tap, run.delayed].forEach((node) => source.disconnect(node));
+    source.connect(run.tap);
+    source.connect(run.delayed);
+    this.pause = PAUSE_S;
+    if (context.state === "suspended") context.resume().catch(() => {}); // only after a click or a key
+    return run.delayed;
+  }
+
+  // Sound without Web Audio, as it comes: samples from -1 to 1, mono. The face is later by delay; its clock is the sound.
+  async push(samples, rate, { delay = DELAY_S, lookAhead = LOOK_AHEAD_S } = {}) {
+    if (!this.opening) {
+      this.stop();
+      this.opening = bytesOf(this.addresses.recognizer).then((tables) => {
+        this.recognizer = new Recognizer(tables, { lookAhead, steps: STEPS });
+        this.pieces = new Pieces(rate, (piece) => {
+          const final = this.recognizer.push(piece);
+          this.take({ final, partial: this.recognizer.partial, heard: this.recognizer.came / RATE_HZ });
+        });
+        this.clock = () => this.recognizer.came / RATE_HZ - delay;
+        this.pause = PAUSE_S;
+      });
+    }
+    await this.opening;
+    this.pieces?.push(samples);
+  }
+
+  // Phones of the recognizer: final ones, and those after them that may still change.
+  take({ final, partial, heard, busy }) {
+    Object.assign(this, { heard, busy });
+    const phones = [...final, ...partial].filter(({ start }) => start >= this.deaf);
+    const last = phones.at(-1);
+    if (partial.length && last && last.label !== SILENCE) phones[phones.length - 1] = { ...last, end: last.end + OPEN_S };
+    const same = phones.findIndex((phone, index) => !this.fed[index] || !isAs(phone, this.fed[index]));
+    const first = same < 0 ? phones.length : same;
+    const { edge } = this.planner;
+    const from = Math.min(phones[first]?.start ?? Infinity, this.fed[first]?.start ?? Infinity);
+    if (from < Infinity) {
+      const silence = { label: SILENCE, start: Math.max(from, edge, 0), end: FAR_S };
+      this.planner.feed([silence, ...phones.slice(first).filter(({ label, end }) => label !== SILENCE && end > edge)]);
+    }
+    this.fed = phones.filter(({ start }) => !final.length || start >= final.at(-1).end);
+    if (seconds() - this.sampled > UNSEEN_S) this.sample(seconds(), this.faps); // a tab in the background draws nothing
+  }
+
+  // Says phones: { label, start, end, word?, loudness? }, s. clock: gives the position of what is heard now, s; by default
+  // it begins now.
+  say(phones, { clock } = {}) {
+    const checked = phones.map(checkedPhone);
+    this.stop();
+    const begun = seconds();
+    this.clock = clock ?? (() => seconds() - begun);
+    this.planner.feed(checked);
+  }
+
+  // Ends what is said; sound that comes afterwards is followed again.
+  cancel() {
+    this.planner.cancel(Math.max(this.position, 0));
+    this.deaf = this.heard ?? 0;
+    this.fed = [];
+    if (this.isSpeaking) this.tell("cancelled");
+    this.isSpeaking = false;
+  }
+
+  // Shows an expression by its name, level 0 to 2; "neutral" ends all. It comes in attack s, and goes after hold s.
+  express(name, level = 1, { attack = ATTACK_S, hold = Infinity, release = RELEASE_S } = {}) {
+    const known = this.profile.expressionNames;
+    if (name !== NEUTRAL && !known.includes(name)) throw new TypeError(`express: got ${name}, expected ${[...known, NEUTRAL].join(", ")}`);
+    if (!(level >= 0 && level <= MAX_WEIGHT && attack > 0 && release > 0 && hold >= 0)) {
+      throw new TypeError(`express: got level ${level}, attack ${attack}, hold ${hold}, release ${release}; expected a level of 0 to ${MAX_WEIGHT}, and times in s`);
+    }
+    const now = seconds();
+    this.moods.forEach((mood, index) => {
+      if (name === NEUTRAL) mood.to(0, now, attack);
+      else if (known[index] === name) {
+        mood.to(level, now, attack);
+        if (hold < Infinity) mood.then(0, now + attack + hold, release);
+      }
+    });
+    this.isShowing = true;
+  }
+
+  expression(now) {
+    if (!this.isShowing) return null;
+    const { expressions, low } = this.profile;
+    const faps = new Float64Array(low.length);
+    this.moods.forEach((mood, index) => {
+      const level = mood.value(now);
+      for (let column = 0; level && column < faps.length; ++column) faps[column] += level * expressions[index * faps.length + column];
+    });
+    return faps;
+  }
+
+  // Writes the FAPs of now, by the page's clock in s; returns the position of what is shown.
+  sample(now, faps) {
+    this.sampled = now;
+    const time = Math.max(this.clock?.() ?? 0, this.position, 0);
+    this.planner.frame(time, faps, this.expression(now));
+    this.follow(time);
+    return { time };
+  }
+
+  // Tells what is said at a time.
+  follow(time) {
+    const { phones } = this.planner;
+    const startOf = ({ start }) => start;
+    const next = placeAfter(phones, time, startOf);
+    for (const phone of phones.slice(placeAfter(phones, this.position, startOf), next)) {
+      if (!this.isSpeaking) this.tell("started");
+      this.isSpeaking = true;
+      this.spokenUntil = phone.end;
+      this.tell("phone", { label: phone.label, word: phone.word || null, position_s: phone.start });
+    }
+    this.position = time;
+    if (this.isSpeaking && time >= this.spokenUntil + this.pause && next === phones.length) {
+      this.isSpeaking = false;
+      this.tell("finished");
+    }
+  }
+
+  // Calls a function with 52 ARKit weights and 68 FAPs, 60 times a second, where nobody else asks for frames.
+  set onweights(take) {
+    clearInterval(this.timer);
+    this.timer = null;
+    this.taker = take;
+    if (!take) return;
+    import("../arkit.js").then(({ ArkitFollower }) => {
+      if (this.taker !== take) return;
+      const follower = new ArkitFollower();
+      this.timer = setInterval(() => {
+        this.sample(seconds(), this.faps);
+        take(follower.follow(this.faps), this.faps);
+      }, 1000 / 60);
+    });
+  }
+
+  // Ends what is heard or said.
+  stop() {
+    const { run } = this;
+    this.run = this.opening = this.heard = null;
+    run?.tap?.port.postMessage({ isOver: true });
+    run?.cut?.();
+    run?.worker?.terminate();
+    run?.context?.close();
+    if (run?.element) run.element.srcObject = null;
+    if (this.isSpeaking) this.tell("cancelled");
+    this.reset();
+  }
+
+  close() {
+    this.stop();
+    this.onweights = null;
+  }
+}
+
+// Time of the context that is heard now, s.
+function heardBy(context) {
+  const stamp = context.getOutputTimestamp?.();
+  if (stamp?.performanceTime) return stamp.contextTime + (performance.now() - stamp.performanceTime) / 1000;
+  return context.currentTime - (context.outputLatency ?? 0);
+}
+
+// Chromium gives the sound of a remote track only where an element plays it, too.
+function playUnheard(stream) {
+  const element = new Audio();
+  element.muted = true;
+  element.srcObject = stream;
+  element.play().catch(() => {});
+  return element;
+}

@@ -1,0 +1,18 @@
+// The recognizer in a thread of its own: pieces of sound in by a port, phones out. design/live_tables.py joins it with
+// what it imports to worker.js, one file, which bundlers may copy and a content security policy may name.
+
+import { protocol } from "./constants.js";
+import { Recognizer } from "./recognizer.js";
+
+globalThis.onmessage = ({ data: { tables, port, options } }) => {
+  const recognizer = new Recognizer(tables, options);
+  let busy = 0; // ms of computing so far
+  port.onmessage = ({ data }) => {
+    const [before, since] = [recognizer.scores.seen, performance.now()];
+    const final = recognizer.push(data);
+    busy += performance.now() - since;
+    if (recognizer.scores.seen === before) return;
+    postMessage({ final, partial: recognizer.partial, heard: recognizer.came / protocol.RATE_HZ, busy });
+  };
+  postMessage({ isReady: true });
+};
