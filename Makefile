@@ -40,7 +40,7 @@ help:
 	@echo "make release-check  build what would be published, install it into a bare environment and use it there"
 	@echo "make bench  speed, as ratios against named yardsticks"
 	@echo "make soak   use a live server for 30 minutes or MINUTES=n: nothing grows, nothing is left undone"
-	@echo "make oracles  other programs: gltf-validator, three.js, three-vrm, TalkingHead, Blender, Pyodide, Godot, coturn, NATS, ExifTool; Pipecat, LiveKit; axe-core, Firefox; needs Node"
+	@echo "make oracles  other programs: gltf-validator, three.js, three-vrm, TalkingHead, Blender, Pyodide, Godot, coturn, NATS, ExifTool; Pipecat, LiveKit, piper-plus; axe-core, Firefox; needs Node"
 	@echo "make pyodide  the core in WebAssembly writes the bytes that it writes here; needs npm"
 	@echo "make npm    the package fapengine-face for pages of your own: out/fapengine-face-VERSION.tgz; needs npm"
 	@echo "make docs   the documentation as a site: out/site/index.html"
@@ -159,6 +159,10 @@ oracles:
 	out/oracles/frameworks/bin/python -m pip install --quiet --group frameworks --editable ".[voice,recognizer]"
 	out/oracles/frameworks/bin/python -m pytest -q -s -p no:cacheprovider -c tests/frameworks/pytest.ini --rootdir=. \
 	    tests/frameworks/check_pipecat.py tests/frameworks/check_livekit.py tests/frameworks/check_examples.py
+	$(PYTHON) -m venv out/oracles/piper-plus
+	out/oracles/piper-plus/bin/python -m pip install --quiet --editable ".[piper-plus]" "onnx>=1.16" "pytest>=8.3"
+	out/oracles/piper-plus/bin/python -m pytest -q -p no:cacheprovider -c tests/frameworks/pytest.ini --rootdir=. \
+	    tests/frameworks/check_piper_plus.py
 
 # Timings in, FAPs out in WebAssembly. A part of make oracles; the hosted CI runs it alone, in half a minute.
 PYODIDE := pyodide@0.24.1 @emscripten-forge/numpy@2.1.1-py311hc8e14bb-0

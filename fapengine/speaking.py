@@ -51,8 +51,8 @@ Voice = Annotated[
     Described(
         "Voice. A language code for espeak-ng (en-gb, de, fr), a cloud voice (elevenlabs:ID, cartesia:ID, inworld:ID,"
         " fish:ID; the key in ELEVENLABS_API_KEY and so on), a local model (piper:/path/voice.onnx,"
-        " kokoro:/path/model.onnx?voices=/path/voices.bin&voice=af_heart), or your own: module:Class, or the name of an"
-        " entry point fapengine.voices.",
+        " piper-plus:/path/model.onnx?language=es, kokoro:/path/model.onnx?voices=/path/voices.bin&voice=af_heart), or"
+        " your own: module:Class, or the name of an entry point fapengine.voices.",
         python="VoiceChoice.name",
         config="voice.name",
         short="-v",

@@ -44,8 +44,9 @@ class VoiceChoice(Checked):
 
     name: str = DEFAULT_VOICE
     """Language code (BCP 47), such as en-gb, de or fr; any code that a voice has, in any spelling. Or a service's
-    voice, such as cartesia:VOICE, with the key in CARTESIA_API_KEY. Or a model: piper:/path/voice.onnx, or
-    kokoro:/path/model.onnx?voices=/path/voices.bin&voice=af_heart. Or a class of your own: module:Class."""
+    voice, such as cartesia:VOICE, with the key in CARTESIA_API_KEY. Or a model: piper:/path/voice.onnx,
+    piper-plus:/path/model.onnx, or kokoro:/path/model.onnx?voices=/path/voices.bin&voice=af_heart. Or a class of your
+    own: module:Class."""
     rate_wpm: speaking.Rate = DEFAULT_RATE_WPM
     """Words per minute, 80..449."""
     ssml: bool = False
@@ -71,6 +72,10 @@ class VoiceChoice(Checked):
             from fapengine.voices.piper import PiperVoice
 
             return PiperVoice.named(self.name, self.rate_wpm, self.ssml, most_s=most_s)
+        if kind == "piper-plus" and colon:
+            from fapengine.voices.piper_plus import PiperPlusVoice
+
+            return PiperPlusVoice.named(self.name, self.rate_wpm, self.ssml, most_s=most_s)
         if kind == "kokoro" and colon:
             from fapengine.voices.kokoro import KokoroVoice
 
@@ -140,7 +145,7 @@ class OwnVoice:
 def _imported(name: str) -> Any:
     """Import ``module:Class``, also from the current folder."""
     if not _OBJECT.fullmatch(name):
-        raise UsageError(f"voice: got {name!r}, expected a language code, module:Class, piper:, kokoro:"
+        raise UsageError(f"voice: got {name!r}, expected a language code, module:Class, piper:, piper-plus:, kokoro:"
                          f" or {', '.join(f'{each}:' for each in SERVICE_NAMES)}")  # fmt: skip
     module, _, path = name.partition(":")
     if (here := str(Path.cwd())) not in sys.path:

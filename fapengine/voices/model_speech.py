@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
@@ -58,6 +58,19 @@ def choices_of(name: str, keys: Sequence[str]) -> tuple[Path, dict[str, str]]:
         expected = "&".join(f"{key}=…" for key in keys)
         raise UsageError(f"voice: got {name!r:.200}, expected {kind}:/path/model.onnx?{expected}")
     return Path(path), choices
+
+
+def speaker_number(speaker: str, names: Mapping[str, int], count: int, where: str) -> int | None:
+    """Find a speaker of a model by name or number; None for the model's first."""
+    if not speaker:
+        return None
+    number = names.get(speaker)
+    if number is None and speaker.isdecimal() and int(speaker) < count:
+        number = int(speaker)
+    if number is None:
+        known = ", ".join(list(names)[:8]) or f"a number less than {count}"
+        raise UsageError(f"voice: got speaker {speaker!r:.60}, expected one of {where}: {known}")
+    return int(number)
 
 
 def spoken(sound: ArrayLike, lengths: Iterable[tuple[str, float]], *, where: str) -> Spoken:

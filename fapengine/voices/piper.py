@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fapengine._late import Late
-from fapengine.errors import DataError, FapEngineError, ResourceError, UsageError
+from fapengine.errors import DataError, FapEngineError, ResourceError
 from fapengine.speaking import DEFAULT_RATE_WPM
 from fapengine.speech.formats.synthesizers import piper_entries
 from fapengine.speech.marks import read_marks
@@ -82,15 +82,7 @@ class PiperVoice:
         return model_speech.speech_of(pieces, config.sample_rate, marked, piper_entries, "ipa", self.model.name)
 
     def _speaker_number(self, config: Any) -> int | None:
-        if not self.speaker:
-            return None
-        number = config.speaker_id_map.get(self.speaker)
-        if number is None and self.speaker.isdecimal() and int(self.speaker) < config.num_speakers:
-            number = int(self.speaker)
-        if number is None:
-            names = ", ".join(list(config.speaker_id_map)[:8]) or f"a number less than {config.num_speakers}"
-            raise UsageError(f"voice: got speaker {self.speaker!r:.60}, expected one of {self.model}: {names}")
-        return int(number)
+        return model_speech.speaker_number(self.speaker, config.speaker_id_map, config.num_speakers, str(self.model))
 
 
 def lengths_of(

@@ -13,7 +13,7 @@ from fapengine.render import context
 LACKING = (
     "moderngl", "av", "PIL", "sounddevice", "pythonosc", "font_source_sans_pro", "numba", "aiohttp", "trimesh",
     "matplotlib", "espeakng_loader", "num2words", "glfw", "pocketsphinx", "onnxruntime", "prometheus_client",
-    "distributed", "piper", "onnx", "kokoro_onnx",
+    "distributed", "piper", "piper_plus", "nltk", "onnx", "kokoro_onnx",
 )  # fmt: skip
 RUNNER = """
 import importlib.abc, json, sys

@@ -1,4 +1,5 @@
-"""Models that a moment makes and that speak as Piper's and Kokoro's do: every symbol a tone and a length of its own.
+"""Models that a moment makes and that speak as those of Piper, piper-plus and Kokoro do: each symbol has a tone and a
+length of its own.
 
 Inputs, outputs and files are those of the real ones; what is between is a table of lengths and a table of waves. So
 what should be heard, and when, is known.
@@ -13,8 +14,8 @@ import onnx
 from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
-RATES_HZ = {"piper": 22_050, "kokoro": 24_000}
-UNITS = {"piper": 256, "kokoro": 600}
+RATES_HZ = {"piper": 22_050, "piper-plus": 22_050, "kokoro": 24_000}
+UNITS = {"piper": 256, "piper-plus": 256, "kokoro": 600}
 """Samples of which lengths are counts."""
 SILENT = frozenset("_^$ .,;:!?")
 PIPER_SYMBOLS = [*"_^$ .,!?ˈˌː", *"abdefhijklmnoprstuvwzæðŋɐɑɔəɚɛɜɪɹʃʊʌʒθɡɾʔ", "\u0303"]
@@ -44,6 +45,45 @@ def save_piper(path: Path, *, told: bool = True, speakers: Mapping[str, int] | N
         "num_symbols": len(numbers), "num_speakers": len(speakers or "x"), "phoneme_id_map": numbers,
         "speaker_id_map": speakers or {}, "inference": {"noise_scale": 0, "length_scale": 1, "noise_w": 0},
         "hop_length": UNITS["piper"],
+    }  # fmt: skip
+    Path(f"{path}.json").write_text(json.dumps(description))
+    return path
+
+
+PLUS_SYMBOLS = [*PIPER_SYMBOLS, *"Nɯɾɕɲɣβxyõãẽĩũʁʎʂɻɨøœ", *map(chr, range(0xE000, 0xE065))]
+
+
+def save_piper_plus(
+    path: Path, *, told: bool = True, languages: Sequence[str] = ("ja", "en", "es"), speakers: int = 1
+) -> Path:
+    """Write a voice, with random lengths of its symbols, and its description."""
+    symbols = list(dict.fromkeys(PLUS_SYMBOLS))
+    rng = np.random.default_rng(3)
+    table = np.array([
+        0.4 if symbol == "_" else 1.5 if symbol in " ˈˌː" else rng.uniform(4.1, 8.9) for symbol in symbols
+    ], np.float32)  # fmt: skip
+    nodes = [
+        node("Gather", ["table", "input"], "raw"),
+        node("Slice", ["scales", "one", "two"], "scale"),
+        node("Mul", ["raw", "scale"], "durations"),  # as exported: before they are rounded up
+        node("Ceil", ["durations"], "counts"),
+        node("Cast", ["lid"], "language", to=TensorProto.FLOAT),
+    ]
+    inputs = [("input", TensorProto.INT64, [1, "n"]), ("input_lengths", TensorProto.INT64, [1]),
+              ("scales", TensorProto.FLOAT, [3]), ("lid", TensorProto.INT64, [1]),
+              ("speaker_embedding", TensorProto.FLOAT, [1, 192]),
+              ("speaker_embedding_mask", TensorProto.INT64, [1, 1])]  # fmt: skip
+    if speakers > 1:
+        inputs.append(("sid", TensorProto.INT64, [1]))
+        nodes.append(node("Cast", ["sid"], "loud", to=TensorProto.FLOAT))
+    constants = {"one": np.array([1]), "two": np.array([2]), "table": table, "shape": np.array([1, 1, 1, -1])}
+    save(path, nodes, constants, inputs, ["output", "durations"][: 1 + told], symbols, "piper-plus")
+    description = {
+        "audio": {"sample_rate": RATES_HZ["piper-plus"], "hop_size": UNITS["piper-plus"]},
+        "phoneme_type": "multilingual", "num_symbols": len(symbols), "num_speakers": speakers,
+        "num_languages": len(languages), "language_id_map": {name: n for n, name in enumerate(languages)},
+        "phoneme_id_map": {symbol: [number] for number, symbol in enumerate(symbols)}, "speaker_id_map": {},
+        "inference": {"noise_scale": 0, "length_scale": 1, "noise_w": 0},
     }  # fmt: skip
     Path(f"{path}.json").write_text(json.dumps(description))
     return path
