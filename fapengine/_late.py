@@ -17,6 +17,7 @@ EXTRAS = {
     "piper-tts": '"fapengine[piper]"',
     "onnx": '"fapengine[piper]"',
     "piper-plus": '"fapengine[piper-plus]"',
+    "c2pa-python": '"fapengine[sign]"',
     "kokoro-onnx": '"fapengine[kokoro]"',
     "usd-core": '"fapengine[usd]"',
     "DracoPy": '"fapengine[draco]"',

@@ -9,9 +9,11 @@ import inspect
 import re
 import textwrap
 from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, nullcontext
 from contextvars import ContextVar
 from dataclasses import MISSING, Field, fields, is_dataclass
 from math import isfinite
+from pathlib import Path
 from types import NoneType
 from typing import Annotated, Any, get_args, get_origin
 
@@ -19,7 +21,7 @@ import typer
 
 from fapengine._strict_toml import Between, check_value
 from fapengine.errors import DataError, FapEngineError, UsageError
-from fapengine.files.provenance import provenance
+from fapengine.files.provenance import provenance, signing
 from fapengine.speaking import PROVENANCE, Described
 
 MANNER = "Speech and motion"
@@ -31,6 +33,20 @@ ALIASES = {
     "edges": ("antialias",), "offset_s": ("offset",), "bus": ("nats",), "sound": ("audio", "play"),
 }  # fmt: skip
 """Parameter names of the library to those of the commands, where they differ."""
+_SIGN = inspect.Parameter(
+    "sign",
+    inspect.Parameter.KEYWORD_ONLY,
+    default=None,
+    annotation=Annotated[
+        str | None,
+        typer.Option(
+            metavar="CERT,KEY",
+            help="Sign images and films by C2PA (PNG, WebP, GIF, MP4, MOV): PEM files of the certificates and of the"
+            " private key. The claim says that they are synthetic.",
+        ),
+    ],
+)
+"""Option of every command that writes marked files."""
 running: ContextVar[typer.Context] = ContextVar("running")
 """The running command; its ``call_on_close`` registers what is done when it has ended, in success or failure."""
 
@@ -49,18 +65,21 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
             parameters += [_option(field) for field in fields(parameter.annotation)]
         else:
             parameters.append(parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY))
+    if {"output", "without"} <= {parameter.name for parameter in parameters}:
+        parameters.append(_SIGN)
     kinds = {parameter.name: parameter.annotation for parameter in parameters}
     parameters = [_spelled(parameter) for parameter in parameters]
 
     def run(context: typer.Context, **values: Any) -> None:
         running.set(context)
         is_marked = PROVENANCE not in values.get("without", ())
+        sign = values.pop(_SIGN.name, None)
         try:
             for name, value in values.items():
                 values[name] = _checked(name, value, kinds[name])
             for name, group in groups.items():
                 values[name] = group(**{field.name: values.pop(field.name) for field in fields(group)})
-            with provenance(is_marked):
+            with provenance(is_marked), _signing(sign):
                 function(**values)
         except FapEngineError as error:
             raise _reworded(error, flags_of(context)) from error
@@ -71,6 +90,15 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
     vars(run).pop("__wrapped__")  # typer would read the function's own signature
     vars(run)["__signature__"] = inspect.Signature(parameters)
     return run
+
+
+def _signing(files: str | None) -> AbstractContextManager[None]:
+    if files is None:
+        return nullcontext()
+    certificates, comma, key = files.partition(",")
+    if not comma:
+        raise UsageError(f"sign: got {files!r}, expected two files, CERT,KEY")
+    return signing(Path(certificates), Path(key))
 
 
 def help_of(docstring: str) -> str:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from fapengine._late import Late
 from fapengine.errors import DataError, UnsupportedError, UsageError
 from fapengine.files.paths import read_bytes, replacing
-from fapengine.files.provenance import PNG_KEY, SYNTHETIC, xmp
+from fapengine.files.provenance import PNG_KEY, SYNTHETIC, sign, xmp
 from fapengine.speech import ipa
 from fapengine.speech.phone_track import Phone, PhoneTrack
 
@@ -80,6 +80,8 @@ def save_png(path: Path, picture: Picture, *, source: str | None = SYNTHETIC) ->
         metadata.add_itxt(PNG_KEY, packet.decode())
     with replacing(path) as new:
         image.save(new, format="PNG", pnginfo=metadata)
+        if source:
+            sign(new, ".png", source)
 
 
 def format_png(picture: Picture, compress_level: int = -1) -> bytes:

@@ -3,12 +3,35 @@
 It is the *digital source type* of the IPTC (https://cv.iptc.org/newscodes/digitalsourcetype/), as XMP (ISO 16684-1)
 where a format has a place for it. Media of ours are *trained algorithmic media*: "created algorithmically using a model
 derived from sampled content", as the speaker profile and the head are learned from recordings and scans.
+
+With a certificate, images and films also get a signed claim of the same content (C2PA), without a
+time stamp of a server.
 """
 
+from __future__ import annotations
+
+import json
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from dataclasses import dataclass, field
 from pathlib import Path
+from tempfile import TemporaryFile
+from typing import TYPE_CHECKING, Any
+
+from fapengine._late import Late
+from fapengine.errors import DataError, ResourceError, UsageError
+
+if TYPE_CHECKING:
+    import c2pa
+    from cryptography import x509
+    from cryptography.hazmat.primitives import serialization
+else:
+    _USE = "c2pa-python", "a signature"
+    c2pa = Late("c2pa", *_USE)
+    x509 = Late("cryptography.x509", *_USE)
+    serialization = Late("cryptography.hazmat.primitives.serialization", *_USE)
 
 VOCABULARY = "http://cv.iptc.org/newscodes/digitalsourcetype/"
 SYNTHETIC = VOCABULARY + "trainedAlgorithmicMedia"
@@ -22,6 +45,13 @@ XMP_BOX = bytes.fromhex("be7acfcb97a942e89c71999491e3afac")
 WEBP_HAS_XMP = 0x04
 """Flag of the chunk ``VP8X``, which comes first in a file with more than a frame (RFC 9649, 2.7)."""
 GIF_END = b"\x3b"
+SIGNABLE = {
+    ".png": "image/png", ".webp": "image/webp", ".gif": "image/gif", ".mp4": "video/mp4", ".mov": "video/quicktime",
+}  # fmt: skip
+"""Media type of what can be signed."""
+ALGORITHMS = {"RSAPrivateKey": "ps256", "Ed25519PrivateKey": "ed25519", "secp256r1": "es256", "secp384r1": "es384",
+              "secp521r1": "es512"}  # fmt: skip
+"""C2PA's name of the algorithm of each kind of key."""
 _is_wanted: ContextVar[bool] = ContextVar("provenance", default=True)
 
 
@@ -33,6 +63,95 @@ def provenance(wanted: bool) -> Iterator[None]:
         yield
     finally:
         _is_wanted.reset(before)
+
+
+@dataclass(slots=True)
+class _Signer:
+    """What signs. Stateful: it counts."""
+
+    key: Any
+    """``c2pa.Signer``."""
+    count: int = field(default=0, init=False)
+
+
+_signer: ContextVar[_Signer | None] = ContextVar("signer", default=None)
+
+
+@contextmanager
+def signing(certificates: Path, key: Path) -> Iterator[None]:
+    """Sign the images and films that are written inside the block, in this thread.
+
+    Parameters
+    ----------
+    certificates : Path
+        PEM: the signer's, which must allow signatures of e-mails (as C2PA asks), and those of its issuers.
+    key : Path
+        PEM: the signer's private key, without a password.
+
+    Raises
+    ------
+    UsageError
+        If a file is not what it should be, or nothing was signed.
+    ResourceError
+        If a file cannot be read, or c2pa-python is not installed.
+    """
+    if not mark():
+        raise UsageError("sign: got a certificate, but the mark that it signs is left out; expected one of the two")
+    before = _signer.set(_Signer(_key_of(certificates, key)))
+    try:
+        yield
+        signer = _signer.get()
+        if signer and not signer.count:
+            raise UsageError(f"sign: nothing that was written can be signed, expected {', '.join(SIGNABLE)}")
+    finally:
+        _signer.reset(before)
+
+
+def _key_of(certificates: Path, key: Path) -> Any:
+    load = serialization.load_pem_private_key  # a missing library is reported before a missing file
+    try:
+        chain, own = certificates.read_bytes(), key.read_bytes()
+    except OSError as error:
+        raise ResourceError(f"sign: {error.filename} cannot be read ({error.strerror})") from error
+    try:
+        secret: Any = load(own, None)
+        first = x509.load_pem_x509_certificates(chain)[0]
+        if first.public_key() != secret.public_key():
+            raise ValueError("the first certificate is not that of the key")
+        kind = secret.curve.name if hasattr(secret, "curve") else type(secret).__name__.strip("_")
+        plain = secret.private_bytes(
+            serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
+        )
+        return c2pa.Signer.from_info(c2pa.C2paSignerInfo(ALGORITHMS[kind].encode(), chain, plain, None))
+    except (ValueError, TypeError, KeyError, c2pa.C2paError) as error:
+        raise UsageError(f"sign: {certificates} and {key} cannot sign ({error})") from error
+
+
+def check_signable(path: Path) -> None:
+    """Refuse a file that cannot be signed, before it is made."""
+    if _signer.get() and path.suffix not in SIGNABLE:
+        raise UsageError(f"sign: got {path.name}, expected a name that ends with {', '.join(SIGNABLE)}")
+
+
+def sign(path: Path, suffix: str, source: str = SYNTHETIC) -> None:
+    """Sign a complete file, if somebody signs; raises DataError if C2PA refuses it."""
+    signer = _signer.get()
+    if signer is None:
+        return
+    created = {"action": "c2pa.created", "digitalSourceType": source}
+    claim = {
+        "claim_generator_info": [{"name": "fapengine"}],
+        "assertions": [{"label": "c2pa.actions.v2", "data": {"actions": [created]}}],
+    }
+    try:
+        with c2pa.Builder(json.dumps(claim)) as builder, TemporaryFile() as signed, path.open("r+b") as file:
+            builder.sign(signer.key, SIGNABLE[suffix], file, signed)
+            for each in (signed, file):
+                each.seek(0)
+            shutil.copyfileobj(signed, file)
+    except c2pa.C2paError as error:
+        raise DataError(f"sign: C2PA does not sign {path.name} ({error})") from error
+    signer.count += 1
 
 
 def mark(source: str = SYNTHETIC) -> dict[str, str]:
@@ -53,7 +172,7 @@ def xmp(source: str = SYNTHETIC) -> bytes:
 
 
 def mark_film(path: Path, suffix: str, source: str = SYNTHETIC) -> None:
-    """Add the mark to a complete file, which is otherwise unchanged.
+    """Add the mark to a complete file, which is otherwise unchanged, and sign it if somebody signs.
 
     Parameters
     ----------
@@ -77,6 +196,7 @@ def mark_film(path: Path, suffix: str, source: str = SYNTHETIC) -> None:
             marked = _marked_webp(file.read(), packet)
             file.seek(0)
             file.write(marked)
+    sign(path, suffix, source)
 
 
 def _marked_webp(data: bytes, packet: bytes) -> bytes:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from fapengine._late import Late
 from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.files.paths import open_file, replacing
-from fapengine.files.provenance import mark, mark_film
+from fapengine.files.provenance import check_signable, mark, mark_film
 
 if TYPE_CHECKING:
     import av as av
@@ -123,6 +123,8 @@ def writing(
     ResourceError
         If it cannot be written, and for errors of FFmpeg inside the block.
     """
+    if source:
+        check_signable(path)
     try:
         with replacing(path) as new:
             with av.open(str(new), "w", format=file_format, options=options) as container:
