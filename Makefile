@@ -40,7 +40,7 @@ help:
 	@echo "make release-check  build what would be published, install it into a bare environment and use it there"
 	@echo "make bench  speed, as ratios against named yardsticks"
 	@echo "make soak   use a live server for 30 minutes or MINUTES=n: nothing grows, nothing is left undone"
-	@echo "make oracles  other programs: gltf-validator, three.js, three-vrm, TalkingHead, Blender, Pyodide, Godot, coturn, NATS, ExifTool; Pipecat, LiveKit, piper-plus; axe-core, Firefox; needs Node"
+	@echo "make oracles  other programs: gltf-validator, three.js, three-vrm, TalkingHead, Blender, Pyodide, Godot, coturn, nginx, NATS, ExifTool; Pipecat, LiveKit, piper-plus; axe-core, Firefox; needs Node"
 	@echo "make pyodide  the core in WebAssembly writes the bytes that it writes here; needs npm"
 	@echo "make npm    the package fapengine-face for pages of your own: out/fapengine-face-VERSION.tgz; needs npm"
 	@echo "make docs   the documentation as a site: out/site/index.html"
@@ -144,7 +144,7 @@ BUNDLERS := vite@8.3.8 @vitejs/plugin-react@6.3.0 react@19.3.1 react-dom@19.3.1 
     @types/react-dom@19.3.0 vue@3.5.45 @vitejs/plugin-vue@6.0.11
 
 # Foreign programs that ours is compared with; they need Node and a network, and no test needs them. Avatars of others
-# are tried too, as far as they lie in out/oracles/avatars; Blender (with python3-numpy), coturn, godot3, godot3-server and mono-mcs of Debian, where they are
+# are tried too, as far as they lie in out/oracles/avatars; Blender (with python3-numpy), coturn, nginx, godot3, godot3-server and mono-mcs of Debian, where they are
 # installed. axe-core, TypeScript and, where it is installed, Firefox judge the page and the npm package. Ten minutes.
 oracles:
 	.ci/system-packages $(PYTHON) oracles

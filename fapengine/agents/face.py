@@ -8,7 +8,8 @@ A plug-in passes on the events of its framework (:meth:`AgentFace.sound`, :meth:
 
 The loop forwards a frame's audio by the clock alone: :meth:`AgentFace.show` begins its image (:mod:`.pictures`),
 :meth:`AgentFace.drawn` waits for it until the next frame at most. Painter and recognizer are started again when they
-end. An utterance that has lost its recognizer continues with its words; the next one is recognized again.
+end. An utterance that has lost its recognizer continues with its words; the next one is recognized again, unless three
+recognizers in a row have ended before the end of any utterance.
 """
 
 import asyncio
@@ -28,7 +29,7 @@ from fapengine.files.profiles import load_profile
 from fapengine.host.stream import Pronounce, StreamEvent, StreamFrame, StreamHost
 from fapengine.host.words import MarkTimer, TimedWord
 from fapengine.recognition.process import RecognizerProcess
-from fapengine.render.drawing import parse_edges
+from fapengine.render.drawing import RenderOptions, parse_edges
 from fapengine.server.film.painter import FilmCounts, Painter
 from fapengine.speaking import DEFAULT_PROFILE
 from fapengine.trajectory.style import Style
@@ -66,7 +67,7 @@ class AgentOptions:
     """True if a recognizer processes the audio; otherwise only words with times move the mouth."""
 
     def __post_init__(self) -> None:
-        parse_edges(self.edges)
+        RenderOptions(size=self.size, samples=parse_edges(self.edges))  # it checks them
         if not 1.0 <= self.frame_rate_hz <= 60.0:
             raise UsageError(f"frame_rate_hz: got {self.frame_rate_hz:g}, expected 1 to 60")
 
@@ -237,7 +238,8 @@ class AgentFace:
     def _supervise(self, now_s: float) -> None:
         """Start a recognizer again that has ended; the host has it once it is ready."""
         if self.host.hears:
-            self._restarts.worked()
+            if self.host.has_recognized:
+                self._restarts.worked()
             return
         if self.recognizer is None or now_s < self._retry_s:
             return

@@ -157,6 +157,8 @@ class StreamHost(Host, GestureMethods):
         self.engine.open(_FACE, 0.0)
         self._now_s = 0.0
         self._recognizer, self._pronounce = recognizer, pronounce
+        self.has_recognized = False
+        """True if the present recognizer has processed audio to its end."""
         self._newest = 0
         self._queue: list[_Utterance] = []
         self._listening: tuple[_Utterance, Run] | None = None
@@ -218,7 +220,7 @@ class StreamHost(Host, GestureMethods):
         for utterance in self._queue:
             if utterance.has_begun:
                 self._deafen(utterance)
-        self._recognizer, self._listening = recognizer, None
+        self._recognizer, self._listening, self.has_recognized = recognizer, None, False
 
     def interrupt(self, unplayed_s: float = 0.0) -> None:
         """Stop speaking, and drop all audio that was not handed out.
@@ -412,6 +414,7 @@ class StreamHost(Host, GestureMethods):
             if end_s > start_s:
                 utterance.heard.append(replace(phone, start_s=start_s, end_s=end_s))
         run.is_heard = heard.is_over
+        self.has_recognized |= heard.is_over
 
     def _deafen(self, utterance: _Utterance) -> None:
         utterance.is_deaf = True

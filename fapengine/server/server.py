@@ -140,6 +140,7 @@ class Server:
         self.load = Load(config.face.rate_hz)
         most = {"osc": limits.streams, "page": limits.connections, "metrics": limits.connections}
         self.doors = open_doors(most, limits.connections_per_address, raise_file_limit())
+        self.doors["page"].proxies = self.doors["metrics"].proxies = config.listen.proxies
         recognizer = Path(config.sound.recognizer) if config.sound.recognizer else None
         self.hearing = Hearing(self.hub, max_recognizers=limits.recognizers, model=recognizer)
         self.studio = Studio(self.hub, self.hearing)

@@ -7,6 +7,7 @@ from tests.oracles.bare import check_bare_environment
 from tests.oracles.engines import check_receivers
 from tests.oracles.marks import check_with_exiftool
 from tests.oracles.programs import check_programs
+from tests.oracles.proxy import check_behind_nginx
 from tests.oracles.pyodide import check_in_pyodide
 from tests.oracles.scenes import check_with_blender, check_with_three, check_with_validator, write_scenes
 from tests.oracles.turn import check_with_turn
@@ -25,6 +26,7 @@ def main(root: Path) -> None:
     check_bare_environment(root)
     check_in_pyodide(root)
     check_with_turn()
+    check_behind_nginx()
     check_receivers(root)
 
 

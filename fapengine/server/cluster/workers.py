@@ -104,6 +104,7 @@ class Workers:
         limits = config.limits
         most = {"front": limits.connections, "metrics": limits.connections}
         doors = open_doors(most, limits.connections_per_address, raise_file_limit())
+        doors["front"].proxies = doors["metrics"].proxies = config.listen.proxies
         self._metrics_door = doors["metrics"]
         self.front = Front(self, doors["front"])
         self._slots = [_Slot(number) for number in range(config.listen.workers)]
@@ -153,7 +154,8 @@ class Workers:
         listen = self.config.listen
         try:
             self.front.bind(listen.host, listen.port, listen.web_port)
-            self._site = await open_metrics(self.metrics, listen, self._metrics_door, Access(listen.token))
+            access = Access(listen.token, proxies=listen.proxies)
+            self._site = await open_metrics(self.metrics, listen, self._metrics_door, access)
             await asyncio.gather(*(self._launch(slot) for slot in self._slots))
             if self.bus is not None:
                 await self.bus.start(self.osc_address[1], self.front.page_address[1])

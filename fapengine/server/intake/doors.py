@@ -32,7 +32,7 @@ class DoorCounts(Counts):
 
     open: int = metric("connections", "Open connections, by port.", is_gauge=True)
     refused: int = 0
-    """Connections beyond the total limit, or beyond that of one address."""
+    """Connections, and requests through proxies, beyond the total limit or that of one address."""
     timed_out: int = 0
     """Connections closed because they were silent."""
 
@@ -54,6 +54,9 @@ class Door:
     most: int
     most_an_address: int
     counts: DoorCounts = field(default_factory=DoorCounts)
+    proxies: tuple[str, ...] = ()
+    """Addresses whose connections have no limit but the total: those who ask through them are counted by
+    :meth:`begin`."""
     _inside: Counter[str] = field(default_factory=Counter)
 
     @classmethod
@@ -63,16 +66,30 @@ class Door:
 
     def enter(self, address: str) -> bool:
         """Accept a connection if there is room; each accepted one must :meth:`leave`."""
-        if self.counts.open >= self.most or self._inside[address] >= self.most_an_address:
+        if self.counts.open >= self.most:
             self.counts.refused += 1
             return False
+        if address not in self.proxies and not self.begin(address):
+            return False
         self.counts.open += 1
-        self._inside[address] += 1
         return True
 
     def leave(self, address: str) -> None:
         """Free the place of a connection."""
         self.counts.open -= 1
+        if address not in self.proxies:
+            self.end(address)
+
+    def begin(self, address: str) -> bool:
+        """Give an address one of its places, for a connection or for a request through a proxy, until :meth:`end`."""
+        if self._inside[address] >= self.most_an_address:
+            self.counts.refused += 1
+            return False
+        self._inside[address] += 1
+        return True
+
+    def end(self, address: str) -> None:
+        """Free a place of an address."""
         self._inside[address] -= 1
         if not self._inside[address]:
             del self._inside[address]
@@ -87,7 +104,7 @@ class Guarded(asyncio.BaseProtocol):
 
     host = "?"
     """Address of the other end."""
-    _door: Door
+    door: Door
     _link: asyncio.Transport | None = None
     _patience_s: float | None = None
     _due_s = math.inf
@@ -100,14 +117,14 @@ class Guarded(asyncio.BaseProtocol):
         self.host = str(transport.get_extra_info("peername")[0])
         if not door.enter(self.host):
             return False
-        self._door, self._link = door, cast("asyncio.Transport", transport)
+        self.door, self._link = door, cast("asyncio.Transport", transport)
         return True
 
     def connection_lost(self, exc: BaseException | None) -> None:
         """Leave the place."""
         if self._link is not None:
             self._link = None
-            self._door.leave(self.host)
+            self.door.leave(self.host)
         if self._timer is not None:
             self._timer.cancel()
         super().connection_lost(cast("Exception | None", exc))
@@ -152,7 +169,7 @@ class Guarded(asyncio.BaseProtocol):
         loop, unread = asyncio.get_running_loop(), self._link.get_write_buffer_size()
         if loop.time() >= self._due_s:
             if not unread or 0 < self._unread <= unread:
-                self._door.counts.timed_out += 1
+                self.door.counts.timed_out += 1
                 self.late()
                 return
             self._due_s, self._unread = loop.time() + UNREAD_S, unread

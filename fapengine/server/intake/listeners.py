@@ -109,7 +109,7 @@ class Stream(Guarded, asyncio.Protocol):
     """A TCP connection: packets in, packets out with the same framing. Stateful."""
 
     def __init__(self, ingress: Ingress, streams: set["Stream"], door: Door) -> None:
-        self._ingress, self._streams, self._door = ingress, streams, door
+        self._ingress, self._streams, self.door = ingress, streams, door
         self._decoder: SlipDecoder | LengthDecoder | None = None
         self._frame: Callable[[bytes], bytes] = encode_slip
         self._held: deque[bytes] = deque()
@@ -125,7 +125,7 @@ class Stream(Guarded, asyncio.Protocol):
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         self._port = transport.get_extra_info("peername")[1]
-        if self._ingress.closed or not self.enter(self._door, transport):
+        if self._ingress.closed or not self.enter(self.door, transport):
             self._ingress.counts.streams_refused += 1
             cast("asyncio.Transport", transport).abort()
             return

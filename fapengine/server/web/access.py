@@ -10,7 +10,7 @@ import hmac
 import ipaddress
 import time
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from typing import Protocol
 from urllib.parse import urlsplit
@@ -79,12 +79,8 @@ class Access:
             raise
 
     def caller(self, request: web.Request) -> str:
-        """Address of who asks: that of the connection, or the last that the proxies which are believed did not add."""
-        address = request.remote or ""
-        named = ",".join(request.headers.getall("X-Forwarded-For", ())).split(",")
-        while address in self.proxies and named and (last := named.pop().strip()):
-            address = last
-        return address
+        """Address of who asks: see :func:`caller_of`."""
+        return caller_of(request, self.proxies)
 
     def _check(self, request: web.Request, token: str) -> None:
         given = request.query.get("token") or request.headers.get("Authorization", "").removeprefix("Bearer ")
@@ -104,6 +100,15 @@ class Access:
             if len(self._wrong) > MAX_ADDRESSES:
                 self._wrong.popitem(last=False)
         raise web.HTTPForbidden(text="The token is missing or wrong: open the address that the server printed.")
+
+
+def caller_of(request: web.Request, proxies: Collection[str]) -> str:
+    """Address of who asks: that of the connection, or the last that the proxies which are believed did not add."""
+    address = request.remote or ""
+    named = ",".join(request.headers.getall("X-Forwarded-For", ())).split(",")
+    while address in proxies and named and (last := named.pop().strip()):
+        address = last
+    return address
 
 
 def _is_address(host: str) -> bool:

@@ -3,7 +3,8 @@
 aiohttp limits neither the time that a request takes to come, nor the number of connections. Here a connection has
 :data:`IDLE_S` from its beginning to the end of the first head, and from each response to the end of the next head; as
 much between two pieces of a body, and :data:`BODY_S` for all of it. A response may take as long as it is being read.
-This holds for every handler of every site.
+This holds for every handler of every site. Connections are counted by their address, but those of proxies that are
+believed by who asks through them (``X-Forwarded-For``), request by request.
 """
 
 import asyncio
@@ -21,6 +22,7 @@ from fapengine.host.hub import Hub
 from fapengine.server.intake.doors import Door, Guarded
 from fapengine.server.intake.listeners import port_error
 from fapengine.server.ownership.rule import session_of_request
+from fapengine.server.web.access import caller_of
 
 HEADERS = {
     "Content-Security-Policy": "default-src 'self'; img-src 'self' data:; frame-ancestors 'none'",
@@ -132,7 +134,7 @@ class GuardedHandler(Guarded, web.RequestHandler):
 
     def __init__(self, manager: web.Server, door: Door, loop: asyncio.AbstractEventLoop) -> None:
         super().__init__(manager, loop=loop, access_log=cast("Any", None), logger=cast("Any", log))
-        self._door = door
+        self.door = door
         self._body: StreamReader | None = None
         self._body_end_s = 0.0
         self.handed_for: str | None = ""
@@ -143,7 +145,7 @@ class GuardedHandler(Guarded, web.RequestHandler):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Begin, if there is room."""
         super().connection_made(transport)
-        if self.enter(self._door, transport):
+        if self.enter(self.door, transport):
             self.expect(IDLE_S)
         else:  # sent only if the system accepts it at once
             cast("asyncio.Transport", transport).write(FULL_ANSWER)
@@ -210,6 +212,21 @@ async def _timed(request: web.Request, handler: Handler) -> web.StreamResponse:
         guard.expect(IDLE_S)
 
 
+@web.middleware
+async def _counted(request: web.Request, handler: Handler) -> web.StreamResponse:
+    """Count a request through a proxy as a connection of whoever asks through it."""
+    guard = request.protocol
+    if not isinstance(guard, GuardedHandler) or guard.host not in guard.door.proxies:
+        return await handler(request)
+    caller = caller_of(request, guard.door.proxies)
+    if not guard.door.begin(caller):
+        raise web.HTTPServiceUnavailable(text="Too many requests of one address.", headers={"Retry-After": "5"})
+    try:
+        return await handler(request)
+    finally:
+        guard.door.end(caller)
+
+
 async def _end_of_connection(_: web.Request, answer: web.StreamResponse) -> None:
     if isinstance(answer, web.Response):
         answer.force_close()
@@ -232,7 +249,7 @@ async def open_site(app: web.Application, host: str, port: int | None, door: Doo
     ResourceError
         If the port is in use.
     """
-    app.middlewares.append(_timed)
+    app.middlewares.extend((_counted, _timed))
     if port is None:
         app.on_response_prepare.append(_end_of_connection)
     runner = web.AppRunner(app, access_log=None, shutdown_timeout=1.0)

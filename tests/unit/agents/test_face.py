@@ -66,6 +66,8 @@ def test_no_such_channels() -> None:
         AgentOptions(frame_rate_hz=0.0)
     with pytest.raises(UsageError, match="edges: got 'rough'"):
         AgentOptions(edges="rough")
+    with pytest.raises(UsageError, match="size: got 9x100000, expected a width and a height of 16 to 4096 pixels"):
+        AgentOptions(size=(9, 100_000))
 
 
 def test_frames_with_sound_are_made_ahead_and_no_more() -> None:

@@ -239,6 +239,34 @@ def test_a_recognizer_that_ends_three_times_is_given_up(
     assert [record.levelname for record in caplog.records] == ["WARNING", "WARNING", "ERROR"]
 
 
+def test_a_recognizer_that_ends_in_each_utterance_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However long it was ready before; one that has recognized an utterance to its end may end three times more."""
+    ends = iter([True, True, False, True, True, True])
+    opened: list[TickingRecognizer] = []
+
+    class Ending(TickingRecognizer):
+        def end(self) -> None:
+            super().end()
+            self.is_dead = next(ends)
+
+    def opens() -> TickingRecognizer:
+        opened.append(Ending())
+        return opened[-1]
+
+    monkeypatch.setattr(RecognizerProcess, "open", opens)
+    face = face_with(StandInPainter(), Ending())
+
+    async def work() -> None:
+        for _ in range(7):
+            face.sound(noise(0.5), RATE_HZ)
+            face.end()
+            await shown(face, 5.0)
+
+    run_leaping(work())
+    assert (len(opened), next(ends, None)) == (4, None)
+    assert face.recognizer is None
+
+
 def test_a_recognizer_that_ends_each_time_it_is_ready_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
     opened: list[TickingRecognizer] = []
 

@@ -78,7 +78,8 @@ def test_a_body_that_does_not_come_is_answered_with_408_and_gives_up_its_place(
         writer.write(POST + b"Content-Length: 2000000\r\n\r\n" + bytes(sends))
         await arrived(sends)
         assert loop.time() == 0.0
-        assert (await reader.readuntil(b"\r\n")) == b"HTTP/1.1 408 Request Timeout\r\n"
+        async with asyncio.timeout(2 * IDLE_S):
+            assert (await reader.readuntil(b"\r\n")) == b"HTTP/1.1 408 Request Timeout\r\n"
         assert pytest.approx([IDLE_S]) == ENDED_S
         await reader.read()
         writer.close()
@@ -88,6 +89,43 @@ def test_a_body_that_does_not_come_is_answered_with_408_and_gives_up_its_place(
 
     on_virtual_time(main)
     assert not [record for record in caplog.records if record.levelno >= logging.WARNING]
+
+
+def test_requests_through_a_proxy_are_counted_by_who_asks() -> None:
+    """The test's own connections stand in for a proxy's; ``tests.oracles.proxy`` has nginx."""
+
+    async def main(loop: LeapingLoop) -> None:
+        door = Door(most=7, most_an_address=2, proxies=("127.0.0.1",))
+        site, writers = await site_of(door), []
+
+        async def ask(*callers: str, length: int = 1) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+            reader, writer = await asyncio.open_connection(*site.address)
+            writers.append(writer)
+            named = f"X-Forwarded-For: {', '.join(callers)}\r\n" if callers else ""
+            writer.write(POST + f"{named}Content-Length: {length}\r\n\r\n".encode())
+            return reader, writer
+
+        with loop.stands_still():
+            first, *_ = [await ask(*callers) for callers in 2 * [("192.0.2.1",), ("192.0.2.2",), ()]]
+            await until(lambda: len(REQUESTS) == 6)
+            for callers in ((), ("198.51.100.1", "192.0.2.1")):  # what a caller makes up stands before
+                reader, writer = await ask(*callers, length=0)
+                assert (await reader.readuntil(b"\r\n")).startswith(b"HTTP/1.1 503 ")
+                writer.close()
+                await until(lambda: door.counts.open == 6)
+            assert (len(REQUESTS), door.counts.refused) == (6, 2)
+            first[1].write(b"x")
+            assert (await first[0].readuntil(b"\r\n")).startswith(b"HTTP/1.1 200 ")
+            await ask("192.0.2.1")
+            await until(lambda: len(REQUESTS) == 7)
+            reader, _ = await ask("192.0.2.3", length=0)  # the total holds
+            assert (await reader.readuntil(b"\r\n")).startswith(b"HTTP/1.1 503 ")
+            for writer in writers:
+                writer.close()
+            await until(lambda: not door._inside)  # no place is lost
+        await site.close()
+
+    on_virtual_time(main)
 
 
 def test_a_body_may_come_in_pieces_but_not_without_end() -> None:
@@ -180,10 +218,10 @@ class Receiver(Guarded, asyncio.Protocol):
     """One that is sent frames for ever. Stateful."""
 
     def __init__(self, door: Door) -> None:
-        self._door = door
+        self.door = door
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        assert self.enter(self._door, transport)
+        assert self.enter(self.door, transport)
         limit_unread(transport, 8 << 10, 8 << 10)
 
     def show(self, frame: bytes) -> bool:
