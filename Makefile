@@ -158,7 +158,7 @@ oracles:
 	out/oracles/frameworks/bin/python -m pip install --quiet --upgrade "pip>=25.1"
 	out/oracles/frameworks/bin/python -m pip install --quiet --group frameworks --editable ".[voice,recognizer]"
 	out/oracles/frameworks/bin/python -m pytest -q -s -p no:cacheprovider -c tests/frameworks/pytest.ini --rootdir=. \
-	    tests/frameworks/check_pipecat.py tests/frameworks/check_livekit.py tests/frameworks/check_examples.py
+	    tests/frameworks/check_pipecat.py tests/frameworks/check_livekit.py tests/frameworks/check_examples.py tests/frameworks/check_agent.py
 	$(PYTHON) -m venv out/oracles/piper-plus
 	out/oracles/piper-plus/bin/python -m pip install --quiet --editable ".[piper-plus]" "onnx>=1.16" "pytest>=8.3"
 	out/oracles/piper-plus/bin/python -m pytest -q -p no:cacheprovider -c tests/frameworks/pytest.ini --rootdir=. \

@@ -17,8 +17,8 @@ from fapengine.cli._ending import EXITS, run_to_the_end
 from fapengine.errors import UsageError
 
 COMMANDS = (
-    "say", "serve", "view", "animate", "batch", "align", "capture", "render", "encode", "decode", "convert", "inspect",
-    "score", "fit", "drive", "reduce", "doctor", "head",
+    "say", "serve", "agent", "view", "animate", "batch", "align", "capture", "render", "encode", "decode", "convert",
+    "inspect", "score", "fit", "drive", "reduce", "doctor", "head",
 )  # fmt: skip
 """Commands in the order in which ``--help`` lists them. To add one: its module in this package, and its name here."""
 

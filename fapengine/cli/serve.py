@@ -208,7 +208,8 @@ def _start(config: "ServerConfig") -> None:
         asyncio.run(_run(config, profile, face, watchdog))
 
 
-def _stop_on_signals(stop: "Callable[[], None]") -> None:
+def stop_on_signals(stop: "Callable[[], None]") -> None:
+    """Call ``stop`` at Ctrl-C and SIGTERM; needs the event loop."""
     import asyncio
     import signal
 
@@ -227,7 +228,7 @@ async def _run(config: "ServerConfig", profile: "Profile", head: "FaceMesh | Non
 
     server = Server(config, profile, head)
     server.hub.listeners.on_frames(lambda frames: guard.tell(frames.sessions))
-    _stop_on_signals(server.stop)
+    stop_on_signals(server.stop)
     with collecting_in_pieces():
         await serve_until_stopped(server, lambda: _announce(server))
 
@@ -237,7 +238,7 @@ async def _run_workers(config: "ServerConfig") -> None:
     from fapengine.server.server import serve as serve_until_stopped
 
     workers = Workers(config)
-    _stop_on_signals(workers.stop)
+    stop_on_signals(workers.stop)
     await serve_until_stopped(workers, lambda: _announce(workers))
 
 
@@ -251,10 +252,10 @@ def _announce(server: "Server | Workers") -> None:
     config = server.config
     host, port = server.osc_address
     sites = list(server.sites)
-    lines = [("OSC in", f"{_spelled(host, port)} (UDP and TCP)")]
+    lines = [("OSC in", f"{spelled(host, port)} (UDP and TCP)")]
     if config.listen.web_port is not None:
         query = f"?token={quote(config.listen.token, safe='')}" if config.listen.token else ""
-        site = _spelled(*sites.pop(0))
+        site = spelled(*sites.pop(0))
         lines.append(("page", f"http://{site}/{query}"))
         if config.calls.on:
             lines.append(("calls", f"http://{site}/call.html{query} (WHEP: /whep, WHIP: /whip)"))
@@ -266,7 +267,7 @@ def _announce(server: "Server | Workers") -> None:
             lines.append(("bus", f"{config.bus.name}: {server.bus.machines if server.bus else 0} machines"))
         lines.append(("workers", " ".join(f"{number}:{process}" for number, process in server.processes.items())))
     if config.listen.metrics_port is not None:
-        lines.append(("metrics", f"http://{_spelled(*sites.pop(0))}/metrics"))
+        lines.append(("metrics", f"http://{spelled(*sites.pop(0))}/metrics"))
     log = logging.getLogger("fapengine.server")
     if config.log.format == "json":
         log.info("ready", extra={"listens": [{"what": what, "where": where} for what, where in lines]})
@@ -289,5 +290,6 @@ def _sound_lines(server: "Server") -> list[tuple[str, str]]:
     return lines
 
 
-def _spelled(host: str, port: int) -> str:
+def spelled(host: str, port: int) -> str:
+    """Return an address as in a URL."""
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"

@@ -52,6 +52,11 @@ def new_decoder(**options: Any) -> Any:
     return sphinx.Decoder(sphinx.Config(hmm=_model("en-us"), loglevel="FATAL", **options))
 
 
+def new_word_decoder() -> Any:
+    """Make a decoder of any English words, weighed by a model of word sequences."""
+    return new_decoder(lm=_model("en-us.lm.bin"), dict=_model(_DICTIONARY))
+
+
 def new_phone_loop() -> Any:
     """Make a decoder of any phone after any other, weighed by a model of phone sequences."""
     return new_decoder(allphone=_model("en-us-phone.lm.bin"), **_LOOP)

@@ -1,0 +1,86 @@
+"""The web side of an agent: its page, and the offers of browsers and of Pipecat's JavaScript client.
+
+``POST /api/offer`` gets an offer and returns the answer, ``PATCH /api/offer`` gets late candidates: the requests of
+Pipecat's ``SmallWebRTCTransport``.
+"""
+
+from collections.abc import Awaitable, Callable
+from typing import Any, Protocol
+
+from aiohttp import web
+
+from fapengine import _resources
+from fapengine.server.web.access import Access
+from fapengine.server.web.app import KINDS
+from fapengine.server.web.site import harden
+
+PAGE = {"/": "agent.html", "/agent.js": "agent.js", "/call.css": "call.css", "/icon.svg": "icon.svg"}
+"""Paths and files of the page."""
+Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+
+
+class Visitors(Protocol):
+    """Those who talk to the agent: ``Bot`` of :mod:`fapengine.agents`, which needs Pipecat."""
+
+    @property
+    def is_full(self) -> bool:
+        """True if there is no room for another one."""
+
+    async def offer(self, sdp: str, connection: str | None, *, restarts: bool) -> dict[str, str]:
+        """Answer an offer, of a new visitor or of a connection that is changed: ``sdp``, ``type`` and ``pc_id``."""
+
+    async def candidate(self, connection: str, line: str, mid: str | None, index: int | None) -> None:
+        """Add a candidate; raises ``KeyError`` for an unknown connection."""
+
+
+def application(visitors: Visitors, access: Access) -> web.Application:
+    """Make the web application."""
+    files = _resources.page_files()
+
+    def page(name: str) -> Handler:
+        async def give(_: web.Request) -> web.StreamResponse:
+            return web.Response(body=files[name], content_type=KINDS[name[name.rindex(".") :]], charset="utf-8")
+
+        return give
+
+    async def offer(request: web.Request) -> web.StreamResponse:
+        access.admit(request)
+        given = await _json(request)
+        if given.get("type") != "offer" or not isinstance(given.get("sdp"), str):
+            raise web.HTTPBadRequest(text="Expected an object with sdp and type 'offer'.")
+        if given.get("pc_id") is None and visitors.is_full:
+            raise web.HTTPServiceUnavailable(text="Somebody else is talking to the agent: try again later.")
+        try:
+            answer = await visitors.offer(given["sdp"], given.get("pc_id"), restarts=bool(given.get("restart_pc")))
+        except ValueError as error:
+            raise web.HTTPBadRequest(text="The offer cannot be read.") from error
+        return web.json_response(answer)
+
+    async def candidates(request: web.Request) -> web.StreamResponse:
+        access.admit(request)
+        given = await _json(request)
+        try:
+            for one in given["candidates"]:
+                place = one.get("sdp_mid"), one.get("sdp_mline_index")
+                await visitors.candidate(given["pc_id"], one["candidate"], *place)
+        except KeyError as error:
+            raise web.HTTPNotFound(text="There is no such connection.") from error
+        except (TypeError, AttributeError, ValueError) as error:
+            raise web.HTTPBadRequest(text="Expected an object with pc_id and candidates.") from error
+        return web.json_response({"status": "success"})
+
+    app = web.Application()
+    harden(app)
+    app.add_routes([web.get(path, page(name)) for path, name in PAGE.items()])
+    app.add_routes([web.post("/api/offer", offer), web.patch("/api/offer", candidates)])
+    return app
+
+
+async def _json(request: web.Request) -> dict[str, Any]:
+    try:
+        given = await request.json()
+    except ValueError as error:
+        raise web.HTTPBadRequest(text="Expected JSON.") from error
+    if not isinstance(given, dict):
+        raise web.HTTPBadRequest(text="Expected a JSON object.")
+    return given
