@@ -37,6 +37,8 @@ FORMATS = ("PNG", "JPEG", "WEBP", "BMP", "GIF", "TIFF", "PPM")
 """Formats that are read; others would call programs, or load files that they name."""
 MAX_PIXELS = 8192 * 8192
 """Largest image that is read; a small file may unpack to any size."""
+MAX_PIXELS_WEBP = 1 << 24
+"""The same of WebP, which takes 16 bytes a pixel to unpack: four copies. Larger ones are scaled down in any case."""
 MAX_FILE = 1 << 28
 """Largest file of an image, bytes."""
 PNG_MARK = ("Software", "fapengine")
@@ -97,7 +99,7 @@ def load_picture(path: Path) -> Picture:
     Raises
     ------
     DataError
-        If it is not an image, damaged, or larger than :data:`MAX_PIXELS`.
+        If it is not an image, damaged, or larger than :data:`MAX_PIXELS` or :data:`MAX_PIXELS_WEBP`.
     UsageError
         If it does not exist.
     """
@@ -114,7 +116,7 @@ def opened(data: bytes, formats: tuple[str, ...], where: str) -> Iterator[Image.
     Raises
     ------
     UnsupportedError
-        If it has more pixels than :data:`MAX_PIXELS`.
+        If it has more pixels than :data:`MAX_PIXELS`, or than :data:`MAX_PIXELS_WEBP` as WebP.
     DataError
         If it cannot be read, also inside the block.
     """
@@ -122,10 +124,10 @@ def opened(data: bytes, formats: tuple[str, ...], where: str) -> Iterator[Image.
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # the size is checked here
             with Image.open(io.BytesIO(data), formats=formats) as image:
-                if image.width * image.height > MAX_PIXELS:
-                    raise UnsupportedError(
-                        f"image: got {image.width}x{image.height} pixels, expected at most {MAX_PIXELS}", where=where
-                    )
+                most, name = (MAX_PIXELS_WEBP, " of WebP") if image.format == "WEBP" else (MAX_PIXELS, "")
+                if image.width * image.height > most:
+                    got = f"{image.width}x{image.height} pixels{name}"
+                    raise UnsupportedError(f"image: got {got}, expected at most {most}", where=where)
                 yield image
     except DataError:
         raise

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from fapengine.errors import DataError, ResourceError, UsageError
+from fapengine.errors import DataError, ResourceError, UnsupportedError, UsageError
 from fapengine.files import pictures, video
 from fapengine.files.fba import read_fba_film
 from fapengine.files.moving import write_moving
@@ -100,6 +100,17 @@ def test_a_large_picture_is_scaled_down(tmp_path: Path, suffix: str, monkeypatch
     picture = load_picture(path)
     assert picture.shape == (50, 100, 3)
     assert np.abs(picture.astype(int) - [200, 100, 50]).max() <= 4
+
+
+def test_a_webp_is_refused_by_its_stated_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Unpacked it is four times in memory: 7,000 x 7,000 pixels in 87 kB took 786 MB."""
+    monkeypatch.setattr(pictures, "MAX_PIXELS_WEBP", 300 * 150 - 1)
+    image = Image.new("RGB", (300, 150))
+    for suffix in (".png", ".webp"):
+        image.save(tmp_path / f"picture{suffix}")
+    assert load_picture(tmp_path / "picture.png").shape == (150, 300, 3)
+    with pytest.raises(UnsupportedError, match="got 300x150 pixels of WebP, expected at most 44999"):
+        load_picture(tmp_path / "picture.webp")
 
 
 def test_png_there_and_back(tmp_path: Path) -> None:

@@ -248,6 +248,7 @@ def test_receivers_of_frames_keep_their_places_as_long_as_they_read() -> None:
         await until(lambda: len(made) == 2)
         shown, read = 0, 0
         while shown < 3 << 20 or not door.counts.timed_out:
+            assert loop.time() < 100 * UNREAD_S, "nobody is hung up on"
             for one in made:
                 while one.show(bytes(500)):
                     shown += 500 * (one is made[0])
