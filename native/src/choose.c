@@ -1,0 +1,87 @@
+/* The library's interface, and which build of face.c this processor runs. All builds draw the same bytes. */
+#include "face.h"
+
+#include <string.h>
+
+#ifdef _WIN32
+#define PUBLIC __declspec(dllexport)
+#else
+#define PUBLIC __attribute__((visibility("default")))
+#endif
+
+extern const Build face_baseline;
+#ifdef __x86_64__
+extern const Build face_v3, face_v4;
+#endif
+
+static const Build *chosen;
+
+static int runs(int version) {
+#ifdef __x86_64__
+    __builtin_cpu_init();
+    if (version == 4)
+        return __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw")
+            && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl")
+            && __builtin_cpu_supports("avx512cd") && runs(3);
+    if (version == 3)
+        return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("bmi") && __builtin_cpu_supports("bmi2")
+            && __builtin_cpu_supports("fma");
+#endif
+    return version == 1;
+}
+
+/* Selects a build by name, "" the fastest that this processor runs; returns its name, or NULL if it cannot run here. */
+PUBLIC const char *fapengine_native_select(const char *name) {
+    const Build *builds[] = {
+#ifdef __x86_64__
+        &face_v4, &face_v3,
+#endif
+        &face_baseline};
+    const int versions[] = {
+#ifdef __x86_64__
+        4, 3,
+#endif
+        1};
+    for (unsigned i = 0; i < sizeof builds / sizeof *builds; i++)
+        if (runs(versions[i]) && (!*name || !strcmp(name, builds[i]->name))) {
+            chosen = builds[i];
+            return chosen->name;
+        }
+    return 0;
+}
+
+static const Build *build(void) {
+    if (!chosen) fapengine_native_select("");
+    return chosen;
+}
+
+PUBLIC int fapengine_native_version(void) { return 1; }
+
+PUBLIC Face *fapengine_native_open(const float *vertices, int count, const float *displacements,
+                                   const float *normal_deltas, int entries, const uint32_t *const *parts,
+                                   const int *counts) {
+    return build()->open(vertices, count, displacements, normal_deltas, entries, parts, counts);
+}
+
+/* The first member of a Face is its build: another one may have been selected since. */
+#define OF(face) (*(const Build *const *)(face))
+
+PUBLIC void fapengine_native_close(Face *face) { OF(face)->close(face); }
+
+PUBLIC int fapengine_native_canvas(Face *face, int width, int height, const uint8_t *background) {
+    return OF(face)->canvas(face, width, height, background);
+}
+
+PUBLIC int fapengine_native_skin(Face *face, int width, int height, const uint8_t *texels) {
+    return OF(face)->skin(face, width, height, texels);
+}
+
+PUBLIC int fapengine_native_draw(Face *face, const float *uniforms, int at_vertices, int soft, int format,
+                                 uint8_t *out) {
+    return OF(face)->draw(face, uniforms, at_vertices, soft, format, out);
+}
+
+PUBLIC void fapengine_native_resize(const uint8_t *from, int width, int height, uint8_t *to, int new_width,
+                                    int new_height) {
+    build()->resize(from, width, height, to, new_width, new_height);
+}
