@@ -39,9 +39,14 @@ def build(folder: Path) -> None:
     assets.mkdir()
     (assets / "setup.json").write_text(json.dumps(setup(voices={}), ensure_ascii=False))
     (assets / "head.bin").write_bytes(head_binary(load_head("default")))
+    write_arkit(folder)
+    live_tables.write(folder)
+
+
+def write_arkit(folder: Path) -> None:
+    """Write the numbers of ``arkit.js``."""
     head = "// Made by python -m design.face_package from fapengine/retarget.\n"
     (folder / "arkit-table.js").write_text(f"{head}export const ARKIT = {json.dumps(arkit_table())};\n")
-    live_tables.write(folder)
 
 
 def version() -> str:

@@ -75,7 +75,7 @@ export class FapFace extends (globalThis.HTMLElement ?? Object) {
     this.run += 1;
     this.picture?.close();
     this.source?.close?.();
-    this.picture = this.source = this.steering = null;
+    this.picture = this.source = this.steering = this.living = null;
     this.shadowRoot.querySelector("canvas")?.remove();
   }
 
@@ -111,7 +111,7 @@ export class FapFace extends (globalThis.HTMLElement ?? Object) {
     ]);
     if (run !== this.run) return;
     this.source = this.makeSource(text);
-    for (const type of EVENTS) this.source.addEventListener?.(type, ({ detail }) => this.tell(type, detail));
+    this.follow(this.source);
     this.source.addEventListener?.("message", ({ detail }) => detail.type === "error" && this.tell("error", detail.message));
     this.source.addEventListener?.("refused", ({ detail }) => detail && this.tell("error", detail));
     this.steering = new Steering(setup.cameras);
@@ -134,6 +134,10 @@ export class FapFace extends (globalThis.HTMLElement ?? Object) {
     this.tell("ready");
   }
 
+  follow(source) {
+    for (const type of EVENTS) source.addEventListener?.(type, ({ detail }) => this.tell(type, detail));
+  }
+
   makeSource(text) {
     if (text !== null) return new Player(parseFap(text), this.hasAttribute("audio") ? new URL(this.getAttribute("audio"), document.baseURI) : null);
     if (!this.hasAttribute("server")) return new Channel();
@@ -154,8 +158,37 @@ export class FapFace extends (globalThis.HTMLElement ?? Object) {
     throw new Error(`fap-face: ${method} needs a server that is there; wait for the event "ready"`);
   }
 
-  // The server's voice says a text; this page plays it, unless it is muted or may not. Resolves to whether it was sent.
+  // The source that needs no server (live/live.js), for an element without server and src; it is fetched at the first call.
+  async local(method) {
+    await this.ready;
+    if (this.hasAttribute("server") || this.hasAttribute("src")) throw new Error(`fap-face: ${method} needs an element without server and src`);
+    if (!this.living) {
+      const living = (this.living = this.live(this.run));
+      living.catch(() => this.living === living && (this.living = null)); // the next call tries again
+    }
+    return this.living;
+  }
+
+  async live(run) {
+    const { Live } = await import("./live/index.js");
+    const live = await Live.make();
+    if (run !== this.run) throw new Error("fap-face: it was taken away, or begun again, meanwhile");
+    this.source.close();
+    this.follow((this.source = live));
+    live.addEventListener("error", ({ detail }) => this.tell("error", detail));
+    return live;
+  }
+
+  // Follows sound without a server: a MediaStream or an AudioNode. Resolves to the delayed sound, an AudioNode, for whoever
+  // shall hear it.
+  async hear(input, options = {}) {
+    return (await this.local("hear")).hear(input, options);
+  }
+
+  // A text: the server's voice says it, and this page plays it, unless it is muted or may not; resolves to whether it was
+  // sent. Phones with times, { label, start, end }: this page plans them, without a server.
   async say(text, options = {}) {
+    if (Array.isArray(text)) return (await this.local("say")).say(text, options);
     const session = this.serverSession("say");
     await this.sound(session);
     return session.say(text, options);
@@ -181,6 +214,7 @@ export class FapFace extends (globalThis.HTMLElement ?? Object) {
   }
 
   express(name, level = 1, fields = {}) {
+    if (!this.hasAttribute("server")) return this.local("express").then((live) => live.express(name, level, fields));
     return this.serverSession("express").express(name, level, fields);
   }
 
@@ -190,6 +224,7 @@ export class FapFace extends (globalThis.HTMLElement ?? Object) {
 
   cancel() {
     if (this.source instanceof Player) this.source.pause();
+    else if (this.living) this.living.then((live) => live.cancel());
     else this.serverSession("cancel").cancel();
   }
 

@@ -1,3 +1,5 @@
+import type { HearOptions, LiveSayOptions, TimedPhone } from "./live/index.js";
+
 /** Values of FAP 1 to 68, FAPU; FAP n is at n - 1. */
 export type Faps = Float32Array;
 
@@ -57,10 +59,14 @@ export class FapFace extends HTMLElement {
   /** True: this page plays no sound of the server's voice. */
   muted: boolean;
   say(text: string, options?: SayOptions): Promise<boolean>;
+  /** Without server and src: phones with times. `clock` gives the position of what is heard, s; by default it begins now. */
+  say(phones: TimedPhone[], options?: LiveSayOptions): Promise<void>;
+  /** Without server and src: follow sound. Resolves to the delayed sound, to be connected where it is heard. */
+  hear(input: MediaStream | AudioNode, options?: HearOptions): Promise<AudioNode>;
   push(samples: Int16Array, rate: number): boolean;
   words(words: Timed[], fields?: TimedFields & { voice?: string }): boolean;
   phones(phones: Timed[], fields?: TimedFields & { set?: string }): boolean;
-  express(name: Expression, level?: number, fields?: object): boolean;
+  express(name: Expression, level?: number, fields?: object): boolean | Promise<void>;
   look(yaw: number, pitch: number): boolean;
   cancel(): void;
   play(): Promise<void>;

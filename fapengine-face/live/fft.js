@@ -17,15 +17,21 @@ export class Fft {
     for (let k = 0; k < length; ++k) {
       const other = swap[k];
       if (other <= k) continue;
-      [real[k], real[other]] = [real[other], real[k]];
-      [imaginary[k], imaginary[other]] = [imaginary[other], imaginary[k]];
+      const x = real[k];
+      const y = imaginary[k];
+      real[k] = real[other];
+      imaginary[k] = imaginary[other];
+      real[other] = x;
+      imaginary[other] = y;
     }
     for (let half = 1; half < length; half *= 2) {
       const stride = length / (2 * half);
       for (let base = 0; base < length; base += 2 * half) {
         for (let k = 0; k < half; ++k) {
-          const [a, b] = [base + k, base + k + half];
-          const [c, s] = [cos[k * stride], sin[k * stride]];
+          const a = base + k;
+          const b = a + half;
+          const c = cos[k * stride];
+          const s = sin[k * stride];
           const x = real[b] * c - imaginary[b] * s;
           const y = real[b] * s + imaginary[b] * c;
           real[b] = real[a] - x;

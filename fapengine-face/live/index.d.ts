@@ -43,3 +43,54 @@ export class Planner {
 export function planAll(
   profile: Profile, phones: TimedPhone[], options?: LiveStyle & { rate?: number },
 ): { faps: Float32Array[]; unknown: string[] };
+
+/** The small recognizer: sound in, phones out. */
+export class Recognizer {
+  /** @param buffer Content of `assets/recognizer.bin`. @param options.lookAhead Age at which phones are final, s. */
+  constructor(buffer: ArrayBuffer, options?: { lookAhead?: number; steps?: number });
+  /** Phones after the final ones, which may still change. */
+  readonly partial: TimedPhone[];
+  /** @param samples 16 kHz, mono. @returns The phones that are final now, without gaps, silence included. */
+  push(samples: Int16Array): TimedPhone[];
+  /** End the sound. @returns The rest of its phones. */
+  end(): TimedPhone[];
+  reset(): void;
+}
+
+export interface HearOptions {
+  /** By default that of the node; for a stream a new one. */
+  context?: AudioContext;
+  /** Delay of the face and of the sound that is returned, s; by default 0.25. */
+  delay?: number;
+  /** Age at which phones do not change any more, s; by default 0.3. */
+  lookAhead?: number;
+}
+
+export interface LiveSayOptions {
+  /** Position of what is heard now, s. */
+  clock?: () => number;
+}
+
+/** A face without a server, DOM or WebGL. Events: `started`, `phone`, `finished`, `cancelled`, `error`. */
+export class Live extends EventTarget {
+  /** @param options.assets Addresses of the package's files elsewhere. */
+  static make(
+    options?: LiveStyle & { assets?: { planner?: string | URL; recognizer?: string | URL; worker?: string | URL; worklet?: string | URL } },
+  ): Promise<Live>;
+  readonly isSpeaking: boolean;
+  /** Follow sound; resolves to the delayed sound. */
+  hear(input: MediaStream | AudioNode, options?: HearOptions): Promise<AudioNode>;
+  /** Follow sound without Web Audio, as it comes. @param samples -1 to 1, mono. */
+  push(samples: Float32Array, rate: number, options?: { delay?: number; lookAhead?: number }): Promise<void>;
+  say(phones: TimedPhone[], options?: LiveSayOptions): void;
+  /** @param level 0 to 2. */
+  express(name: string, level?: number, fields?: { attack_s?: number; hold_s?: number; release_s?: number }): void;
+  /** End what is said. */
+  cancel(): void;
+  /** Called 60 times a second with 52 ARKit weights and 68 FAPs, where nobody else asks for frames. */
+  onweights: ((weights: Float64Array, faps: Float32Array) => void) | null;
+  /** Write the 68 FAPs of now. @param now The page's clock, s. */
+  sample(now: number, faps: Float32Array): { time: number };
+  stop(): void;
+  close(): void;
+}

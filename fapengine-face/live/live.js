@@ -10,6 +10,7 @@ import { Recognizer } from "./recognizer.js";
 import { Pieces } from "./tap-worklet.js";
 
 const { ATTACK_S, MAX_WEIGHT, RELEASE_S } = expression;
+
 const { OPEN_S, PAUSE_S } = hearing;
 const { RATE_HZ } = protocol;
 const { SILENCE } = phone_track;
@@ -107,7 +108,10 @@ export class Live extends EventTarget {
     run.worker.onmessage = ({ data }) => this.take(data);
     run.worker.onerror = ({ message }) => this.tell("error", `the recognizer's worker: ${message}`);
     run.tap = new AudioWorkletNode(context, "fapengine-tap", { numberOfOutputs: 0 });
-    run.tap.port.onmessage = ({ data }) => (this.clock = () => heardBy(context) - data.begun - delay);
+    run.tap.port.onmessage = ({ data: { begun } }) => {
+      this.begun = begun; // where positions are 0, by the context's clock
+      this.clock = () => heardBy(context) - begun - delay;
+    };
     run.tap.port.postMessage({ to: port1 }, [port1]);
     run.delayed = new DelayNode(context, { delayTime: delay, maxDelayTime: Math.max(1, delay) });
     run.cut = () => [run.tap, run.delayed].forEach((node) => source.disconnect(node));
@@ -173,8 +177,8 @@ export class Live extends EventTarget {
     this.isSpeaking = false;
   }
 
-  // Shows an expression by its name, level 0 to 2; "neutral" ends all. It comes in attack s, and goes after hold s.
-  express(name, level = 1, { attack = ATTACK_S, hold = Infinity, release = RELEASE_S } = {}) {
+  // Shows an expression by its name, level 0 to 2; "neutral" ends all. It comes in attack_s, and goes after hold_s.
+  express(name, level = 1, { attack_s: attack = ATTACK_S, hold_s: hold = Infinity, release_s: release = RELEASE_S } = {}) {
     const known = this.profile.expressionNames;
     if (name !== NEUTRAL && !known.includes(name)) throw new TypeError(`express: got ${name}, expected ${[...known, NEUTRAL].join(", ")}`);
     if (!(level >= 0 && level <= MAX_WEIGHT && attack > 0 && release > 0 && hold >= 0)) {

@@ -33,15 +33,18 @@ export class LogMel {
       imaginary[n] = samples[at + HOP + n] * window[n];
     }
     fft.run(real, imaginary);
-    this.bands((k, j) => [(real[k] + real[j]) / 2, (imaginary[k] - imaginary[j]) / 2], out, 0);
-    this.bands((k, j) => [(imaginary[k] + imaginary[j]) / 2, (real[j] - real[k]) / 2], out, BANDS);
+    this.bands(1, out, 0);
+    this.bands(-1, out, BANDS);
   }
 
-  bands(spectrum, out, place) {
-    const { power } = this;
+  // Of the first frame, side 1, or the second, -1: what is even and odd in the spectrum of both.
+  bands(side, out, place) {
+    const { power, real, imaginary } = this;
     for (let k = 0; k < BINS; ++k) {
-      const [x, y] = spectrum(k, (FFT - k) % FFT);
-      power[k] = x * x + y * y;
+      const mirror = (FFT - k) % FFT;
+      const x = real[k] + side * real[mirror];
+      const y = imaginary[k] - side * imaginary[mirror];
+      power[k] = (x * x + y * y) / 4;
     }
     this.filters.forEach(({ first, values }, band) => {
       let sum = 0;

@@ -32,13 +32,14 @@ function due(segments, told, horizon, isEnd = false) {
 
 // Scores of the network's labels for each frame of a stream. Stateful.
 class Scores {
-  constructor(tables, steps) {
-    this.frames = 2 * steps;
+  constructor(tables, net) {
+    this.frames = 2 * net.steps;
     this.labels = tables.labels.length;
     this.waiting = new Int16Array(BEFORE); // from the first of the next block's windows on
     this.mel = new LogMel(tables.arrays);
     this.mean = new RunningMean(tables.arrays.firstMean);
-    this.net = new SmallNet(tables, steps);
+    this.net = net;
+    net.reset();
     this.skip = 2 * AHEAD; // frames of scores that lie before the first frame
     this.bands = new Float32Array(2 * BANDS);
     this.input = new Float32Array(this.frames * WIDTH);
@@ -69,6 +70,7 @@ export class Recognizer {
   // times 20 ms; with 2, phones are those of Python.
   constructor(buffer, { lookAhead = LOOK_AHEAD_S, steps = STEPS } = {}) {
     Object.assign(this, { tables: readTables(buffer), lookAhead, steps, block: 2 * steps * HOP });
+    this.net = new SmallNet(this.tables, steps);
     this.reset();
   }
 
@@ -77,7 +79,7 @@ export class Recognizer {
     this.waiting = new Int16Array(0);
     this.came = this.told = 0;
     this.partial = []; // phones after the final ones, which may still change; the last one is not over yet
-    this.scores = new Scores(this.tables, this.steps);
+    this.scores = new Scores(this.tables, this.net);
     this.voicing = new Voicing();
     this.search = new Search(this.tables.arrays);
   }

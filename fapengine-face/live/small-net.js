@@ -3,29 +3,38 @@
 import { small_net } from "./constants.js";
 
 const { FRONT, PAIR } = small_net;
+const ROWS = 4;
 
-// Matrices as float64 numbers, so that the inner loop converts nothing.
+// Matrices as float64 numbers, so that the inner loop converts nothing; rows of zeros fill them up to a multiple of four.
 function matrixOf(arrays, name) {
-  const { [`${name}.matrix`]: rows, [`${name}.scale`]: scale, [`${name}.bias`]: bias } = arrays;
-  const [outputs, inputs] = [bias.length, rows.length / bias.length];
-  const weights = Float64Array.from(rows, (value, index) => value * scale[Math.floor(index / inputs)]);
-  return { weights, bias: Float64Array.from(bias), inputs, outputs, given: new Float64Array(inputs) };
+  const { [`${name}.matrix`]: rows, [`${name}.scale`]: scale, [`${name}.bias`]: offsets } = arrays;
+  const [outputs, inputs] = [offsets.length, rows.length / offsets.length];
+  const whole = Math.ceil(outputs / ROWS) * ROWS;
+  const [weights, bias] = [new Float64Array(whole * inputs), new Float64Array(whole)];
+  bias.set(offsets);
+  for (let index = 0; index < rows.length; ++index) weights[index] = rows[index] * scale[Math.floor(index / inputs)];
+  return { weights, bias, inputs, outputs, given: new Float64Array(inputs) };
 }
 
-// out = matrix x input + bias, for every step; two rows of the matrix at a time.
+// out = matrix x input + bias, for every step; each input is read once for four rows.
 function multiply({ weights, bias, inputs, outputs, given }, input, out, steps) {
-  for (let step = 0; step < steps; ++step) {
+  for (let step = 0, to = 0; step < steps; ++step, to += outputs) {
     given.set(input.subarray(step * inputs, (step + 1) * inputs));
-    const to = step * outputs;
-    for (let row = 0; row < outputs; row += 2) {
-      let [one, other] = [bias[row], bias[row + 1]];
-      for (let index = 0, at = row * inputs; index < inputs; ++index, ++at) {
+    for (let row = 0; row < outputs; row += ROWS) {
+      let [a, b, c, d] = [bias[row], bias[row + 1], bias[row + 2], bias[row + 3]];
+      let first = row * inputs;
+      let [second, third, fourth] = [first + inputs, first + 2 * inputs, first + 3 * inputs];
+      for (let index = 0; index < inputs; ++index) {
         const value = given[index];
-        one += value * weights[at];
-        other += value * weights[at + inputs];
+        a += value * weights[first++];
+        b += value * weights[second++];
+        c += value * weights[third++];
+        d += value * weights[fourth++];
       }
-      out[to + row] = one;
-      if (row + 1 < outputs) out[to + row + 1] = other;
+      out[to + row] = a;
+      if (row + 1 < outputs) out[to + row + 1] = b;
+      if (row + 2 < outputs) out[to + row + 2] = c;
+      if (row + 3 < outputs) out[to + row + 3] = d;
     }
   }
 }
@@ -81,7 +90,12 @@ export class SmallNet {
     });
     [this.x, this.h, this.y] = [0, 1, 2].map(() => new Float32Array(steps * channels));
     this.scores = new Float32Array(steps * this.head.outputs);
+    this.reset();
+  }
+
+  reset() {
     this.now = -FRONT.at(-1); // number of the first step that the first layer gives next
+    for (const kept of [this.seen, ...this.layers.flatMap(({ near, delayed }) => [near, delayed])]) kept?.values.fill(0);
   }
 
   // Takes 2 * steps frames; returns the scores of as many, small_net.AHEAD steps before.

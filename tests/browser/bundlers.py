@@ -52,6 +52,9 @@ FILES = {
     "react": {"index.html": PAGE.format(kind="tsx"), "main.tsx": REACT, "tsconfig.json": json.dumps(TYPED)},
     "vue": {"index.html": PAGE.format(kind="js"), "main.js": VUE, "Shop.vue": SHOP},
 }
+HEARS = """document.querySelector("fap-face").hear(new OscillatorNode(new AudioContext()))
+    .then((heard) => heard.constructor.name)"""
+"""Its worker, worklet and tables are where the built site has them."""
 SEEN = "document.querySelector('fap-face')?.picture?.count > 0"
 
 
@@ -94,17 +97,18 @@ def opened(folder: Path) -> Iterator[str]:
 
 
 async def check_bundlers(modules: Path, package: Path) -> None:
-    """Each built site shows a face."""
+    """Each built site shows a face, which follows sound."""
     for name in FILES:
         with opened(built(modules, package, name)) as url:
             async with Browser((400, 400)) as browser:
                 await browser.open(url)
                 await browser.until(SEEN, 180)
                 picture = await browser.picture()
+                assert await browser.run(HEARS) == "DelayNode"
                 assert await browser.run("document.title") == "A shop"
         levels = picture[100:250, 100:250].astype(int).std(axis=(0, 1)).max()
         assert levels > 20, f"{name}: got a picture of one colour ({levels:.1f}), expected a face"
-        print(f"{name}, Vite: the face is seen")
+        print(f"{name}, Vite: the face is seen, and hears")
 
 
 def check_node(package: Path) -> None:

@@ -1,4 +1,4 @@
-// Plans streams and lists of phones, and recognizes sounds, with fapengine-face/live, for tests/browser/test_live.py: a JSON file in, one out.
+// Plans streams and lists of phones, recognizes sounds, glides and follows sound with fapengine-face/live, for tests/browser/test_live.py: a JSON file in, one out.
 //
 //     node live_runner.mjs PACKAGE INPUT OUTPUT
 
@@ -7,13 +7,14 @@ import { join, resolve } from "node:path";
 import { pathToFileURL } from "node:url";
 
 const [folder, input, output] = process.argv.slice(2).map((name) => resolve(name));
-const { Planner, Profile, Recognizer, planAll } = await import(pathToFileURL(join(folder, "live", "index.js")).href);
+const imported = (name) => import(pathToFileURL(join(folder, "live", name)).href);
+const { Live, Planner, Profile, Recognizer, planAll } = await imported("index.js");
 const bytes = async (name) => {
   const data = await readFile(name);
   return data.buffer.slice(data.byteOffset, data.byteOffset + data.byteLength);
 };
 const profile = new Profile(await bytes(join(folder, "assets", "planner.bin")));
-const { streams = [], tracks = [], sounds = [], options } = JSON.parse(await readFile(input, "utf8"));
+const { streams = [], tracks = [], sounds = [], ramps = [], followed = null } = JSON.parse(await readFile(input, "utf8"));
 
 const played = ({ events, frames, rate, options, expression }) => {
   const planner = new Planner(profile, options);
@@ -42,6 +43,32 @@ const recognized = ({ samples, pieces }, recognizer) => {
   }
   return { phones: [...phones, ...recognizer.end()], partials };
 };
-const recognizer = sounds.length ? new Recognizer(await bytes(join(folder, "assets", "recognizer.bin")), options) : null;
+const recognizer = sounds.length ? new Recognizer(await bytes(join(folder, "assets", "recognizer.bin"))) : null;
 const heard = sounds.map((sound) => recognized(sound, recognizer));
-await writeFile(output, JSON.stringify({ streams: streams.map(played), tracks: tracks.map(planned), heard }));
+const { Ramp } = await imported("ramp.js");
+const glided = ({ events, times }) => {
+  const ramp = new Ramp();
+  for (const { goal, at, over, takesOver } of events) (takesOver ? ramp.to : ramp.then).call(ramp, goal, at, over);
+  return times.map((time) => ramp.value(time));
+};
+// A face that follows sound in pieces of 10 ms, with a frame after each; what it tells and the widest opening of its lips.
+const follow = async ({ samples, rate, cancelAt }) => {
+  const [live, faps, told] = [await Live.make(), new Float32Array(68), []];
+  for (const type of ["started", "phone", "finished", "cancelled", "error"]) {
+    live.addEventListener(type, ({ detail }) => told.push([type, detail?.label ?? null, live.position]));
+  }
+  const openings = [];
+  const sound = Float32Array.from(samples, (sample) => sample / 32768);
+  for (let at = 0; at < sound.length; at += rate / 100) {
+    await live.push(sound.subarray(at, at + rate / 100), rate);
+    live.sample(at / rate, faps);
+    openings.push(-(faps[3] + faps[4]));
+    if (cancelAt && at === cancelAt * rate) live.cancel();
+  }
+  live.express("joy");
+  const joy = live.sample(performance.now() / 1000 + 9, faps) && faps[11];
+  const weights = await new Promise((done) => (live.onweights = (arkit, these) => done([arkit.length, these.length])));
+  live.close();
+  return { told, openings, joy, weights };
+};
+await writeFile(output, JSON.stringify({ streams: streams.map(played), tracks: tracks.map(planned), heard, glided: ramps.map(glided), followed: followed && (await follow(followed)) }));

@@ -16,6 +16,7 @@ from tests.browser.bundlers import check_bundlers
 from tests.browser.chromium import Browser
 from tests.browser.conftest import SIZE, Server
 from tests.browser.firefox import Firefox, find_firefox
+from tests.browser.live_sound import in_firefox
 from tests.browser.test_face_package import PAGE, open_site, packed
 
 TRIES = 5
@@ -48,11 +49,17 @@ STATES = {
 WINDOWS = {"a desk": SIZE, "a telephone": (390, 740), "on its side": (844, 390), "400 %": (360, 225)}
 CONSUMER = """
 import { FapFace, Session, parseFap } from "fapengine-face";
+import { Live, planAll, Profile } from "fapengine-face/live";
 import { ARKIT_NAMES, ArkitFollower, applyARKit, turns } from "fapengine-face/arkit";
 
 const face: FapFace = document.querySelector("fap-face")!;
 face.addEventListener("phone", ({ detail }) => console.log(detail.label.length, detail.position_s));
 const sent: Promise<boolean> = face.say("Hello.", { voice: "en-gb", rate: 180 });
+const heard: Promise<AudioNode> = face.hear(new MediaStream(), { delay: 0.3 });
+const phones = [{ label: "m", start: 0, end: 0.1 }];
+face.say(phones, { clock: () => 0 });
+Live.make({ jaw: 1.2 }).then((live) => (live.onweights = (weights, faps) => console.log(heard, weights[0] + faps[0])));
+const opened: number = planAll(new Profile(new ArrayBuffer(0)), phones, { rate: 60 }).faps[0][3];
 face.push(new Int16Array(160), 16000);
 face.words([["Hi", 0.1, 0.4]], { last: false });
 applyARKit({ morphTargetDictionary: { jawOpen: 0 }, morphTargetInfluences: [0] }, face.faps);
@@ -60,7 +67,9 @@ const yaw: number = turns(face.faps).head.yaw + new ArkitFollower().follow(parse
 new Session({ server: "http://127.0.0.1:8110/" }).express("joy", 0.5);
 // @ts-expect-error: there is no such expression
 face.express("hunger");
-console.log(sent, yaw, ARKIT_NAMES[0]);
+// @ts-expect-error: a phone has an end
+face.say([{ label: "m", start: 0 }]);
+console.log(sent, yaw, opened, ARKIT_NAMES[0]);
 """
 
 
@@ -143,6 +152,11 @@ async def firefox_call(server: Server) -> None:
         print("Firefox, a call: the face is seen, and again after a restart")
 
 
+async def firefox_live(_: Server) -> None:
+    """It follows sound in Firefox without a server; how well."""
+    print(f"Firefox, without a server: {await in_firefox()}")
+
+
 def typescript(folder: Path) -> None:
     """What TypeScript is told of the package holds together, and refuses what is wrong."""
     (folder / "node_modules").mkdir()
@@ -165,6 +179,7 @@ async def main() -> int:
         judges: dict[str, Callable[[Server], Awaitable[None]]] = {"axe-core": axe}
         if find_firefox():
             judges |= {"Firefox": firefox_page, "Firefox, package": firefox_package, "Firefox, a call": firefox_call}
+            judges |= {"Firefox, without a server": firefox_live}
         else:
             print("Firefox or Xvfb: not on this machine; Debian has them as firefox-esr and xvfb")
         failed = 0

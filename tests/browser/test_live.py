@@ -12,19 +12,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from design import live_tables
+from design import face_package, live_tables
 from fapengine.files.profiles import load_profile
 from fapengine.files.sound import load_sound
 from fapengine.profiles import Profile
 from fapengine.recognition import small_net
 from fapengine.recognition.protocol import RATE_HZ
 from fapengine.recognition.small_recognizer import SmallRecognizer
+from fapengine.retarget.blend import ARKIT_NAMES
 from fapengine.speech import ipa
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.trajectory.batch import BatchPlanner
 from fapengine.trajectory.expression import expression_faps
 from fapengine.trajectory.faps import Overlay
 from fapengine.trajectory.planner import plan
+from fapengine.trajectory.ramps import Ramp, sample_ramps
 from fapengine.trajectory.style import Style
 from tests.unit.recognition.speech import BABY, POPPIES, no_speech, spoken_by_espeak
 
@@ -36,7 +38,8 @@ PORTED = {
     "recognition/small_recognizer.py": "recognizer.js and search.js",
     "trajectory/batch.py": "planner.js", "trajectory/closures.py": "closures.js", "trajectory/context.py": "keys.js",
     "trajectory/faps.py": "planner.js", "trajectory/hermite.py": "path.js", "trajectory/phonetics.py": "keys.js",
-    "trajectory/planner.py": "planner.js", "trajectory/stream.py": "planner.js", "trajectory/style.py": "planner.js",
+    "trajectory/planner.py": "planner.js", "trajectory/ramps.py": "ramp.js",
+    "trajectory/stream.py": "planner.js", "trajectory/style.py": "planner.js",
     "trajectory/targets.py": "keys.js",
 }  # fmt: skip
 """Modules of Python that ``fapengine-face/live`` has in JavaScript, and the file there."""
@@ -53,6 +56,8 @@ def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("package")
     shutil.copytree(ROOT / "fapengine-face" / "live", folder / "live")
     shutil.copy(ROOT / "fapengine-face" / "package.json", folder)
+    shutil.copy(ROOT / "fapengine-face" / "arkit.js", folder)
+    face_package.write_arkit(folder)
     live_tables.write(folder)
     return folder
 
@@ -253,6 +258,49 @@ def test_phones_are_pythons(package: Path) -> None:
     sentences = [spoken_by_espeak(voice, BABY).samples for voice in ("en-us", "fr")]
     others = list(no_speech().values())[:2]
     assert check_phones(package, [*sentences, *others]) > 40
+
+
+def test_values_glide_as_pythons(package: Path) -> None:
+    rng = np.random.default_rng(3)
+    given, expected = [], []
+    times_s = np.sort(rng.uniform(0, 5, 60))
+    for _ in range(20):
+        made = [
+            Ramp(
+                float(rng.uniform(0, 4)),
+                0,
+                float(rng.uniform(0, 2)),
+                float(rng.uniform(0.05, 2)),
+                bool(rng.random() < 0.5),
+            )
+            for _ in range(6)
+        ]
+        events = [{"goal": r.goal, "at": r.at_s, "over": r.over_s, "takesOver": r.takes_over} for r in made]
+        given.append({"events": events, "times": times_s.tolist()})
+        expected.append(sample_ramps(np.zeros(1), made, times_s)[0])
+    found = node(package, RUNNER, {"ramps": given})["glided"]
+    assert np.abs(np.array(found) - expected).max() < 1e-9
+
+
+def test_a_face_without_a_page_follows_sound(package: Path) -> None:
+    speech = spoken_by_espeak("en-us", BABY)
+    pause = np.zeros(RATE_HZ, np.int16)
+    given = {"samples": [*speech.samples.tolist(), *pause.tolist()], "rate": RATE_HZ}
+    found = node(package, RUNNER, {"followed": given})["followed"]
+    kinds = [kind for kind, _, _ in found["told"]]
+    assert (kinds[0], kinds[-1], kinds.count("started")) == ("started", "finished", 1)
+    labels = [label for kind, label, _ in found["told"] if kind == "phone"]
+    assert sum(label in ("b", "m", "p") for label in labels) >= 6
+    assert max(found["openings"]) > 200
+    assert found["openings"][-1] == 0
+    assert found["joy"] > 100
+    assert found["weights"] == [len(ARKIT_NAMES), 68]
+    stopped = node(package, RUNNER, {"followed": given | {"cancelAt": 1}})["followed"]
+    told = [(kind, at_s) for kind, _, at_s in stopped["told"]]
+    (cancelled_s,) = (at_s for kind, at_s in told if kind == "cancelled")
+    after = [at_s for kind, at_s in told if kind == "phone" and at_s > cancelled_s]
+    assert min(after) > cancelled_s + 0.2  # what had sounded before is not said, what comes after it is
+    assert len(after) > 5
 
 
 @pytest.mark.nightly

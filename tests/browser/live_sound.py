@@ -1,0 +1,152 @@
+"""Lips that follow sound in a browser, with static files only, against the offline plan of the phones that were spoken.
+
+    python -m tests.browser.live_sound
+
+Two sentences in each of flite's four voices are played in real time to ``hear`` of a ``<fap-face>`` that draws itself,
+under ``default-src 'self'`` with trusted types. Figures: correlation of the opening of the lips that are shown with
+that of the plan, mean and worst of the eight; p b m met as in ``bench/ear_delays.py``; share of a core that the
+recognizer's worker takes.
+"""
+
+import asyncio
+import json
+import sys
+import tempfile
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from scipy.signal import resample_poly
+
+from bench.ear_delays import OPEN_MM, OPEN_S, SHUT_MM, SHUT_S
+from design import face_package
+from fapengine.files.sound import save_wav
+from fapengine.recognition.protocol import RATE_HZ
+from tests.browser.bundlers import opened
+from tests.browser.chromium import Browser
+from tests.browser.firefox import Firefox, find_firefox
+from tests.unit.recognition.speech import BABY, FAPU_MM, POPPIES, VOICES, Spoken, closures, opening_mm, spoken
+
+POLICY = "default-src 'self'; require-trusted-types-for 'script'"
+PAGE = f"""<!doctype html><html lang="en"><title>Hear</title><link rel="icon" href="package/icon.svg" />
+<meta http-equiv="Content-Security-Policy" content="{POLICY}" />
+<script type="module" src="package/index.js"></script><script type="module" src="hear.js"></script>
+<fap-face></fap-face></html>"""
+SCRIPT = """
+const face = (window.face = document.querySelector("fap-face"));
+window.told = [];
+for (const type of ["started", "phone", "finished", "cancelled", "error"])
+  face.addEventListener(type, ({ detail }) => told.push([type, detail]));
+await face.ready;
+window.fetched = () => performance.getEntriesByType("resource").map(({ name }) => name.split("/").at(-1));
+window.before = fetched();
+let context = null;
+window.hear = async (name, sampleRate, delay) => {
+  await context?.close();
+  told.length = 0;
+  context = new AudioContext({ sampleRate });
+  const buffer = await context.decodeAudioData(await (await fetch(name)).arrayBuffer());
+  const source = new AudioBufferSourceNode(context, { buffer });
+  const heard = await face.hear(source, { delay });
+  heard.connect(context.destination);
+  const frames = [];
+  const end = new AbortController();
+  face.addEventListener("picture", () => frames.push([face.source.position, face.faps[3], face.faps[4]]), end);
+  const at = context.currentTime + 0.2;
+  source.start(at);
+  await new Promise((done) => (source.onended = done));
+  await new Promise((done) => setTimeout(done, 1000 * delay + 800));
+  end.abort();
+  const shift = at - face.source.begun;
+  const { busy, heard: until } = face.source;
+  return { frames: frames.map(([position, ...faps]) => [position - shift, ...faps]), share: busy / until / 1000 };
+};
+window.isReady = true;
+"""
+
+
+class Page(Protocol):
+    """A browser with one page."""
+
+    async def run(self, code: str) -> object: ...
+
+
+def make_site(folder: Path, sentences: dict[str, Spoken], rate_hz: int = 44_100) -> None:
+    """Write the package, the page and sounds into a folder."""
+    face_package.build(folder / "package")
+    (folder / "package" / "icon.svg").write_text('<svg xmlns="http://www.w3.org/2000/svg"/>')
+    (folder / "index.html").write_text(PAGE)
+    (folder / "hear.js").write_text(SCRIPT)
+    for name, speech in sentences.items():
+        sound = resample_poly(speech.samples.astype(float), rate_hz // 100, RATE_HZ // 100)
+        save_wav(folder / f"{name}.wav", np.clip(sound, -32768, 32767).astype(np.int16), rate_hz)
+
+
+def judged(found: dict[str, list[list[float]]], speech: Spoken) -> tuple[float, int, int]:
+    """Correlation with the plan, p b m met, and how many there are."""
+    position_s, upper, lower = np.array(found["frames"]).T
+    lips_mm = -(upper + lower) * FAPU_MM
+    rate_hz, length_s = 60.0, len(speech.samples) / RATE_HZ
+    plan_mm = opening_mm(speech.phones, length_s, rate_hz)
+    inside = (position_s >= 0) & (position_s < length_s)
+    expected = np.interp(position_s[inside], np.arange(len(plan_mm)) / rate_hz, plan_mm)
+    middles = closures(speech.phones)
+
+    def around(at_s: float, reach_s: float) -> np.ndarray:
+        return lips_mm[np.abs(position_s - at_s) <= reach_s]
+
+    met = sum(
+        around(at_s, SHUT_S).min(initial=99.0) < SHUT_MM and around(at_s, OPEN_S).max(initial=0.0) > OPEN_MM
+        for at_s in middles
+    )
+    return float(np.corrcoef(lips_mm[inside], expected)[0, 1]), int(met), len(middles)
+
+
+async def measure(browser: Page, sentences: dict[str, Spoken], rate_hz: int, delay_s: float) -> str:
+    """Play all sentences; the figures."""
+    rows, shares, frames = [], [], 0
+    for name, speech in sentences.items():
+        found = json.loads(str(await browser.run(f"hear('{name}.wav', {rate_hz}, {delay_s}).then(JSON.stringify)")))
+        rows.append(judged(found, speech))
+        shares.append(found["share"])
+        frames += len(found["frames"])
+    r, met, count = (np.array(column) for column in zip(*rows, strict=True))
+    return (
+        f"{rate_hz} Hz, {delay_s:.2f} s: r {r.mean():.3f}, worst {r.min():.3f}, p b m {met.sum()}/{count.sum()},"
+        f" worker {100 * np.mean(shares):.1f} % of a core, {frames} pictures"
+    )
+
+
+async def in_firefox() -> str:
+    """Play all sentences in Firefox; the figures."""
+    with tempfile.TemporaryDirectory() as folder:
+        make_site(Path(folder), sentences := all_sentences())
+        with opened(Path(folder)) as url:
+            async with Firefox() as browser:
+                await browser.open(url)
+                await browser.until("window.isReady")
+                return await measure(browser, sentences, 48_000, 0.25)
+
+
+def all_sentences() -> dict[str, Spoken]:
+    """Speak two sentences in each voice; their names and sounds."""
+    return {f"{voice}-{text[:2]}": spoken(voice, text) for voice in VOICES for text in (BABY, POPPIES)}
+
+
+async def main() -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        make_site(Path(folder), sentences := all_sentences())
+        with opened(Path(folder)) as url:
+            async with Browser((400, 400)) as browser:
+                await browser.open(url)
+                await browser.until("window.isReady")
+                for rate_hz in (44_100, 48_000):
+                    for delay_s in (0.2, 0.25, 0.3):
+                        print("Chromium,", await measure(browser, sentences, rate_hz, delay_s), flush=True)
+                assert browser.complaints == [], browser.complaints
+    if find_firefox():
+        print("Firefox,", await in_firefox())
+
+
+if __name__ == "__main__":
+    sys.exit(asyncio.run(main()))
