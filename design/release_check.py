@@ -1,6 +1,8 @@
 """Checks of what would be published, on the built files: the pages at the index and npm, their links, their versions.
 
 python -m design.release_check dist/*.whl out/fapengine-face-*.tgz    # make release-check does
+python -m design.release_check --links    # asks every other site that a page links to; needs a network
+python -m design.release_check --address https://github.com/OWNER/NAME    # puts the repository's address everywhere
 
 It imports nothing of the package: it runs in the environment of the tools.
 """
@@ -9,11 +11,14 @@ import email
 import json
 import os
 import re
+import subprocess
 import sys
 import tarfile
 import tomllib
+import urllib.error
+import urllib.request
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -22,6 +27,8 @@ import yaml
 from readme_renderer import markdown
 
 ROOT = Path(__file__).resolve().parent.parent
+GONE = {404, 410}
+"""Answers that mean that a page does not exist; others (403, 429, 503) say nothing about it."""
 LABELS = {"Documentation", "Source", "Issues", "Changelog"}
 """Links that the index shows beside the page."""
 
@@ -142,17 +149,73 @@ def addresses(root: Path = ROOT) -> dict[str, str]:
     return found
 
 
-def main(wheel: Path, package: Path) -> int:
+def tracked(root: Path = ROOT) -> list[Path]:
+    """Files of the repository."""
+    names = subprocess.run(["git", "ls-files", "-z"], cwd=root, capture_output=True, check=True, text=True).stdout
+    return [root / name for name in names.split("\0") if name and (root / name).is_file()]
+
+
+def dead_sites(pages: Iterable[Path], address: str, timeout_s: float = 30.0) -> Iterator[str]:
+    """Ask every address that pages link to, but for those of this repository; yield those that lead nowhere."""
+    found: dict[str, Path] = {}
+    for page in pages:
+        for target in targets(page.read_text()):
+            if target.startswith(("https://", "http://")) and not target.startswith(address):
+                found.setdefault(target.partition("#")[0], page)
+    for target, page in found.items():
+        request = urllib.request.Request(target, headers={"User-Agent": "fapengine-release-check"})
+        try:
+            with urllib.request.urlopen(request, timeout=timeout_s):
+                pass
+        except urllib.error.HTTPError as error:
+            if error.code in GONE:
+                yield f"{page.name}: {target} answers {error.code}"
+            else:
+                print(f"release-check: {page.name}: {target} answers {error.code}; look at it", file=sys.stderr)
+        except OSError as error:
+            yield f"{page.name}: {target} does not answer ({error})"
+
+
+def move(address: str, root: Path = ROOT) -> list[str]:
+    """Put the repository's address into every file that states it, and return their names."""
+    before, after = (each.removeprefix("https://") for each in (addresses(root)["pyproject.toml"], address))
+    changed = []
+    for path in tracked(root):
+        data = path.read_bytes()
+        moved = data
+        for host in ("github.com", "raw.githubusercontent.com"):
+            moved = moved.replace(
+                before.replace("github.com", host).encode(), after.replace("github.com", host).encode()
+            )
+        if moved != data:
+            path.write_bytes(moved)
+            changed.append(str(path.relative_to(root)))
+    return changed
+
+
+def main(words: list[str]) -> int:
     """Print every fault; 1 if there is one."""
     stated = addresses()
-    address = stated["pyproject.toml"]
-    faults = [f"{place}: the address is {got}, expected {address}" for place, got in stated.items() if got != address]
-    faults += [f"{wheel.name}: {fault}" for fault in wheel_faults(wheel, address)]
-    faults += [f"{package.name}: {fault}" for fault in npm_faults(package, address, wheel.name.split("-")[1])]
+    if words[:1] == ["--address"]:
+        print("\n".join(move(words[1])))
+        return 0
+    if words == ["--links"]:
+        pages = [path for path in tracked() if path.suffix == ".md"]
+        faults = list(dead_sites(pages, stated["pyproject.toml"]))
+    else:
+        faults = package_faults(*map(Path, words), stated)
     for fault in faults:
         print(f"release-check: {fault}", file=sys.stderr)
     return min(len(faults), 1)
 
 
+def package_faults(wheel: Path, package: Path, stated: dict[str, str]) -> list[str]:
+    """Return the faults of what would be published."""
+    address = stated["pyproject.toml"]
+    faults = [f"{place}: the address is {got}, expected {address}" for place, got in stated.items() if got != address]
+    faults += [f"{wheel.name}: {fault}" for fault in wheel_faults(wheel, address)]
+    return faults + [f"{package.name}: {fault}" for fault in npm_faults(package, address, wheel.name.split("-")[1])]
+
+
 if __name__ == "__main__":
-    sys.exit(main(*map(Path, sys.argv[1:])))
+    sys.exit(main(sys.argv[1:]))

@@ -2,15 +2,19 @@
 
 import io
 import json
+import subprocess
 import tarfile
+import threading
 import zipfile
+from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from design import release_check
-from design.release_check import addresses, dead_links, npm_faults, wheel_faults
+from design.release_check import addresses, dead_links, dead_sites, move, npm_faults, wheel_faults
+from tests.processes import free_port
 
 ADDRESS = "https://github.com/owner/name"
 PAGE = f"[index]({ADDRESS}/blob/v1/README.md) ![face](https://raw.githubusercontent.com/owner/name/v1/docs/pictures/demo.webp)"
@@ -101,3 +105,50 @@ def test_every_file_states_one_address(monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(set(addresses().values())) == 1
     monkeypatch.setenv("GITHUB_REPOSITORY", "somebody/fork")
     assert addresses()["this repository"] == "https://github.com/somebody/fork"
+
+
+class Site(BaseHTTPRequestHandler):
+    def do_GET(self) -> None:
+        self.send_response({"/gone": 404, "/busy": 503, "/moved": 302}.get(self.path, 200))
+        if self.path == "/moved":
+            self.send_header("Location", "/here")
+        self.end_headers()
+
+    def log_message(self, *args: object) -> None:
+        pass
+
+
+def test_sites_are_asked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    page = tmp_path / "page.md"
+    silent = f"http://127.0.0.1:{free_port()}/"
+    with HTTPServer(("127.0.0.1", 0), Site) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        site = f"http://127.0.0.1:{server.server_port}"
+        page.write_text(
+            f"[a]({site}/here#part) [b]({site}/moved) [c]({site}/gone) [d]({site}/busy) [e]({silent})"
+            f" [f]({ADDRESS}/none) [g](docs/other.md)"
+        )
+        faults = list(dead_sites([page], ADDRESS))
+        server.shutdown()
+        thread.join()
+    assert faults[0] == f"page.md: {site}/gone answers 404"
+    assert faults[1].startswith(f"page.md: {silent} does not answer")
+    assert len(faults) == 2
+    assert f"{site}/busy answers 503" in capsys.readouterr().err
+
+
+def test_the_address_is_changed_everywhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("GITHUB_REPOSITORY", raising=False)
+    before = addresses()["pyproject.toml"].removeprefix("https://").encode()
+    stated = [path for path in release_check.tracked() if before in path.read_bytes()]
+    subprocess.run(["git", "init", "-q", tmp_path], check=True)
+    for path in stated:
+        copy = tmp_path / path.relative_to(release_check.ROOT)
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        copy.write_bytes(path.read_bytes())
+    subprocess.run(["git", "add", "-A"], cwd=tmp_path, check=True)
+    assert len(move("https://github.com/some/body", tmp_path)) == len(stated)
+    assert set(addresses(tmp_path).values()) == {"https://github.com/some/body"}
+    assert "raw.githubusercontent.com/some/body/v" in (tmp_path / "pyproject.toml").read_text()
+    assert not any(before.partition(b"/")[2] in path.read_bytes() for path in release_check.tracked(tmp_path))
