@@ -6,6 +6,8 @@ import { Recognizer } from "./recognizer.js";
 
 globalThis.onmessage = ({ data: { tables, port, options } }) => {
   const recognizer = new Recognizer(tables, options);
+  recognizer.push(new Int16Array(protocol.RATE_HZ)); // so that the browser has compiled it when sound comes
+  recognizer.reset();
   let busy = 0; // ms of computing so far
   port.onmessage = ({ data }) => {
     const [before, since] = [recognizer.scores.seen, performance.now()];
