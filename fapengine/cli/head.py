@@ -40,7 +40,9 @@ def import_head(
     ),
     output: Path = typer.Option(..., "--output", "-o", help="Head folder to write: heads/NAME."),
     licence: str | None = typer.Option(
-        None, help="Licence of the mesh, stored with the head. Default: that of the profile, or 'not stated'."
+        None,
+        help="Licence of the mesh, stored with the head and its exports. Default: what the file or the profile states,"
+        " or 'not stated'.",
     ),
     strict: Strict = False,
     without: WithoutMark = [],  # noqa: B006
@@ -96,7 +98,8 @@ def import_head(
     remarks = tested.remarks
     if strict:
         refuse(remarks, str(mesh))
-    save_head(output, imported.mesh, replace(info, licence=licence or info.licence or "not stated"), rig)
+    info = replace(info, licence=licence or info.licence or "not stated")
+    save_head(output, imported.mesh, info, rig)
     drawn = None
     try:
         save_png(sheet, draw_sheet(imported.mesh))
@@ -113,6 +116,7 @@ def import_head(
         lines.append(f"{len(rig.names)} modes, moved by {len(rig.driver.labels)} markers of a recording, or by FAPs")
     if nearness is not None:
         lines.append(spell_nearness(nearness))
+    lines.append(f"licence: {info.licence}")
     lines += _missing_shapes(info)
     if imported.unused:
         lines.append(f"unused shapes: {', '.join(imported.unused)}")

@@ -18,7 +18,7 @@ from fapengine._late import Late
 from fapengine.files.paths import replacing
 from fapengine.files.pictures import linear_rgb
 from fapengine.files.provenance import mark
-from fapengine.retarget.notice import ICT_COPYRIGHT, ICT_NOTICE
+from fapengine.retarget.notice import ICT_NOTICE, copyright_line
 from fapengine.retarget.puppet import DOUBLE_SIDED, JOINTS, Part, Puppet
 from fapengine.retarget.rig_weights import rig_weights
 
@@ -75,7 +75,7 @@ def save_usd(
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     stage.GetRootLayer().customLayerData = {
-        "copyright": f"{source}; {licence}; {ICT_COPYRIGHT}", "license": licence, "notice": ICT_NOTICE,
+        "copyright": copyright_line(source, licence), "license": licence, "notice": ICT_NOTICE,
         **mark(),
     }  # fmt: skip
     skeleton = _add_skeleton(stage, puppet)

@@ -33,8 +33,8 @@ DEPTH_MM = 0.5
 """Depth below the skin at which the sides of lips that touch are known."""
 MIN_MOTION_MM = 0.05
 """Largest motion of a vertex that is left out."""
-LIP_LINE = ("2.4", "2.2", "2.5")
-"""Feature points between the lips, from the left to the right corner."""
+CORNERS = (("2.4", "8.3"), ("2.5", "8.4"))
+"""Feature points of each corner of the lips: the inner one, or the outer one where it is unknown."""
 
 
 def complete_rig(
@@ -73,7 +73,7 @@ def complete_rig(
     normals = vertex_normals(placed.vertices_mm, placed.triangles)
     theirs_above = _above_lips(nodes_mm - DEPTH_MM * normals[skin], placed.positions)
     inside_mm = head.vertices_mm[ours] - DEPTH_MM * head.normals[ours]
-    own_above = _above_lips(inside_mm, {name: head.point_mm(name).astype(np.float64) for name in LIP_LINE})
+    own_above = _above_lips(inside_mm, {name: head.point_mm(name).astype(np.float64) for name in head.feature_points})
     for side in (False, True):
         mine, candidates = theirs_above == side, ours[own_above == side]
         tree = cKDTree(head.vertices_mm[candidates])
@@ -94,6 +94,7 @@ def complete_rig(
 
 def _above_lips(places_mm: Array, points_mm: Mapping[str, Array]) -> Mask:
     """(N,): whether places, (N, 3) mm, are above the line between the lips and its continuation."""
-    line = sorted(points_mm[name][:2].tolist() for name in LIP_LINE if name in points_mm)
+    middle = points_mm["2.2"] if "2.2" in points_mm else (points_mm["8.1"] + points_mm["8.2"]) / 2
+    line = sorted(place[:2].tolist() for place in (middle, *(points_mm.get(i, points_mm[o]) for i, o in CORNERS)))
     across, height = zip(*line, strict=True)
     return np.asarray(places_mm[:, 1] > np.interp(places_mm[:, 0], across, height))

@@ -27,3 +27,14 @@ LIABILITY, WHETHER IN AN ACTION OF CONTRACT, TORT OR OTHERWISE, ARISING FROM,
 OUT OF OR IN CONNECTION WITH THE SOFTWARE OR THE USE OR OTHER DEALINGS IN THE
 SOFTWARE."""
 """What its licence asks copies to contain; the same as in the file NOTICE."""
+
+
+def copyright_line(source: str, licence: str) -> str:
+    """Source, licence and the notice in one line; the parts of a licence that is one already are not repeated.
+
+    Examples
+    --------
+    >>> copyright_line("a.glb", "CC_BY; Ada") == f"a.glb; CC_BY; Ada; {ICT_COPYRIGHT}"
+    True
+    """
+    return "; ".join(dict.fromkeys((source, *licence.split("; "), ICT_COPYRIGHT)))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from fapengine._resources import profile_ids
 from fapengine.app.inspection.report import FileKind, Report, Source, Table
 from fapengine.errors import DataError, UsageError
-from fapengine.files.gltf.document import Gltf, parse_gltf
+from fapengine.files.gltf.document import Gltf, parse_gltf, stated_licences
 from fapengine.files.heads.load import DEFAULT_HEAD, load_head, load_head_info
 from fapengine.files.heads.meshes import RIG_ENDINGS, files_beside, load_neutral, load_rig
 from fapengine.files.pictures import Picture, contact_sheet
@@ -248,7 +248,7 @@ def describe_avatar(source: Source) -> dict[str, Any]:
     except DataError as error:
         raise type(error)(error.message, where=f"{path}: {error.where}" if error.where else str(path)) from error
     facts: dict[str, Any] = {
-        "format": f"glTF {gltf.root.item('asset').string('version', '')}", "licence": _licence(gltf),
+        "format": f"glTF {gltf.root.item('asset').string('version', '')}", "licence": stated_licences(gltf.root)[0],
         "clips": _clips(gltf), "next": f"move an avatar by it: any program that reads {CLIP_ENDING}",
     }  # fmt: skip
     return facts if source.ending == CLIP_ENDING else facts | _mesh(load_rig(path), path)
@@ -260,7 +260,7 @@ def _mesh(mesh: BlendshapeMesh, path: Path) -> dict[str, Any]:
     if choice.blended or choice.own_faps:
         how, points = "make a head of it", ""
     elif mesh.bones:
-        how, points = "a head of it nods, turns and moves its jaw", ""
+        how, points = f"bones alone move a head of it ({', '.join(mesh.bones)}), not its lips", ""
     else:
         how, points = "a head of it needs feature points", " --points FILE"
     size = None if mesh.texture is None else [mesh.texture.shape[1], mesh.texture.shape[0]]
@@ -304,10 +304,11 @@ def _by_set(names: Collection[str]) -> dict[str, set[str]]:
     meant = {plain(old): new for old, new in zip(VRM0_NAMES, VRM1_NAMES, strict=True)}
     meant |= {plain(name): name for name in VRM1_NAMES}
     numbers = (re.fullmatch(r"viseme(\d+)", bare(name)) for name in names)
+    vrm = {meant[plain(name)] for name in names if plain(name) in meant and bare(name) not in arkit}
     return {
         "ARKit": {arkit[bare(name)] for name in names if bare(name) in arkit},
         "Oculus": {OCULUS_PLAIN[plain(name)] for name in names if plain(name) in OCULUS_PLAIN},
-        "VRM": {meant[plain(name)] for name in names if plain(name) in meant and bare(name) not in arkit},
+        "VRM": vrm if vrm != {"blink"} else set(),  # Ready Player Me's eyesClosed, which TalkingHead needs
         "MPEG-4 visemes": {f"viseme{int(number[1])}" for number in numbers if number},
     }
 
@@ -321,20 +322,6 @@ def _spell_set(title: str, one: dict[str, Any]) -> str:
         more = f" and {len(one[kind]) - MAX_SET_NAMES} more" if len(one[kind]) > MAX_SET_NAMES else ""
         lacks += f"; {kind}: {', '.join(one[kind][:MAX_SET_NAMES])}{more}" if one[kind] else ""
     return f"{title}: {one['state']}, {moving} of {one['count']} shapes move{lacks}"
-
-
-def _licence(gltf: Gltf) -> str:
-    """Find what VRM 1.0, VRM 0.x or the asset itself states: the first of them that does."""
-    extensions, asset = gltf.root.item("extensions"), gltf.root.item("asset")
-    vrm = extensions.item("VRMC_vrm").item("meta")
-    stated = (
-        vrm.string("otherLicenseUrl", ""),
-        vrm.string("copyrightInformation", ""),
-        vrm.string("licenseUrl", ""),  # the same in each valid file
-        extensions.item("VRM").item("meta").string("licenseName", ""),
-        asset.string("copyright", ""),
-    )
-    return next((text for text in stated if text), "")
 
 
 def _clips(gltf: Gltf) -> list[dict[str, Any]]:

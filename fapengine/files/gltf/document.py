@@ -25,6 +25,16 @@ MAX_NUMBER = 1e30
 """Larger numbers are mistakes; no position or factor is so large."""
 
 
+OTHER_FILES = {
+    b"version https://git-lfs": "a pointer of Git LFS, expected the file itself (git lfs pull)",
+    b"Kaydara FBX": "FBX, expected a file that was exported as .glb, by Blender for example",
+    b"BLENDER": "a project of Blender, expected a file that it exported as .glb",
+    b"PK\x03\x04": "a ZIP archive, expected the file in it",
+    b"<": "a web page or XML, expected the file that a link leads to",
+}
+"""What is found in files with the ending of glTF, by its first bytes."""
+
+
 def parse_json(data: bytes, where: str) -> "Item":
     """Read a whole document.
 
@@ -383,6 +393,11 @@ def parse_gltf(data: bytes, fetch: Fetch, *, every_extension: bool = True) -> Gl
     DataError
         If it is not valid glTF 2.0; ``where`` is the place in the document.
     """
+    if not data:
+        raise DataError("glTF: is empty", where="byte 0")
+    for beginning, kind in OTHER_FILES.items():
+        if data[:64].lstrip().startswith(beginning):
+            raise DataError(f"glTF: got {kind}", where="byte 0")
     text, binary = _unpack(data) if data[:4] == MAGIC else (data, b"")
     root = parse_json(text, "glTF")
     version = root.item("asset").string("version", "")
@@ -402,6 +417,26 @@ def parse_gltf(data: bytes, fetch: Fetch, *, every_extension: bool = True) -> Gl
             raise TruncatedError(f"buffer: got {len(content)} bytes, expected {length}", where=item.where)
         buffers.append(content)
     return Gltf(root, {kind: root.items(kind) for kind in KINDS}, tuple(buffers), fetch)
+
+
+def stated_licences(root: Item) -> list[str]:
+    """What a document says about its licence, each once, the most exact first; one empty text if it says nothing.
+
+    These are the licence, the copyright and the authors of VRM 1.0, VRM 0.x and the asset itself.
+    """
+    extensions, asset = root.item("extensions"), root.item("asset")
+    new, old = extensions.item("VRMC_vrm").item("meta"), extensions.item("VRM").item("meta")
+    stated = (
+        new.string("otherLicenseUrl", ""),
+        new.string("copyrightInformation", ""),
+        new.string("licenseUrl", ""),  # the same in each valid file
+        old.string("licenseName", ""),
+        old.string("otherLicenseUrl", ""),
+        asset.string("copyright", ""),
+        *new.strings("authors"),
+        old.string("author", ""),
+    )
+    return [text for text in dict.fromkeys(stated) if text] or [""]
 
 
 def text_of_gltf(data: bytes) -> bytes:

@@ -12,7 +12,7 @@ from fapengine.files.gltf.vrm import add_vrm
 from fapengine.files.gltf.writing import INDICES, VERTICES, Curves, Row, Writer, quaternions_of
 from fapengine.files.pictures import format_png
 from fapengine.files.provenance import mark
-from fapengine.retarget.notice import ICT_COPYRIGHT, ICT_NOTICE
+from fapengine.retarget.notice import ICT_NOTICE, copyright_line
 from fapengine.retarget.puppet import DOUBLE_SIDED, HEAD, JOINTS, Part, Puppet
 from fapengine.retarget.skeleton import rest_matrices
 
@@ -41,7 +41,7 @@ def format_head(puppet: Puppet, *, licence: str, source: str, clip: ShapeClip | 
     Each part is a skinned mesh with the shapes that move it. With a name in ``vrm``, the file is an avatar of that name
     in VRM 1.0: the puppet is on a body, and has the shapes of :func:`fapengine.retarget.skeleton.mood_shapes`.
     """
-    asset: Row = {"version": "2.0", "generator": GENERATOR, "copyright": f"{source}; {licence}; {ICT_COPYRIGHT}"}
+    asset: Row = {"version": "2.0", "generator": GENERATOR, "copyright": copyright_line(source, licence)}
     asset["extras"] = {"license": licence, "notice": ICT_NOTICE, **mark()}
     writer = Writer({"asset": asset, "scene": 0, "scenes": [{"nodes": []}]})
     skin = _add_skin(writer, puppet)

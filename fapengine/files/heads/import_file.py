@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.errors import DataError, UsageError
+from fapengine.files.gltf.document import parse_json, stated_licences, text_of_gltf
 from fapengine.files.gltf.textures import pack_tiles
 from fapengine.files.heads.built import load_built
 from fapengine.files.heads.dense import is_profile, load_dense
 from fapengine.files.heads.folder import HeadInfo
-from fapengine.files.heads.meshes import is_rig, load_neutral, load_rig
+from fapengine.files.heads.meshes import RIG_ENDINGS, is_rig, load_neutral, load_rig
 from fapengine.files.heads.tables import load_feature_points, load_mapping
-from fapengine.files.paths import locating
+from fapengine.files.paths import locating, read_bytes
 from fapengine.laboratory.dense_face import DenseFace, neutral_mesh
 from fapengine.mesh.default_head.style import MEASURED
 from fapengine.mesh.deform import still_faps
@@ -31,6 +32,9 @@ from fapengine.mpeg4 import fap
 from fapengine.retarget.arkit import arkit_map
 from fapengine.retarget.blend import ARKIT_NAMES
 from fapengine.retarget.blendshape_names import GAZE, Choice, choose_blendshapes
+
+WANTED_POINTS = "feature points 8.1 to 8.4 and 2.1, better also 2.2, 2.3, 3.1 to 3.6, 9.3 and 9.15"
+"""What a mesh without blendshapes needs, and what it needs for lids that close."""
 
 
 def import_head_file(
@@ -60,13 +64,26 @@ def import_head_file(
         If trimesh is needed and not installed.
     """
     mesh, choice, standard, marked = load_marked(path, points, mapping)
+    shapeless = not choice.blended and not choice.own_faps and points is None
     with locating(path):
-        if not choice.blended and not choice.own_faps and points is None and not complete:
+        if shapeless and complete:
+            raise DataError(
+                f"complete: no shape shows where the lips and lids are, expected {WANTED_POINTS} (points=FILE)"
+            )
+        if shapeless:
             imported = head_of_bones(mesh, standard)
         else:
             imported, choice = _with_lips(mesh, choice, marked, standard, needed=points is None, complete=complete)
+        licence = _licence(path)
     imported = replace(imported, mesh=crop_painting(imported.mesh))
-    return imported, HeadInfo(path.name, "", imported.used, choice.missing if imported.used else ())
+    return imported, HeadInfo(path.name, licence, imported.used, choice.missing if imported.used else ())
+
+
+def _licence(path: Path) -> str:
+    """What a glTF file says about its licence, copyright and authors; other files say nothing."""
+    if path.is_dir() or path.suffix.lower() not in RIG_ENDINGS:
+        return ""
+    return "; ".join(stated_licences(parse_json(text_of_gltf(read_bytes(path)), "glTF")))
 
 
 def _with_lips(
@@ -115,10 +132,10 @@ def load_marked(
     if is_rig(path):
         mesh = load_rig(path)
         choice = _choice(path, mesh, mapping, points)
-    elif points is None:
-        raise UsageError(f"{path}: has no blendshapes, so its feature points are needed (points=FILE)")
     else:
         mesh, choice = load_neutral(path), choose_blendshapes(())
+        if points is None:
+            raise UsageError(f"{path}: has no blendshapes, so its feature points are needed (points=FILE)")
     standard = load_built(MEASURED)
     marked = load_feature_points(points, mesh.vertices, mesh.triangles) if points else {}
     return mesh, choice, standard, marked
@@ -264,7 +281,8 @@ def adapt_head_file(
     with locating(path):
         vertices = find_points(mesh, choice, marked, standard, needed=points is None)
         imported, nearness = _adapted(mesh, vertices, standard)
-    return imported, HeadInfo(f"fapengine's head on {path.name}", "", ()), nearness
+        licence = _licence(path)
+    return imported, HeadInfo(f"fapengine's head on {path.name}", licence), nearness
 
 
 def adapt_dense_face(face: DenseFace, points: Mapping[str, int] | None = None) -> tuple[ImportedHead, Nearness]:

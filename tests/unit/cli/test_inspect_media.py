@@ -180,6 +180,8 @@ def test_sets_of_shapes_are_complete_partial_empty_or_missing() -> None:
         f"viseme{number}" for number in range(1, 14)
     ]
     assert shape_sets(["sil"], [])["Oculus"]["state"] == "missing"
+    mixamo = [*ARKIT_NAMES, *oculus, "mouthOpen", "mouthSmile", "eyesClosed", "eyesLookUp", "eyesLookDown"]
+    assert shape_sets(mixamo, mixamo)["VRM"]["state"] == "missing"
     assert shape_sets(["viseme_sil"], [])["Oculus"]["state"] == "empty"
 
 

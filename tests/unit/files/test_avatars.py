@@ -8,10 +8,12 @@ import DracoPy
 import numpy as np
 import pytest
 
+from fapengine.app.scene_files import exported_head
 from fapengine.errors import DataError, ResourceError
 from fapengine.files.gltf.compression import decode_draco
 from fapengine.files.gltf.document import parse_gltf
 from fapengine.files.gltf.scene import read_scene
+from fapengine.files.heads.folder import save_head
 from fapengine.files.heads.import_file import crop_painting, import_head_file
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.default_head.style import MEASURED
@@ -23,6 +25,7 @@ from fapengine.render.drawing import RenderOptions
 from fapengine.render.renderer import FaceRenderer
 from fapengine.retarget.blend import ARKIT_NAMES
 from fapengine.retarget.blendshape_names import choose_blendshapes
+from fapengine.retarget.notice import ICT_COPYRIGHT
 from tests.unit.mesh.rigs import own_rig
 
 from .glb import Builder, square, write_rig
@@ -118,7 +121,7 @@ def test_a_painting_of_a_body_is_cut_to_the_head() -> None:
     assert crop_painting(cut) is cut  # nothing more is to be saved
 
 
-def avatar_of_bones(*, jaw: bool, vrm: bool = False) -> bytes:
+def avatar_of_bones(*, jaw: bool, vrm: bool = False, rights: str = "") -> bytes:
     """A body with a head as services make them, without a shape: spheres that hang on nodes."""
     builder = Builder()
     turn, height = np.meshgrid(np.linspace(0, 2 * np.pi, 17)[:-1], np.linspace(0.05, np.pi - 0.05, 9))
@@ -145,6 +148,7 @@ def avatar_of_bones(*, jaw: bool, vrm: bool = False) -> bytes:
     body = builder.node(shown=False, mesh=sphere(0.2, (0.0, 0.0, 0.0)))
     builder.node(name="Hips", translation=[0, 1, 0], children=[head, body])
     builder.doc |= {"extensions": {"VRM": {}}} if vrm else {}
+    builder.doc["asset"]["copyright"] = rights
     return builder.glb()
 
 
@@ -172,6 +176,23 @@ def test_a_head_without_shapes_nods_and_moves_its_jaw(jaw: bool, tmp_path: Path)
     assert opened[head.bone_weight == 0].max(initial=0.0) == 0
     top_mm = head.vertices_mm[head.head_weight > 0.5, 1].max()
     assert top_mm == pytest.approx(build_head(MEASURED).vertices_mm[:, 1].max(), abs=1)
+
+
+def test_what_a_file_says_about_its_licence_goes_along(tmp_path: Path) -> None:
+    rights = '2026 Ada\nCC-BY 4.0; "as is"'
+    (tmp_path / "robot.glb").write_bytes(avatar_of_bones(jaw=True, rights=rights))
+    imported, info = import_head_file(tmp_path / "robot.glb")
+    assert info.licence == rights
+    save_head(tmp_path / "head", imported.mesh, info)
+    asset = parse_gltf(exported_head(str(tmp_path / "head")), lambda name: b"").root.item("asset")
+    assert asset.item("extras").string("license") == rights
+    assert asset.string("copyright") == f"robot.glb; {rights}; {ICT_COPYRIGHT}"
+
+
+def test_a_mesh_that_is_to_be_completed_needs_points_or_shapes(tmp_path: Path) -> None:
+    (tmp_path / "robot.glb").write_bytes(avatar_of_bones(jaw=True))
+    with pytest.raises(DataError, match=r"complete: no shape shows .* expected feature points 8.1 .*\(points=FILE\)"):
+        import_head_file(tmp_path / "robot.glb", complete=True)
 
 
 def test_a_head_without_shapes_is_drawn(tmp_path: Path) -> None:

@@ -531,6 +531,21 @@ def test_numbers_that_are_none() -> None:
         read(b"[]")
 
 
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (b"", "is empty"),
+        (b"version https://git-lfs.github.com/spec/v1\noid sha256:0\n", "pointer of Git LFS"),
+        (b"Kaydara FBX Binary  \0", "got FBX, .* exported as .glb"),
+        (b"PK\x03\x04", "a ZIP archive"),
+        (b"\n<!doctype html>", "a web page"),
+    ],
+)  # fmt: skip
+def test_files_with_another_content_are_named(data: bytes, message: str) -> None:
+    with pytest.raises(DataError, match=message):
+        read(data)
+
+
 @pytest.mark.parametrize("writer", ["three_r187", "gltf_transform"])
 def test_files_of_other_exporters(writer: str) -> None:
     vectors = Path(__file__).resolve().parent.parent.parent / "vectors" / "gltf"

@@ -39,6 +39,17 @@ def completed(standard):
     return rig, mesh, back
 
 
+def test_eight_points_are_enough_and_lips_part_between_the_outer_ones(standard):
+    """None of them is between the lips."""
+    rig = own_rig()
+    points = {name: standard.feature_points[name] for name in ("8.1", "8.2", "8.3", "8.4", "2.1", "9.1", "9.2", "9.3")}
+    opening = {"jawOpen": arkit_map().faps[ARKIT_NAMES.index("jawOpen")]}
+    moved = complete_rig(replace(rig, blendshapes={}), points, opening, standard)[0].dense("jawOpen")[:, 1]
+    upper, lower = (moved[standard.feature_points[name]] for name in ("2.2", "2.3"))
+    assert upper - lower > 10.0  # mm
+    assert abs(upper) < 0.3 * abs(lower)
+
+
 def test_shapes_that_are_missing_or_empty_are_made(completed):
     _, mesh, back = completed
     assert set(mesh.blendshapes) == {*MADE, "hat"}

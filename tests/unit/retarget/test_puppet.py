@@ -1,5 +1,6 @@
 """A head for other programs: its shapes and joints move it as FAPs do."""
 
+import csv
 import io
 import json
 import re
@@ -251,3 +252,16 @@ def test_a_blink_closes_the_eye(head: FaceMesh, name: str, lids: tuple[str, str]
     shown = deform(head, arkit_shapes()[name])
     assert abs(shown[upper, 1] - shown[lower, 1]) < 0.3  # mm; 2 by the measured row alone
     assert head.vertices_mm[upper, 1] - head.vertices_mm[lower, 1] > 8
+
+
+def test_shapes_have_the_names_that_programs_look_for(puppet: Puppet) -> None:
+    """Unreal's and Unity's in their lists; Godot compares without case, and has one inner brow for each side."""
+    wanted: dict[str, list[str]] = {}
+    with (ROOT / "tests" / "vectors" / "names_of_programs.csv").open() as file:
+        for row in csv.DictReader(file):
+            wanted.setdefault(row["program"], []).append(row["name"])
+    names = [name for name in ARKIT_NAMES if any(name in part.shapes for part in puppet.parts)]
+    spelled = [name[0].upper() + name[1:] for name in names]
+    assert spelled == wanted["unreal"]
+    assert sorted(spelled) == sorted(wanted["unity"])
+    assert {name.lower() for name in names} - set(wanted["godot"]) == {"browinnerup"}
