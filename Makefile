@@ -25,7 +25,7 @@ CORE_TESTS := $(addprefix tests/unit/,capture codec engine geometry ground labor
     trajectory wire)
 SENTENCE := Bright sunshine shimmers on the ocean.
 
-.PHONY: nightly people faults oracles pyodide conformance detector help demo test tests check quick coverage matrix release-check licences bench soak fuzz fuzz-replay fresh-machine \
+.PHONY: native nightly people faults oracles pyodide conformance detector help demo test tests check quick coverage matrix release-check licences bench soak fuzz fuzz-replay fresh-machine \
     clean docs env dev tools
 
 help:
@@ -42,6 +42,7 @@ help:
 	@echo "make soak   use a live server for 30 minutes or MINUTES=n: nothing grows, nothing is left undone"
 	@echo "make oracles  other programs: gltf-validator, three.js, three-vrm, TalkingHead, Blender, Pyodide, Godot, coturn, nginx, NATS, ExifTool; Pipecat, LiveKit, piper-plus; axe-core, Firefox; needs Node"
 	@echo "make pyodide  the core in WebAssembly writes the bytes that it writes here; needs npm"
+	@echo "make native the renderer in C, which needs no OpenGL, from native/: its wheel in out/native, installed here"
 	@echo "make npm    the package fapengine-face for pages of your own: out/fapengine-face-VERSION.tgz; needs npm"
 	@echo "make docs   the documentation as a site: out/site/index.html"
 	@echo "make people 200 random people: every promise of the face, where make test tries 15"
@@ -169,6 +170,12 @@ PYODIDE := pyodide@0.24.1 @emscripten-forge/numpy@2.1.1-py311hc8e14bb-0
 pyodide: $(VENV)/.ready-dev
 	npm install --prefix out/oracles --no-save --no-audit --no-fund $(PYODIDE)
 	$(BIN)/python -m tests.oracles.pyodide out/oracles
+
+# The renderer in C; a C compiler builds it, or Zig from the Python package index.
+native: $(VENV)/.ready
+	$(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir out/native ./native
+	$(BIN)/python -m pip install --quiet --force-reinstall --no-deps out/native/fapengine_native-*.whl
+	$(BIN)/fapengine doctor | grep renderer
 
 # Not published; npm only packs it.
 npm: $(VENV)/.ready

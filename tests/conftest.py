@@ -19,7 +19,8 @@ SHARED = Path(os.environ.get("FAPENGINE_SHARED", Path(__file__).resolve().parent
 collect_ignore = ["fuzz", "detector/landmarks.py", "oracles/pages"]
 NO_SHARED, NO_BROWSER = "measurement data absent", "no Chromium on this machine"
 NO_DETECTOR, NO_LLVMPIPE = "face detector absent", "pictures are drawn by something else than llvmpipe"
-LEAVE = (NO_SHARED, NO_BROWSER, NO_DETECTOR, NO_LLVMPIPE)
+NO_COMPILER = "no C compiler on this machine"
+LEAVE = (NO_SHARED, NO_BROWSER, NO_DETECTOR, NO_LLVMPIPE, NO_COMPILER)
 """The only reasons for which a test may be skipped."""
 ALSA = "</usr/share/alsa/alsa.conf>\npcm.!default { type pulse }\nctl.!default { type pulse }\n"
 
@@ -27,6 +28,7 @@ NIGHTLY = {"nightly": 0}
 """Number of tests with the marker ``nightly`` among those that were collected."""
 
 os.environ["FAPENGINE_CACHE"] = str(Path(__file__).resolve().parent.parent / "out" / "cache")  # not the user's own
+os.environ["FAPENGINE_RENDERER"] = "gl"  # also where fapengine-native is installed; tests/native use both
 
 settings.register_profile(
     "ci", derandomize=True, deadline=None, max_examples=60, suppress_health_check=[HealthCheck.too_slow]

@@ -15,6 +15,7 @@ from fapengine.render.camera import turned
 from fapengine.render.drawing import DEFAULT_RENDER_OPTIONS, Picture, RenderOptions
 
 if TYPE_CHECKING:
+    from fapengine.render.native import NativeCrowd
     from fapengine.render.renderer import CrowdRenderer
 
 
@@ -74,7 +75,7 @@ def crowd_size(drawing: RenderOptions, faces: int) -> tuple[int, int]:
     return columns * drawing.size[0], -(-faces // columns) * drawing.size[1]
 
 
-def open_crowd(meshes: Sequence[FaceMesh], drawing: RenderOptions) -> "CrowdRenderer":
+def open_crowd(meshes: Sequence[FaceMesh], drawing: RenderOptions) -> "CrowdRenderer | NativeCrowd":
     """Create the renderer for several faces; the size in ``drawing`` is that of one face.
 
     Raises
@@ -82,21 +83,25 @@ def open_crowd(meshes: Sequence[FaceMesh], drawing: RenderOptions) -> "CrowdRend
     UsageError
         If the image is too large.
     ResourceError
-        If OpenGL is not available.
+        If the renderer is not available.
     """
-    from fapengine.render.renderer import CrowdRenderer
+    from fapengine.render.native import open_crowd_renderer
 
-    return CrowdRenderer(meshes, drawing, columns=crowd_columns(len(meshes)))
+    return open_crowd_renderer(meshes, drawing, columns=crowd_columns(len(meshes)))
 
 
 def draw_crowd(
-    crowd: "CrowdRenderer", rows: NDArray[np.int32] | Sequence[Sequence[Pose]], rate_hz: float, *, turn_s: float = 0.0
+    crowd: "CrowdRenderer | NativeCrowd",
+    rows: NDArray[np.int32] | Sequence[Sequence[Pose]],
+    rate_hz: float,
+    *,
+    turn_s: float = 0.0,
 ) -> Iterator[Picture]:
     """Draw frames one after the other.
 
     Parameters
     ----------
-    crowd : CrowdRenderer
+    crowd : CrowdRenderer or NativeCrowd
     rows : (T, faces, 68) int32, FAPU, or a Pose per frame and face
     rate_hz : float
         Frame rate.

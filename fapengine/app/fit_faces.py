@@ -19,7 +19,7 @@ from fapengine.mesh.deform import Pose
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mesh.rig.blendshape_basis import ROW_FAPU
 from fapengine.render.drawing import RenderOptions
-from fapengine.render.renderer import CrowdRenderer, FaceRenderer
+from fapengine.render.native import open_crowd_renderer, open_renderer
 
 FACE = RenderOptions(size=(PICTURE_PX, PICTURE_PX), rest=0.0)
 SCANS = 8
@@ -74,7 +74,7 @@ def _dense(face: DenseFace) -> tuple[FaceMesh, Picture]:
     steps = FAR * ROW_FAPU * np.eye(count)[:shown]
     mean = -ROW_FAPU * face.estimator.coefficients(face.neutral_mm) / face.deviations_mm  # weights count from neutral
     rows = [mean, *(mean + sign * step for step in steps for sign in (-1, 1))]
-    with CrowdRenderer([moved_by_modes(imported.mesh, rig)], FACE) as crowd:
+    with open_crowd_renderer([moved_by_modes(imported.mesh, rig)], FACE, columns=1) as crowd:
         pictures = list(crowd.frames([Pose(row, MOVED_BONES)] for row in rows))
     return imported.mesh, contact_sheet(pictures, [("mean", ""), *_labels(mode_names(count)[:shown], [""] * shown)])
 
@@ -91,10 +91,10 @@ def _dotted(surface: Surface, markers_mm: Array) -> Picture:
     scale, shift = fitting(surface.vertices_mm)
     still = [(scale * places + shift, np.zeros((1, *places.shape))) for places in (surface.vertices_mm, markers_mm)]
     mesh = dotted_mesh(still[0], surface.triangles, still[1], np.zeros(len(markers_mm), bool))
-    with CrowdRenderer([mesh], FACE) as crowd:
+    with open_crowd_renderer([mesh], FACE, columns=1) as crowd:
         return crowd.draw([Pose(np.zeros(1), MOVED_BONES)])
 
 
 def _still(mesh: FaceMesh) -> Picture:
-    with FaceRenderer(mesh, FACE) as renderer:
+    with open_renderer(mesh, FACE) as renderer:
         return renderer.draw(np.zeros(68))

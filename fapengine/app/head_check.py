@@ -23,7 +23,7 @@ from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fap import VISEMES
 from fapengine.mpeg4.track import to_codable
 from fapengine.render.drawing import RenderOptions
-from fapengine.render.renderer import FaceRenderer
+from fapengine.render.native import open_renderer
 from fapengine.retarget.rig_weights import rig_weights
 from fapengine.speaking import DEFAULT_PROFILE
 from fapengine.trajectory.closures import CONTACTS, settle
@@ -56,7 +56,7 @@ def draw_check(mesh: FaceMesh, path: Path, *, title: str) -> int:
     if path.suffix != ".png":
         raise UsageError(f"path: got {path}, expected a name that ends with .png")
     rows, labels = poses()
-    with FaceRenderer(mesh, RenderOptions(size=(PICTURE_PX, PICTURE_PX), samples=0, rest=0.0)) as renderer:
+    with open_renderer(mesh, RenderOptions(size=(PICTURE_PX, PICTURE_PX), samples=0, rest=0.0)) as renderer:
         pictures = list(renderer.frames(to_codable(rows)))
     title = f"{title}: FAPs at {POSE_FAPU} FAPU (angles at {POSE_AU / 1e5:g} rad), phones"
     save_png(path, contact_sheet(pictures, labels, title=title))
@@ -84,7 +84,7 @@ def draw_sheet(mesh: FaceMesh) -> Picture:
         If there is no OpenGL.
     """
     rows, labels = _tested()
-    with FaceRenderer(mesh, RenderOptions(size=(PICTURE_PX, PICTURE_PX), samples=0, rest=0.0)) as renderer:
+    with open_renderer(mesh, RenderOptions(size=(PICTURE_PX, PICTURE_PX), samples=0, rest=0.0)) as renderer:
         pictures = list(renderer.frames(to_codable(rows)))
     return contact_sheet(pictures, [(label, "") for label in labels], title=self_test(mesh).summary)
 

@@ -30,7 +30,7 @@ from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mpeg4.fap import FULL_WEIGHT
 from fapengine.mpeg4.track import FapTrack
 from fapengine.render.drawing import DEFAULT_RENDER_OPTIONS, Picture, RenderOptions
-from fapengine.render.renderer import FaceRenderer
+from fapengine.render.native import open_renderer
 from fapengine.speech.phone_track import PhoneTrack
 
 if TYPE_CHECKING:
@@ -301,7 +301,7 @@ def draw_frames(rows: NDArray[np.int32], options: SaveOptions) -> Iterator[Pictu
     with report.stage("head"):
         mesh = options.head if isinstance(options.head, FaceMesh) else load_head(options.head)
     with report.stage("upload"):
-        renderer = FaceRenderer(mesh, options.drawing)
+        renderer = open_renderer(mesh, options.drawing)
     with renderer:
         pictures = map(straight, renderer.frames(rows))
         for _ in range(len(rows)):

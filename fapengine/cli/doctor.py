@@ -8,7 +8,7 @@ import typer
 from fapengine.cli._doctor_live import LackError
 from fapengine.errors import FapEngineError
 
-ESSENTIAL = ("OpenGL", "video")
+ESSENTIAL = ("renderer", "video")
 """Parts that rendering needs; without them ``doctor`` exits with 3."""
 
 
@@ -46,6 +46,7 @@ def doctor(
         ("Python", "", _python),
         ("profile", "pip install --force-reinstall fapengine", _profile),
         ("OpenGL", "sudo apt-get install -y libegl1 libgl1", _opengl),
+        ("renderer", "sudo apt-get install -y libegl1 libgl1; or pip install fapengine-native", _renderer),
         ("window", 'pip install "fapengine[window]"', live.window),
         ("voices", 'pip install "fapengine[voice]"', _voices),
         ("video", 'pip install --upgrade "fapengine[video]"', _video),
@@ -106,6 +107,15 @@ def _opengl() -> str:
         return f"{context.info['GL_VERSION']} on {context.info['GL_RENDERER']}"
     finally:
         context.release()
+
+
+def _renderer() -> str:
+    from fapengine.render.drawing import DEFAULT_RENDER_OPTIONS
+    from fapengine.render.native import by_renderer, native_build
+
+    return by_renderer(
+        DEFAULT_RENDER_OPTIONS, native=lambda: f"native: {native_build()}", gl=lambda: f"gl: {_opengl()}"
+    )
 
 
 def _copyleft() -> str:

@@ -144,6 +144,13 @@ class DrawingOptions:
             help="Strength of the expression of the face at rest; 0 draws the neutral face of the standard.",
         ),
     ] = 1.0
+    renderer: Annotated[
+        str,
+        _drawing(
+            help="Renderer: native (on the processor, package fapengine-native), gl (OpenGL), or auto: native if it is"
+            " installed and there is no GPU."
+        ),
+    ] = "auto"
 
     def value(self, *, wire: bool = False) -> "RenderOptions":
         """Return the drawing that the options describe.
@@ -161,7 +168,8 @@ class DrawingOptions:
         is_file = not self.background.startswith("#") and Path(self.background).is_file()
         background = load_picture(Path(self.background)) if is_file else self.background
         return RenderOptions.parse(
-            size=self.size, camera=self.camera, background=background, edges=self.antialias, wire=wire, rest=self.rest
+            size=self.size, camera=self.camera, background=background, edges=self.antialias, wire=wire,
+            rest=self.rest, renderer=self.renderer,
         )  # fmt: skip
 
 

@@ -25,6 +25,7 @@ Shading = Literal["auto", "pixels", "vertices"]
 """Where light is computed. ``auto``: at vertices while they are close together in the image."""
 
 SHADINGS: tuple[Shading, ...] = ("auto", "pixels", "vertices")
+RENDERERS = ("auto", "native", "gl")
 MIN_SIDE_PX, MAX_SIDE_PX = 16, 4096
 MIN_SCALE, MAX_SCALE = 0.1, 1.0
 SAMPLES = (0, 1, 2, 4, 8)
@@ -62,6 +63,10 @@ class RenderOptions:
     """Fraction of each side that is rendered, 0.1 to 1; the result is enlarged to full size."""
     rest: float = 1.0
     """Strength of the expression at rest, 0 to 1 (:mod:`fapengine.mesh.resting`); 0 is the standard's neutral face."""
+    renderer: str = "auto"
+    """``native`` draws on the processor, without OpenGL (package fapengine-native); ``gl`` by OpenGL; ``auto`` natively
+    where that is installed and there is no GPU.
+    """
 
     def __post_init__(self) -> None:
         check_value("size", self.size, tuple[int, ...])
@@ -80,6 +85,7 @@ class RenderOptions:
             raise UsageError(f"shading: got {self.shading!r}, expected one of {', '.join(SHADINGS)}")
         if not MIN_SCALE <= self.scale <= MAX_SCALE:
             raise UsageError(f"scale: got {self.scale:g}, expected {MIN_SCALE:g} to {MAX_SCALE:g}")
+        check_renderer(self.renderer)
         if not 0 <= self.rest <= 1:
             raise UsageError(f"rest: got {self.rest:g}, expected 0 to 1")
         object.__setattr__(self, "background", _checked_background(self.background))
@@ -95,6 +101,7 @@ class RenderOptions:
         edges: str = "soft",
         wire: bool = False,
         rest: float = 1.0,
+        renderer: str = "auto",
     ) -> "RenderOptions":
         """Make options from text: see :func:`parse_size`, :func:`parse_background`, :func:`parse_edges`.
 
@@ -106,6 +113,8 @@ class RenderOptions:
             For example ``"#f0e8d8"``; other values are used unchanged.
         wire : bool
         rest : float
+        renderer : str
+            As :attr:`renderer`.
 
         Raises
         ------
@@ -119,6 +128,7 @@ class RenderOptions:
             samples=parse_edges(edges),
             wire=wire,
             rest=rest,
+            renderer=renderer,
         )
 
     @property
@@ -193,6 +203,12 @@ def parse_edges(text: str) -> int:
     if text not in EDGES:
         raise UsageError(f"edges: got {text!r}, expected one of {', '.join(EDGES)}")
     return EDGES[text]
+
+
+def check_renderer(name: str) -> None:
+    """Raise UsageError for a name that is not in :data:`RENDERERS`."""
+    if name not in RENDERERS:
+        raise UsageError(f"renderer: got {name!r}, expected one of {', '.join(RENDERERS)}")
 
 
 def _checked_background(background: Any) -> Background:

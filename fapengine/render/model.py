@@ -12,14 +12,12 @@ from fapengine._arrays import Mask
 from fapengine._signals import signals_kept
 from fapengine.render.context import Programs, moderngl
 from fapengine.render.drawing import RenderOptions
-from fapengine.render.packing import ATTRIBUTE_SIZES, FrameUniforms, PackedMesh, halved, wire_edges
+from fapengine.render.packing import ATTRIBUTE_SIZES, FrameUniforms, PackedMesh, wire_edges
 from fapengine.render.programs import (
     FACE_ATTRIBUTES,
     LIT_AT_VERTICES,
-    MAX_FINE_EDGE_PX,
     PAINTED,
     PARTS,
-    SKIN_LEVEL_BIAS,
     Part,
 )
 
@@ -94,7 +92,7 @@ class Model:
         context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
         context.front_face = "cw"  # the image is drawn upside down
         context.polygon_offset = (1.0, 1.0) if drawing.wire else (0.0, 0.0)
-        at_vertices = self.is_lit_at_vertices(drawing)
+        at_vertices = self.packed.is_lit_at_vertices(drawing)
         whole = [part for part in self.packed.parts if not PARTS[part].covers_in_part]
         for part in whole:
             for key, is_wanted in ((STILL + part, still), (part, moving)):
@@ -114,12 +112,6 @@ class Model:
             self._render(part, at_vertices and PARTS[part].may_be_lit_at_vertices, values)
         context.fbo.depth_mask = True
         context.disable(moderngl.BLEND)
-
-    def is_lit_at_vertices(self, drawing: RenderOptions) -> bool:
-        """Whether :attr:`RenderOptions.shading` results in light at vertices."""
-        if drawing.shading == "auto":
-            return self.packed.edge_mm * drawing.camera.pixels_per_mm(drawing.drawn_size[1]) <= MAX_FINE_EDGE_PX
-        return drawing.shading == "vertices"
 
     def _draw_wire(self, values: dict[str, NDArray[Any]]) -> None:
         context = self._context
@@ -169,16 +161,10 @@ class Model:
         return texture
 
     def _skin(self, pixels_per_mm: float) -> moderngl.Texture:
-        """Choose one texture level for the whole image: choosing per pixel costs llvmpipe a tenth of its time."""
-        assert self.packed.skin is not None
-        finest = max(self.packed.skin.shape[:2]).bit_length() - 1
-        wanted = np.log2(max(self.packed.texels_per_mm, 1e-9) / pixels_per_mm) + SKIN_LEVEL_BIAS
-        level = int(np.clip(np.floor(wanted), 0, finest))
+        level = self.packed.skin_level(pixels_per_mm)
         if level not in self._skins:
-            picture = self.packed.skin
-            for _ in range(level):
-                picture = halved(picture)
-            texture = self._context.texture((picture.shape[1], picture.shape[0]), 4, np.ascontiguousarray(picture))
+            picture = self.packed.skin_at(level)
+            texture = self._context.texture((picture.shape[1], picture.shape[0]), 4, picture)
             texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
             self._skins[level] = texture
         return self._skins[level]

@@ -35,7 +35,8 @@ from fapengine.mesh.face_mesh import (
     lid_share,
 )
 from fapengine.mpeg4 import fap
-from fapengine.render.programs import FACE_ATTRIBUTES, MAX_CHANNELS
+from fapengine.render.drawing import RenderOptions
+from fapengine.render.programs import FACE_ATTRIBUTES, MAX_CHANNELS, MAX_FINE_EDGE_PX, SKIN_LEVEL_BIAS
 
 SURFACES: dict[Material, tuple[float, float, float]] = {
     # specular strength, gloss, softness of the terminator
@@ -74,7 +75,7 @@ class PackedMesh:
     """Arrays ready for upload; read-only."""
 
     vertices: NDArray[np.float32]
-    """(V, 19) float32: the attributes of ``FACE_ATTRIBUTES``, in order."""
+    """(V, 21) float32: the attributes of ``FACE_ATTRIBUTES``, in order."""
     parts: Mapping[str, NDArray[np.uint32]]
     """Name to (F, 3) uint32 triangles: ``"face"``, ``"cutout"``, ``"eyeball"``, ``"eye"``, ``"strand"``, without empty
     ones. :data:`fapengine.render.programs.PARTS` defines how each is drawn.
@@ -104,6 +105,27 @@ class PackedMesh:
             freeze(self, np.uint8, skin=("H", "W", 4))
         parts = {name: frozen(value, f"parts[{name}]", ("F", 3), np.uint32) for name, value in self.parts.items()}
         object.__setattr__(self, "parts", MappingProxyType(parts))
+
+    def is_lit_at_vertices(self, drawing: RenderOptions) -> bool:
+        """Whether :attr:`RenderOptions.shading` results in light at vertices."""
+        if drawing.shading == "auto":
+            return self.edge_mm * drawing.camera.pixels_per_mm(drawing.drawn_size[1]) <= MAX_FINE_EDGE_PX
+        return drawing.shading == "vertices"
+
+    def skin_level(self, pixels_per_mm: float) -> int:
+        """Choose one texture level for the whole image: choosing per pixel costs llvmpipe a tenth of its time."""
+        assert self.skin is not None
+        finest = max(self.skin.shape[:2]).bit_length() - 1
+        wanted = np.log2(max(self.texels_per_mm, 1e-9) / pixels_per_mm) + SKIN_LEVEL_BIAS
+        return int(np.clip(np.floor(wanted), 0, finest))
+
+    def skin_at(self, level: int) -> NDArray[np.uint8]:
+        """(H, W, 4) uint8: the texture, its sides halved ``level`` times."""
+        assert self.skin is not None
+        picture = self.skin
+        for _ in range(level):
+            picture = halved(picture)
+        return np.ascontiguousarray(picture)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -170,7 +170,7 @@ class FaceRenderer(Renderer):
     @property
     def is_lit_at_vertices(self) -> bool:
         """Whether :attr:`RenderOptions.shading` results in light at vertices."""
-        return self._model.is_lit_at_vertices(self._drawing)
+        return self._model.packed.is_lit_at_vertices(self._drawing)
 
     def draw(self, faps: ArrayLike) -> Picture:
         """Draw one frame.
@@ -207,8 +207,8 @@ class FaceRenderer(Renderer):
         return self._reach.rectangles(uniforms, drawing.camera, drawing.drawn_size)
 
 
-class CrowdRenderer(Renderer):
-    """Faces side by side in tiles, row by row. Use it as a context manager; it holds GPU memory.
+class Crowd:
+    """Faces side by side in tiles, row by row, whoever draws them.
 
     Stateful: ``cameras``, one per tile, at first that of the drawing, may be set between frames.
 
@@ -225,13 +225,9 @@ class CrowdRenderer(Renderer):
     ------
     UsageError
         If there is no mesh, or a side of the image is not 16 to 4096 pixels.
-    ResourceError
-        If OpenGL is not available.
     """
 
-    def __init__(
-        self, meshes: Sequence[FaceMesh], drawing: RenderOptions = DEFAULT_RENDER_OPTIONS, *, columns: int = 1
-    ) -> None:
+    def __init__(self, meshes: Sequence[FaceMesh], drawing: RenderOptions, columns: int) -> None:
         if not meshes:
             raise UsageError("crowd: requires a mesh")
         self.cameras = [drawing.camera] * len(meshes)
@@ -239,23 +235,17 @@ class CrowdRenderer(Renderer):
             raise UsageError(f"crowd: got {columns} columns, expected 1 to {len(meshes)}")
         rows = -(-len(meshes) // columns)
         self.drawing, self.columns, self.meshes = drawing, columns, tuple(meshes)
-        whole = replace(drawing, size=(columns * drawing.size[0], rows * drawing.size[1]), scale=1.0)
-        self.size = whole.size
-        packed = {id(mesh): pack(mesh) for mesh in self.meshes}
-        super().__init__(None)
-        with self._context:
-            self._programs = Programs(self._context)
-            self._models = {name: Model(self._programs, each) for name, each in packed.items()}
-            self._backdrop = Backdrop(self._programs, drawing)
-            self._canvas = Canvas(self._programs, whole)
-
-    def _resources(self) -> Iterable[Any]:
-        return *self._models.values(), self._canvas, self._backdrop, self._programs
+        self.whole = replace(drawing, size=(columns * drawing.size[0], rows * drawing.size[1]), scale=1.0)
+        self.size = self.whole.size
 
     def corner(self, number: int) -> tuple[int, int]:
         """Column and row of the pixel at the top left of a tile, counted from 0."""
         width, height = self.drawing.size
         return number % self.columns * width, number // self.columns * height
+
+    def frames(self, faps: Iterable[ArrayLike | Sequence[Pose | Array]]) -> Iterator[Picture]:
+        """Draw frames one after the other; see :meth:`draw`."""
+        raise NotImplementedError
 
     def draw(self, faps: ArrayLike | Sequence[Pose]) -> Picture:
         """Draw one frame of every face.
@@ -276,20 +266,8 @@ class CrowdRenderer(Renderer):
         """
         return next(self.frames([faps]))
 
-    def frames(self, faps: Iterable[ArrayLike | Sequence[Pose | Array]]) -> Iterator[Picture]:
-        """Draw frames one after the other; see :meth:`draw`. Each image is read while the next is drawn."""
-        return self._canvas.frames(partial(self._draw, frame) for frame in faps)
-
-    def _draw(self, faps: ArrayLike | Sequence[Pose | Array]) -> None:
-        self._canvas.begin()
-        tiles = zip(self.meshes, self.cameras, self._uniforms(faps), strict=True)
-        for number, (mesh, camera, uniforms) in enumerate(tiles):
-            tile = replace(self.drawing, camera=camera, scale=1.0)
-            self._context.viewport = (*self.corner(number), *tile.size)
-            self._models[id(mesh)].draw(uniforms, tile, draw_behind=self._backdrop.draw)
-
-    def _uniforms(self, faps: ArrayLike | Sequence[Pose | Array]) -> list[FrameUniforms]:
-        """Return the uniforms of each face; those of all faces of one mesh are computed at once."""
+    def uniforms(self, faps: ArrayLike | Sequence[Pose | Array]) -> list[FrameUniforms]:
+        """Return the uniforms of each face, as :meth:`draw`; those of all faces of one mesh are computed at once."""
         if isinstance(faps, Sequence) and any(isinstance(each, Pose) for each in faps):
             if len(faps) != len(self.meshes):
                 raise UsageError(f"poses: got {len(faps)}, expected {len(self.meshes)}, one per face")
@@ -310,3 +288,42 @@ class CrowdRenderer(Renderer):
                 each = {field.name: getattr(together, field.name)[row] for field in fields(FrameUniforms)}
                 uniforms[number] = FrameUniforms(**each)
         return [uniforms[number] for number in range(len(self.meshes))]
+
+
+class CrowdRenderer(Crowd, Renderer):
+    """A crowd by OpenGL. Use it as a context manager; it holds GPU memory.
+
+    Stateful. Parameters and errors are those of :class:`Crowd`.
+
+    Raises
+    ------
+    ResourceError
+        If OpenGL is not available.
+    """
+
+    def __init__(
+        self, meshes: Sequence[FaceMesh], drawing: RenderOptions = DEFAULT_RENDER_OPTIONS, *, columns: int = 1
+    ) -> None:
+        Crowd.__init__(self, meshes, drawing, columns)
+        packed = {id(mesh): pack(mesh) for mesh in self.meshes}
+        Renderer.__init__(self, None)
+        with self._context:
+            self._programs = Programs(self._context)
+            self._models = {name: Model(self._programs, each) for name, each in packed.items()}
+            self._backdrop = Backdrop(self._programs, drawing)
+            self._canvas = Canvas(self._programs, self.whole)
+
+    def _resources(self) -> Iterable[Any]:
+        return *self._models.values(), self._canvas, self._backdrop, self._programs
+
+    def frames(self, faps: Iterable[ArrayLike | Sequence[Pose | Array]]) -> Iterator[Picture]:
+        """Draw frames one after the other; see :meth:`draw`. Each image is read while the next is drawn."""
+        return self._canvas.frames(partial(self._draw, frame) for frame in faps)
+
+    def _draw(self, faps: ArrayLike | Sequence[Pose | Array]) -> None:
+        self._canvas.begin()
+        tiles = zip(self.meshes, self.cameras, self.uniforms(faps), strict=True)
+        for number, (mesh, camera, uniforms) in enumerate(tiles):
+            tile = replace(self.drawing, camera=camera, scale=1.0)
+            self._context.viewport = (*self.corner(number), *tile.size)
+            self._models[id(mesh)].draw(uniforms, tile, draw_behind=self._backdrop.draw)

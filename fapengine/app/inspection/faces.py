@@ -150,10 +150,10 @@ def faps_of_weights(profile: Profile, weights: NDArray[np.float64]) -> NDArray[n
 def draw_mouths(faps: NDArray[np.float64]) -> list[Picture]:
     """Draw the lower half of the default face for FAPs, (N, 68) FAPU."""
     from fapengine.render.drawing import RenderOptions
-    from fapengine.render.renderer import FaceRenderer
+    from fapengine.render.native import open_renderer
 
     drawing = RenderOptions(size=(PICTURE_PX, PICTURE_PX), camera=LOWER_FACE, rest=0.0)
-    with FaceRenderer(load_head(DEFAULT_HEAD), drawing) as renderer:
+    with open_renderer(load_head(DEFAULT_HEAD), drawing) as renderer:
         return list(renderer.frames(to_codable(faps)))
 
 

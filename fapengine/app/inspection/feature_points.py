@@ -12,7 +12,7 @@ from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mpeg4 import fap
 from fapengine.render.camera import PRESETS, Camera
 from fapengine.render.drawing import RenderOptions
-from fapengine.render.renderer import CrowdRenderer
+from fapengine.render.native import open_crowd_renderer
 
 SIDE = 720
 """Width and height of a view, pixels."""
@@ -56,7 +56,7 @@ def draw_feature_points(head: FaceMesh) -> Picture:
     for pose, view in zip(poses, VIEWS, strict=True):
         for number, value in view.faps:
             pose[fap.column(number)] = value
-    with CrowdRenderer([head] * len(VIEWS), RenderOptions(size=(SIDE, SIDE), rest=0.0), columns=2) as crowd:
+    with open_crowd_renderer([head] * len(VIEWS), RenderOptions(size=(SIDE, SIDE), rest=0.0), columns=2) as crowd:
         crowd.cameras = [view.camera for view in VIEWS]
         sheet = Image.new("RGB", (2 * SIDE, 2 * SIDE + TITLE_PX), PAPER)
         sheet.paste(Image.fromarray(np.ascontiguousarray(crowd.draw(poses)[..., :3])), (0, TITLE_PX))

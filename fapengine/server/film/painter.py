@@ -137,10 +137,10 @@ def main(parent: Parent, head: str, width: str, height: str, edges: str) -> None
     """Render the FAPs that come; the child's program."""
     from fapengine.files.heads.load import load_head_for_calls
     from fapengine.render.drawing import RenderOptions, parse_edges
-    from fapengine.render.renderer import FaceRenderer
+    from fapengine.render.native import open_renderer
 
     size = (int(width), int(height))
-    with FaceRenderer(
+    with open_renderer(
         load_head_for_calls(head, size), RenderOptions(size=size, samples=parse_edges(edges))
     ) as renderer:
         for _, faps in parent.messages():

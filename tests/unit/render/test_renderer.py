@@ -256,7 +256,7 @@ def test_auto_shading_goes_by_the_size_of_triangles(renderer: FaceRenderer) -> N
     model = renderer._model
 
     def is_at_vertices(camera: str, side: int, shading: Shading) -> bool:
-        return model.is_lit_at_vertices(RenderOptions(camera=preset(camera), size=(side, side), shading=shading))
+        return model.packed.is_lit_at_vertices(RenderOptions(camera=preset(camera), size=(side, side), shading=shading))
 
     assert is_at_vertices("front", 512, "auto")
     assert not is_at_vertices("front", 2048, "auto")

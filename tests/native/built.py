@@ -1,0 +1,56 @@
+"""fapengine-native as the checkout has it, compiled into out/native: tests and benchmarks need no installed wheel."""
+
+import hashlib
+import importlib
+import shutil
+import sys
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+from types import ModuleType
+
+HERE = Path(__file__).resolve().parents[2]
+SOURCE, OUT = HERE / "native", HERE / "out" / "native"
+
+
+def build_hook() -> ModuleType:
+    """The module that compiles the library."""
+    spec = spec_from_file_location("fapengine_native_build", SOURCE / "hatch_build.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def has_compiler() -> bool:
+    try:
+        build_hook().compiler("")
+    except RuntimeError:
+        return False
+    return True
+
+
+def built(flags: tuple[str, ...] = ()) -> Path:
+    """Compile the package, unless that was done before; returns the folder to put on the path."""
+    files = sorted(
+        [*(SOURCE / "src").iterdir(), *(SOURCE / "fapengine_native").glob("*.py"), SOURCE / "hatch_build.py"]
+    )
+    digest = hashlib.sha256(b"".join(file.read_bytes() for file in files) + repr(flags).encode()).hexdigest()[:16]
+    folder = OUT / digest
+    if not folder.is_dir():
+        new = OUT / f"{digest}.new"
+        shutil.rmtree(new, ignore_errors=True)
+        shutil.copytree(SOURCE / "fapengine_native", new / "fapengine_native", ignore=shutil.ignore_patterns("lib*"))
+        build_hook().compile_library(new / "fapengine_native", flags=flags)
+        new.rename(folder)
+    return folder
+
+
+def imported() -> ModuleType:
+    """The compiled package, found before an installed one."""
+    folder = str(built())
+    if folder not in sys.path:
+        sys.path.insert(0, folder)
+        sys.modules.pop("fapengine_native", None)
+        importlib.invalidate_caches()
+    return importlib.import_module("fapengine_native")

@@ -1,0 +1,239 @@
+"""The renderer in C draws what the shaders draw, whatever the instructions; and fapengine chooses between the two."""
+
+import logging
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+import fapengine
+from fapengine import FapTrack
+from fapengine.errors import FapEngineError, ResourceError, UsageError
+from fapengine.render import native
+from fapengine.render.camera import Camera
+from fapengine.render.drawing import RenderOptions
+from fapengine.render.native import NativeCrowd, NativeRenderer, open_crowd_renderer, open_renderer
+from fapengine.render.renderer import CrowdRenderer, FaceRenderer
+from tests.conftest import NO_COMPILER
+from tests.native import built
+from tests.native.images import MIN_ALIKE, Image, alike, faps_of, head_of, images
+
+CHEAP = 12
+"""Of the images, those with the default head; the others build heads."""
+SMALL = RenderOptions(size=(96, 128))
+
+
+@pytest.fixture(scope="module")
+def library() -> Iterator[ModuleType]:
+    if not built.has_compiler():
+        pytest.skip(NO_COMPILER)
+    path = list(sys.path)
+    module = built.imported()
+    yield module
+    sys.path[:] = path
+    sys.modules.pop("fapengine_native", None)
+    for name in ("Face", "select", "resized"):
+        native.fapengine_native.__dict__.pop(name, None)
+
+
+@pytest.fixture
+def without_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("LIBGL_ALWAYS_SOFTWARE", "1")
+    monkeypatch.delenv(native.VARIABLE, raising=False)
+
+
+ALL = [
+    pytest.param(image, id=image.name, marks=[] if number < CHEAP or "imported" in image.name else pytest.mark.nightly)
+    for number, image in enumerate(images())
+]
+
+
+def test_there_are_thirty_different_images() -> None:
+    assert len({image.name for image in images()}) == 30
+
+
+@pytest.mark.parametrize("image", ALL)
+def test_images_are_those_of_opengl(library: ModuleType, image: Image) -> None:
+    head = head_of(image.head, max(image.size))
+    with FaceRenderer(head, image.drawing) as gl, NativeRenderer(head, image.drawing) as ours:
+        pictures = [renderer.draw(faps_of(image.pose)) for renderer in (gl, ours)]
+    assert alike(*pictures) >= MIN_ALIKE
+
+
+@pytest.mark.parametrize("name", ["default", "imported textured, holes"])
+def test_all_instructions_draw_the_same_bytes(library: ModuleType, name: str) -> None:
+    drawn = set()
+    chosen = []
+    for instructions in ("x86-64", "x86-64-v3", "x86-64-v4"):
+        try:
+            chosen.append(library.select(instructions))
+        except ValueError:
+            continue
+        with NativeRenderer(head_of(name, 200), RenderOptions(size=(200, 150))) as renderer:
+            drawn.add(b"".join(picture.tobytes() for picture in renderer.frames(map(faps_of, ("rest", "random9")))))
+    library.select()
+    assert chosen
+    assert len(drawn) == 1
+
+
+def test_a_frame_does_not_depend_on_those_before(library: ModuleType) -> None:
+    head = head_of("default", 128)
+    poses = ["turned", "rest", "open", "rest", "turned"]
+    with NativeRenderer(head, SMALL) as renderer:
+        one, two, three, four, five = renderer.frames(map(faps_of, poses))
+    assert (two == four).all()
+    assert (one == five).all()
+    assert (two != three).any()
+
+
+def test_a_turned_camera_draws_the_still_parts_again(library: ModuleType) -> None:
+    head = head_of("default", 128)
+    side = Camera(yaw_deg=60.0)
+    with (
+        NativeCrowd([head, head], SMALL, columns=2) as crowd,
+        NativeRenderer(head, replace(SMALL, camera=side)) as alone,
+    ):
+        crowd.cameras[1] = side
+        both = crowd.draw(np.zeros((2, 68)))
+        assert (both[:, 96:] == alone.draw(np.zeros(68))).all()
+    with CrowdRenderer([head, head], SMALL, columns=2) as gl:
+        gl.cameras[1] = side
+        assert alike(gl.draw(np.zeros((2, 68))), both) >= MIN_ALIKE
+
+
+def test_i420_is_the_picture(library: ModuleType) -> None:
+    head = head_of("default", 128)
+    with NativeRenderer(head, RenderOptions(size=(97, 63))) as renderer:
+        picture = renderer.draw(faps_of("joy")).astype(float)
+        face, uniforms = renderer._native._face, renderer._native
+        values = uniforms.values(native.frame_uniforms(head, native.with_rest(faps_of("joy"), 1.0)))
+        planes = face.draw(values, at_vertices=True, form="i420")
+    luma = planes[: 97 * 63].reshape(63, 97)
+    expected = 16 + picture @ (65.738 / 256, 129.057 / 256, 25.064 / 256)
+    assert np.abs(luma - expected).max() < 1.5
+    assert len(planes) == 97 * 63 + 2 * 49 * 32
+    means = picture[:62, :96].reshape(31, 2, 48, 2, 3).mean(axis=(1, 3))
+    for plane, row in (
+        (planes[97 * 63 :][: 49 * 32], (-37.945, -74.494, 112.439)),
+        (planes[-49 * 32 :], (112.439, -94.154, -18.285)),
+    ):
+        assert np.abs(plane.reshape(32, 49)[:31, :48] - (128 + means @ np.array(row) / 256)).max() < 1.5
+
+
+def test_a_mesh_with_numbers_that_index_nothing_is_refused(library: ModuleType) -> None:
+    entries = np.zeros((1, 1024, 4), np.float32)
+    vertices = np.zeros((3, 21), np.float32)
+    for column, value in ((16, 5), (16, -1), (19, -1), (20, 2000), (20, np.nan)):
+        wrong = vertices.copy()
+        wrong[0, column] = value
+        with pytest.raises(ValueError, match="does not exist"):
+            library.Face(wrong, entries, entries, {})
+    with pytest.raises(ValueError, match="does not exist"):
+        library.Face(vertices, entries, entries, {"face": np.array([[0, 1, 3]])})
+    with pytest.raises(ValueError, match="does not exist"):
+        library.Face(vertices, entries + np.float32(128), entries, {})
+
+
+def test_auto_is_native_where_there_is_no_gpu(
+    library: ModuleType, without_gpu: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    head = head_of("default", 128)
+    with open_renderer(head, SMALL) as renderer:
+        assert isinstance(renderer, NativeRenderer)
+    with open_crowd_renderer([head], SMALL, columns=1) as crowd:
+        assert isinstance(crowd, NativeCrowd)
+    for drawing in (replace(SMALL, renderer="gl"), replace(SMALL, wire=True), replace(SMALL, samples=4)):
+        with open_renderer(head, drawing) as renderer:
+            assert isinstance(renderer, FaceRenderer)
+    monkeypatch.setenv(native.VARIABLE, "gl")
+    with open_renderer(head, SMALL) as renderer:
+        assert isinstance(renderer, FaceRenderer)
+    with open_renderer(head, replace(SMALL, renderer="native")) as renderer:
+        assert isinstance(renderer, NativeRenderer)
+
+
+def test_a_gpu_draws_by_opengl_unless_its_driver_is_missing(
+    library: ModuleType, without_gpu: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(native, "has_gpu", lambda: True)
+    head = head_of("default", 128)
+    with open_renderer(head, SMALL) as renderer:
+        assert isinstance(renderer, FaceRenderer)
+
+    def no_driver(*_: object) -> None:
+        raise ResourceError("OpenGL: no context")
+
+    monkeypatch.setattr(native, "FaceRenderer", no_driver)
+    with open_renderer(head, SMALL) as renderer:
+        assert isinstance(renderer, NativeRenderer)
+    with pytest.raises(ResourceError, match="no context"):
+        open_renderer(head, replace(SMALL, renderer="gl"))
+
+
+def test_what_native_cannot_draw_is_said(
+    library: ModuleType, without_gpu: None, caplog: pytest.LogCaptureFixture
+) -> None:
+    head = head_of("default", 128)
+    with caplog.at_level(logging.WARNING), open_renderer(head, replace(SMALL, wire=True)):
+        pass
+    assert [record.getMessage() for record in caplog.records] == [
+        "renderer: OpenGL draws this image, because native does not draw the wireframe"
+    ]
+    with pytest.raises(UsageError, match="native does not draw multisampled edges"):
+        open_renderer(head, replace(SMALL, renderer="native", samples=4))
+
+
+def test_without_the_package_opengl_draws_and_native_says_what_to_install(
+    monkeypatch: pytest.MonkeyPatch, without_gpu: None
+) -> None:
+    monkeypatch.setitem(sys.modules, "fapengine_native", None)
+    monkeypatch.delitem(native.fapengine_native.__dict__, "Face", raising=False)  # kept when it was first used
+    monkeypatch.setattr(native, "find_spec", lambda name: None)
+    head = head_of("default", 128)
+    with open_renderer(head, SMALL) as renderer:
+        assert isinstance(renderer, FaceRenderer)
+    with pytest.raises(ResourceError, match="pip install fapengine-native"):
+        open_renderer(head, replace(SMALL, renderer="native"))
+
+
+@pytest.mark.parametrize("name", ["cpu", ""])
+def test_renderers_have_names(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(FapEngineError, match="expected one of auto, native, gl"):
+        RenderOptions(renderer=name)
+    if name:
+        monkeypatch.setenv(native.VARIABLE, name)
+        with pytest.raises(UsageError, match="expected one of auto, native, gl"):
+            native.asked_renderer(RenderOptions())
+
+
+WITHOUT_EGL = """
+import ctypes.util, sys
+import glcontext
+def no_egl(*args, **settings):
+    raise Exception("libEGL.so not loaded")
+glcontext.get_backend_by_name = glcontext.default_backend = lambda *_: no_egl
+from fapengine.cli import main
+sys.argv = ["fapengine", *sys.argv[1:]]
+main()
+"""
+
+
+def test_a_video_is_written_where_libegl_cannot_be_loaded(library: ModuleType, tmp_path: Path) -> None:
+    environment = {name: value for name, value in os.environ.items() if name != native.VARIABLE} | {
+        "PYTHONPATH": os.pathsep.join([str(built.built()), str(built.HERE)]), "LIBGL_ALWAYS_SOFTWARE": "1",
+    }  # fmt: skip
+    track = tmp_path / "a.fap"
+    fapengine.save(FapTrack.from_values(np.zeros((3, 68)), rate_hz=25.0), track)
+    command = [sys.executable, "-c", WITHOUT_EGL, "render", str(track), "-o", str(tmp_path / "a.mp4"), "--size", "96"]
+    failed = subprocess.run([*command, "--renderer", "gl"], env=environment, capture_output=True, text=True)
+    assert failed.returncode == 3, failed.stderr
+    assert "libEGL.so not loaded" in failed.stderr
+    done = subprocess.run(command, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "a.mp4").stat().st_size > 1000
