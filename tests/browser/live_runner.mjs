@@ -14,7 +14,7 @@ const bytes = async (name) => {
   return data.buffer.slice(data.byteOffset, data.byteOffset + data.byteLength);
 };
 const profile = new Profile(await bytes(join(folder, "assets", "planner.bin")));
-const { streams = [], tracks = [], sounds = [], ramps = [], followed = null } = JSON.parse(await readFile(input, "utf8"));
+const { streams = [], tracks = [], sounds = [], ramps = [], followed = [] } = JSON.parse(await readFile(input, "utf8"));
 
 const played = ({ events, frames, rate, options, expression }) => {
   const planner = new Planner(profile, options);
@@ -51,24 +51,24 @@ const glided = ({ events, times }) => {
   for (const { goal, at, over, takesOver } of events) (takesOver ? ramp.to : ramp.then).call(ramp, goal, at, over);
   return times.map((time) => ramp.value(time));
 };
-// A face that follows sound in pieces of 10 ms, with a frame after each; what it tells and the widest opening of its lips.
-const follow = async ({ samples, rate, cancelAt }) => {
+// A face that follows sound in pieces of 10 ms, with a frame after each: what it tells, and [position, FAP 4, FAP 5].
+const follow = async ({ samples, rate, delay, cancelAt }) => {
   const [live, faps, told] = [await Live.make(), new Float32Array(68), []];
   for (const type of ["started", "phone", "finished", "cancelled", "error"]) {
     live.addEventListener(type, ({ detail }) => told.push([type, detail?.label ?? null, live.position]));
   }
-  const openings = [];
+  const frames = [];
   const sound = Float32Array.from(samples, (sample) => sample / 32768);
   for (let at = 0; at < sound.length; at += rate / 100) {
-    await live.push(sound.subarray(at, at + rate / 100), rate);
+    await live.push(sound.subarray(at, at + rate / 100), rate, { delay });
     live.sample(at / rate, faps);
-    openings.push(-(faps[3] + faps[4]));
+    frames.push([live.position, faps[3], faps[4]]);
     if (cancelAt && at === cancelAt * rate) live.cancel();
   }
   live.express("joy");
   const joy = live.sample(performance.now() / 1000 + 9, faps) && faps[11];
   const weights = await new Promise((done) => (live.onweights = (arkit, these) => done([arkit.length, these.length])));
   live.close();
-  return { told, openings, joy, weights };
+  return { told, frames, joy, weights };
 };
-await writeFile(output, JSON.stringify({ streams: streams.map(played), tracks: tracks.map(planned), heard, glided: ramps.map(glided), followed: followed && (await follow(followed)) }));
+await writeFile(output, JSON.stringify({ streams: streams.map(played), tracks: tracks.map(planned), heard, glided: ramps.map(glided), followed: await Promise.all(followed.map(follow)) }));

@@ -2,10 +2,11 @@
 
     python -m tests.browser.live_sound
 
-Two sentences in each of flite's four voices are played in real time to ``hear`` of a ``<fap-face>`` that draws itself,
-under ``default-src 'self'`` with trusted types. Figures: correlation of the opening of the lips that are shown with
-that of the plan, mean and worst of the eight; p b m met as in ``bench/ear_delays.py``; share of a core that the
-recognizer's worker takes.
+Two sentences in each of flite's four voices. First they are pushed into ``Live`` in Node, on a made clock; the worker
+is taken to answer within 10 ms. Then they are played in real time to ``hear`` of a ``<fap-face>`` that draws itself,
+under ``default-src 'self'`` with trusted types: that needs a machine with nothing else to do. Figures: correlation of
+the opening of the lips that are shown with that of the plan, mean and worst of the eight; p b m met as in
+``bench/ear_delays.py``; share of a core that the recognizer's worker takes.
 """
 
 import asyncio
@@ -25,8 +26,11 @@ from fapengine.recognition.protocol import RATE_HZ
 from tests.browser.bundlers import opened
 from tests.browser.chromium import Browser
 from tests.browser.firefox import Firefox, find_firefox
+from tests.browser.test_live import RUNNER, node
 from tests.unit.recognition.speech import BABY, FAPU_MM, POPPIES, VOICES, Spoken, closures, opening_mm, spoken
 
+DELAYS_S = (0.2, 0.25, 0.3)
+ANSWER_S = 0.01
 POLICY = "default-src 'self'; require-trusted-types-for 'script'"
 PAGE = f"""<!doctype html><html lang="en"><title>Hear</title><link rel="icon" href="package/icon.svg" />
 <meta http-equiv="Content-Security-Policy" content="{POLICY}" />
@@ -110,11 +114,8 @@ async def measure(browser: Page, sentences: dict[str, Spoken], rate_hz: int, del
         rows.append(judged(found, speech))
         shares.append(found["share"])
         frames += len(found["frames"])
-    r, met, count = (np.array(column) for column in zip(*rows, strict=True))
-    return (
-        f"{rate_hz} Hz, {delay_s:.2f} s: r {r.mean():.3f}, worst {r.min():.3f}, p b m {met.sum()}/{count.sum()},"
-        f" worker {100 * np.mean(shares):.1f} % of a core, {frames} pictures"
-    )
+    share = f"worker {100 * np.mean(shares):.1f} % of a core, {frames} pictures"
+    return f"{rate_hz} Hz, {delay_s:.2f} s: {figures(rows)}, {share}"
 
 
 async def in_firefox() -> str:
@@ -133,15 +134,35 @@ def all_sentences() -> dict[str, Spoken]:
     return {f"{voice}-{text[:2]}": spoken(voice, text) for voice in VOICES for text in (BABY, POPPIES)}
 
 
+def in_node(package: Path, sentences: dict[str, Spoken], delay_s: float) -> str:
+    """Push all sentences into a face without a page; the figures."""
+    pause = np.zeros(RATE_HZ, np.int16)
+    given = [
+        {"samples": [*speech.samples.tolist(), *pause.tolist()], "rate": RATE_HZ, "delay": delay_s - ANSWER_S}
+        for speech in sentences.values()
+    ]
+    found = node(package, RUNNER, {"followed": given})["followed"]
+    rows = [judged(one, speech) for one, speech in zip(found, sentences.values(), strict=True)]
+    return f"{delay_s:.2f} s: {figures(rows)}"
+
+
+def figures(rows: list[tuple[float, int, int]]) -> str:
+    """Write what :func:`judged` found."""
+    r, met, count = (np.array(column) for column in zip(*rows, strict=True))
+    return f"r {r.mean():.3f}, worst {r.min():.3f}, p b m {met.sum()}/{count.sum()}"
+
+
 async def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         make_site(Path(folder), sentences := all_sentences())
+        for delay_s in DELAYS_S:
+            print("Node,", in_node(Path(folder) / "package", sentences, delay_s), flush=True)
         with opened(Path(folder)) as url:
             async with Browser((400, 400)) as browser:
                 await browser.open(url)
                 await browser.until("window.isReady")
                 for rate_hz in (44_100, 48_000):
-                    for delay_s in (0.2, 0.25, 0.3):
+                    for delay_s in DELAYS_S:
                         print("Chromium,", await measure(browser, sentences, rate_hz, delay_s), flush=True)
                 assert browser.complaints == [], browser.complaints
     if find_firefox():
