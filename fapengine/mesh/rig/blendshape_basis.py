@@ -11,7 +11,8 @@ least squares solution
 where ``noise`` is the tolerance of a feature point (mm) and ``usual`` a typical weight of a blendshape. The rest,
 ``e - a S``, is added by the fields of least bending of :mod:`fapengine.mesh.rig.parts`. So every FAP moves its
 own point by exactly its step and no other point, and looks like the rig as far as the rig allows; and FAPs that come
-from a pose of the rig reproduce that pose, because everything is linear.
+from a pose of the rig reproduce that pose, because everything is linear. Weights may be negative: bounded ones leave
+more to the fields (``design/tried.md``).
 
 The renderer sums blendshapes and fields, not FAPs: a vertex has fewer of them. Their weights are sums of the channels
 (``DeformationBasis.mix``). Lids slide over their eyeball by further channels with the
