@@ -49,6 +49,8 @@ TEETH = np.array([0.72, 0.63, 0.55])
 EYE = np.array([0.80, 0.77, 0.74])
 LASH = np.array([0.030, 0.018, 0.013])
 CLOTH = np.array([0.030, 0.060, 0.105])
+SHIRT = np.array([0.56, 0.55, 0.54])
+"""The T-shirt below it."""
 
 BLOOD = np.array([0.35, 1.0, 0.9])
 """Fractions of red, green and blue that more blood in the skin absorbs."""

@@ -19,7 +19,7 @@ import numpy as np
 
 from fapengine._arrays import Array, Indices
 from fapengine.geometry.smooth import smoothstep
-from fapengine.mesh.default_head.eyes import Eye, lid_displacement, turned
+from fapengine.mesh.default_head.eyes import Eye, lash_displacement, lid_displacement
 from fapengine.mesh.default_head.folds import fold_shares
 from fapengine.mesh.default_head.mouth import HALF_WAY
 from fapengine.mesh.default_head.parts import CROWNS
@@ -47,6 +47,10 @@ SMILE_FAPU, SMILE_CHEEK_MM, SMILE_LID = (200.0, 600.0), 3.5, 140.0
 PUFF_MM, PUFF_DOWN, PUFF_FORWARD, PUFF_CORNER_MM = 32.0, 1.5, 0.35, 16.0
 """A puffed cheek: its radius; how much farther it reaches down; its way forwards per millimetre outwards; and the
 distance from the corner of the lips within which it is held.
+"""
+BROW_ABOVE_MM, BROW_TO_LID_MM, SQUEEZE_ABOVE_MM = 36.0, 14.5, 14.0
+"""How far above a brow, which moves as one piece, the skin follows; how far below its middle; and how far above it skin
+moves inwards.
 """
 UPPER_LIP_FAPS, LOWER_LIP_FAPS = (17, 51, 55, 56), (16, 52, 57, 58)
 PUSH_LOWER_LIP, RAISE_CORNERS = 16, (12, 13)
@@ -113,7 +117,7 @@ def build_basis(
     around((63, 64), skin, (26, 30, 40))
     for side, ear in enumerate(head.ears):
         around((65 + side, 67 + side), ear.ravel(), (60, 60, 60))
-    _brows(points, skin, feature_points, linear)
+    _brows(points, head, skin, feature_points, linear)
     for side, eye in enumerate(head.eyes):
         _lids(points, eye, side, feature_points, fapu, collector)
         below = eye.lids.indices[eye.lids.level > 1][:, ~eye.lids.upper]
@@ -224,24 +228,43 @@ def _skin_fields(
     return fields
 
 
-def _brows(points: Array, skin: Indices, feature_points: dict[str, int], linear: Linear) -> None:
+def _brows(points: Array, head: HeadParts, skin: Indices, feature_points: dict[str, int], linear: Linear) -> None:
+    """Inner, middle and outer FAPs together bend a brow along one parabola; it moves whole, and the skin follows."""
     x, y, front = points[skin, 0], points[skin, 1], points[skin, 2] > 20
     for side, sign in enumerate((1.0, -1.0)):
         inner, middle, outer = (points[feature_points[f"4.{number + side}"]] for number in (1, 3, 5))
         along = sign * x
         knots = sign * np.array([inner[0], middle[0], outer[0]])
-        height = np.interp(along, knots, [inner[1], middle[1], outer[1]])
-        above = np.clip((y - height) / 40.0, 0, 1)
-        below = np.clip((height - y) / 12.0, 0, 1)
-        vertical = (1 - smoothstep(above)) * (1 - smoothstep(below)) * front
-        to_middle = smoothstep((along - knots[0]) / (knots[1] - knots[0]))
-        to_outer = smoothstep((along - knots[1]) / (knots[2] - knots[1]))
-        midline = smoothstep((along + 14.0) / (14.0 + knots[0]))
-        temple = 1 - smoothstep((along - knots[2]) / 20.0)
-        weights = (midline * (1 - to_middle), to_middle * (1 - to_outer), to_outer * temple)
-        for number, weight in zip((31 + side, 33 + side, 35 + side), weights, strict=True):
-            linear(number, skin, weight * vertical)
-        linear(37 + side, skin, (weights[0] + 0.5 * weights[1]) * vertical)
+        at = np.clip(along, knots[0], knots[2])
+        heights = np.array([inner[1], middle[1], outer[1]])
+        off = y - _parabola(at, knots) @ heights
+        hairs = points[head.brows[side]]
+        thick = np.percentile(np.abs(hairs[:, 1] - _parabola(sign * hairs[:, 0], knots) @ heights), 80)
+        above = np.clip((off - thick) / BROW_ABOVE_MM, 0, 1)
+        below = np.clip((-off - thick) / (BROW_TO_LID_MM - thick), 0, 1)
+        # A ramp with short ends is less steep than a smooth step: skin below a lowered brow must not fold over itself.
+        vertical = (1 - smoothstep(above)) * (1 - 0.5 * (below + smoothstep(below))) * front
+        midline = smoothstep((along / knots[0] + 1) / 2)
+        temple = 1 - smoothstep((along - knots[2]) / 24.0)
+        weights = _parabola(at, knots) * (midline * temple * vertical)[:, None]
+        for number, weight in zip((31 + side, 33 + side, 35 + side), weights.T, strict=True):
+            linear(number, skin, weight)
+        inwards = 1 - 0.8 * smoothstep((along - knots[0]) / (knots[2] - knots[0]))
+        inwards *= 1 - smoothstep((off - thick) / SQUEEZE_ABOVE_MM)  # or the forehead would have a ridge
+        linear(37 + side, skin, inwards * midline * temple * vertical)
+
+
+def _parabola(x: Array, knots: Array) -> Array:
+    """(N, 3): weights of three values at knots, (3,), on the parabola through them, at places (N,)."""
+    first, second, third = knots
+    return np.stack(
+        [
+            (x - second) * (x - third) / ((first - second) * (first - third)),
+            (x - first) * (x - third) / ((second - first) * (second - third)),
+            (x - first) * (x - second) / ((third - first) * (third - second)),
+        ],
+        axis=-1,
+    )
 
 
 def _lids(
@@ -266,8 +289,9 @@ def _lids(
                 angle = np.arcsin(np.clip(moved / np.hypot(y, z), -1, 1))
                 closing = (angle - neutral_rad) / (eye.closed[own] - eye.angles[own])
                 turn = np.where(mine, closing * (eye.closed - eye.angles), 0.0)
-                lids = lid_displacement(neutral, eye, turn)[1:].reshape(-1, 3)
-                lashes = turned(points[eye.lashes], eye.centre, turn[eye.lash_roots][:, None]).reshape(-1, 3)
+                shut = float(smoothstep(closing)) if direction < 0 else 0.0
+                lids = lid_displacement(neutral, eye, turn, shut)[1:].reshape(-1, 3)
+                lashes = lash_displacement(points[eye.lashes], eye, turn[eye.lash_roots]).reshape(-1, 3)
                 poses.append(np.concatenate([lids, lashes]))
             for (start, before), (stop, after) in pairwise(zip(knots, poses, strict=True)):
                 collector.add(Channel(number, start, stop), moving, (after - before) / abs(stop - start))

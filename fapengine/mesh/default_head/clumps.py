@@ -11,6 +11,7 @@ there. Nothing is random: clumps vary by fractions of multiples of the golden ra
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from fapengine._arrays import Array, Indices
 from fapengine.geometry.smooth import smoothstep
@@ -29,15 +30,21 @@ HANGS_BELOW_MM, ON_HEAD = 34.0, 0.56
 SHADES = (0.50, 0.85, 1.12, 0.90, 0.55)
 """Shade across a clump: dark where it goes below its neighbours."""
 TAPER_AT, TAPER = (0.0, 0.15, 0.45, 0.75, 0.92, 1.0), (0.62, 0.95, 1.0, 0.78, 0.40, 0.03)
-HANGING_TAPER = (0.5, 0.9, 1.0, 1.0, 0.95, 0.6)
+HANGING_TAPER = (0.5, 0.9, 1.0, 1.0, 0.85, 0.3)
 ARCH, HANGING_ARCH, LINING_ARCH = 0.55, 0.26, 0.20
 """Depth of the edges of a clump below its middle, relative to its half width."""
 TOP_MM = 142.5
 """Height of the measured part of the scalp."""
 WHORL_AT = np.array([0.0, 0.0, -10.0])
 """Middle of the whorl at the crown, mm."""
+CLOSE_SIDES = 0.5
+"""Fraction of their height that clumps of short hair lose at the sides, so that hair is no helmet."""
 EAR_MM = 7.0
 """Additional distance of hanging hair over an ear."""
+SHEEN_FROM = np.array([-0.24, 0.44, 0.87])
+"""Half way between the key lamp and a camera in front: hair across it is bright, as a bundle of cylinders is."""
+SHEEN, SHEEN_POWER, SHEEN_UNEVEN = 1.15, 14.0, 0.14
+"""Additional light on hair at its brightest, and how narrow and uneven the band is."""
 INSIDE = 0.45
 """Shade of the inside of hanging hair."""
 EVEN_LIGHT_HAIR = 2.8
@@ -94,9 +101,9 @@ def _short_groups() -> list[_Group]:
         _Group(part, (0.9, -0.3, -0.5), (0.2, -1, -0.45), 74, 17, (1, 8, 9, 6), fine=0.6),
         _Group(part[-2::-1], (-1, 0.3, -0.45), (-0.25, -1, -0.6), 116, 21, (1, 10, 10, 4), fine=0.6),
         # The front rises and falls to the right.
-        _Group(_line((-52, 82), (-30, 94), 4), (-0.35, 0.9, 0.1), (-0.5, -0.6, -0.95), 66, 13, (0.6, 8, 9, 4), 0.45),
-        _Group(_line((-34, 92), (-4, 96), 6), (-0.45, 0.95, 0.4), (-0.8, -0.5, -0.75), 88, 15, (0.6, 13, 14, 5), 0.45),
-        _Group(_line((-12, 94), (24, 97), 7), (-0.6, 0.9, 0.55), (-1, -0.35, -0.5), 84, 17, (0.6, 15, 14, 3), 0.45),
+        _Group(_line((-62, 66), (-36, 91), 5), (-0.2, 0.9, -0.1), (-0.1, -0.8, -1), 72, 15, (0.3, 7, 8, 4), 0.7),
+        _Group(_line((-40, 90), (-4, 95), 7), (-0.35, 0.95, 0.35), (-0.45, -0.25, -1), 100, 20, (0.3, 13, 15, 9), 0.7),
+        _Group(_line((-12, 95), (25, 95), 7), (-0.45, 0.9, 0.55), (-0.7, -0.2, -0.9), 106, 21, (0.3, 14.5, 15, 8), 0.7),
     ]
     return groups
 
@@ -108,7 +115,7 @@ def _hanging_groups(end_mm: float) -> list[_Group]:
         middle = _line((176 * side, 104), (56 * side, 88), 9)
         # From the front of the parting to the crown, then down the back of the head.
         parting = np.array(
-            [[1.5, 95], [2.5, 104], [4, 112], [5, 120], [6, 128], [10, 135], [30, 140], [110, 141], [160, 138]]
+            [[1.5, 97], [2.5, 105], [4, 112], [5, 120], [6, 128], [10, 135], [30, 140], [110, 141], [160, 138]]
         )
         parting = parting * [side, 1.0]
         down = (0.0, -1.0, 0.0)
@@ -126,7 +133,7 @@ def build_clumps(builder: MeshBuilder, style: HeadStyle, palette: Palette, detai
     groups = _hanging_groups(ENDS_MM[style.haircut]) if style.haircut in ENDS_MM else _short_groups()
     for number, group in enumerate(groups):
         points, aside, out = _laid(group, scalp, style, number, detail)
-        added.append(_add(builder, points, palette, number))
+        added.append(_add(builder, points, palette, number, sheen=_sheen(points, out, number)))
         if group.is_lining or (group.end_mm is not None and group.fine < 1):
             seen = slice(None) if group.is_lining else slice(3)  # of the upper clumps, those beside the face
             inside = (points - 1.5 * out[:, :, None])[seen, ..., ::-1, :]
@@ -186,6 +193,10 @@ def _on_scalp(
         low = 53.0 + 4.0 * other - foot[:, 1]
         clear = 1 - smoothstep(low / 9.0) * smoothstep((33.0 - np.abs(foot[:, 2] + 8.0)) / 9.0)
         rise = np.interp(share, (0, 1 / 3, 2 / 3, 1), group.rise_mm) * (1 + 0.10 * wild) * (0.4 + 0.6 * clear)
+        angle = np.rad2deg(np.abs(np.arctan2(foot[:, 0], foot[:, 2] - AXIS_Z_MM)))
+        rise = rise * (
+            1 - CLOSE_SIDES * np.exp(-(((angle - 92.0) / 30.0) ** 2)) * smoothstep((115.0 - foot[:, 1]) / 40.0)
+        )
         middles.append(foot + rise[:, None] * out)
         outs.append(out)
         at = foot + (clear * length / (steps - 1))[:, None] * (way + 0.10 * other[:, None] * np.cross(way, out))
@@ -209,7 +220,7 @@ def _hung(group: _Group, scalp: Scalp, style: HeadStyle, wild: Array, other: Arr
         at = foot + (left / max(on_head - 1 - number, 1))[:, None] * way
     flat = unit_vectors(outs[-1] * [1.0, 0.0, 1.0], 1e-6)
     start = middles[-1]
-    end_mm = group.end_mm + 7.0 * wild  # type: ignore[operator]  # hanging groups have one
+    end_mm = group.end_mm + 9.0 * wild  # type: ignore[operator]  # hanging groups have one
     for share in np.linspace(0, 1, steps - on_head + 1)[1:]:
         inwards = 10.0 * smoothstep(share) + 1.0 * other * np.sin(3.0 * share)
         hangs = start - inwards[:, None] * flat
@@ -219,14 +230,25 @@ def _hung(group: _Group, scalp: Scalp, style: HeadStyle, wild: Array, other: Arr
     return np.stack(middles, axis=1), np.stack(outs, axis=1)
 
 
-def _add(builder: MeshBuilder, points: Array, palette: Palette, seed: int, *, shade: float = 1.0) -> Indices:
-    """Add clumps, (N, S, C, 3) mm; returns their indices."""
+def _sheen(points: Array, out: Array, seed: int) -> Array:
+    """(N, S): light on clumps, (N, S, C, 3) mm with outward directions (N, S, 3), as on bundles of shiny cylinders."""
+    along = unit_vectors(np.gradient(points[:, :, points.shape[2] // 2], axis=1), 1e-6)
+    uneven = SHEEN_UNEVEN * (2 * golden(np.arange(len(points)) + 5 * seed, 2.3) - 1)
+    across = np.clip(1 - (along @ SHEEN_FROM + uneven[:, None]) ** 2, 0, 1)
+    return np.asarray(SHEEN * across**SHEEN_POWER * np.clip(0.25 + out @ SHEEN_FROM, 0, 1))
+
+
+def _add(
+    builder: MeshBuilder, points: Array, palette: Palette, seed: int, *, shade: float = 1.0, sheen: ArrayLike = 0.0
+) -> Indices:
+    """Add clumps, (N, S, C, 3) mm; ``sheen``, (N, S), is additional light. Returns their indices."""
     count, steps, wide = points.shape[:3]
     across = np.linspace(-1.0, 1.0, wide)
     number = np.arange(count) + 11 * seed
     vary, share = 2 * golden(number) - 1, np.linspace(0, 1, steps)
     shine = 0.62 + 0.55 * np.sin(np.pi * np.clip(share * 1.15, 0, 1)) ** 1.4
-    tint = (1 + 0.12 * vary)[:, None, None] * shine[:, None] * np.interp(across, np.linspace(-1, 1, 5), SHADES)
+    lit = np.asarray(shine + np.asarray(sheen))[..., None]
+    tint = (1 + 0.12 * vary)[:, None, None] * lit * np.interp(across, np.linspace(-1, 1, 5), SHADES)
     even = min(EVEN_LIGHT_HAIR * float(palette.hair.mean()), 0.9)
     tint = shade * (tint + even * (0.9 - tint))
     strip = 0.10 + 0.8 * golden(number, 3.1)[:, None, None] + 0.075 * across

@@ -31,6 +31,10 @@ OUTSIDE = (1.82, 1.66, 1.54, 1.46, 1.40, 1.34, 1.24, 1.12, 1.0)
 CREASE = 1.4
 EDGE = ((0.93, 0.42, 0.99), (0.8, 0.04, 0.965), (0.5, -1.2, 1.12))
 """Around the margin: level, height above the eyeball, size of the opening."""
+STRETCH_ROUNDS, STRETCH_COLUMNS = 7, 58
+"""Rounds of averaging of a closed lid, for so many columns."""
+LASH_SWING = 1.7
+"""Turn of a lash about its root, relative to that of its lid."""
 POLAR_DEG = (88.0, 66, 50, 38, 30, 23, 17, 11, 5)
 
 
@@ -117,7 +121,7 @@ def build_lids(
         crease = np.exp(-(((level - CREASE) / 0.055) ** 2)) * np.where(upper, 1.0, 0.12) * middle
         hood = np.exp(-(((level - 1.6) / 0.15) ** 2)) * np.where(upper, 1.1, 0.25 + 0.8 * style.age) * middle
         points += (hood - 0.60 * crease)[:, None] * out
-        shade = 1 - 0.16 * crease - np.where(upper, 0.10, 0.04) * smoothstep((CREASE + 0.04 - level) / 0.08)
+        shade = 1 - 0.20 * crease - np.where(upper, 0.14, 0.04) * smoothstep((CREASE + 0.1 - level) / 0.45)
         lash = (level <= 1.0) * upper
         albedo = np.where(lash[:, None], colours.LASH, palette.skin(points) * shade[:, None])
         kind, uv = np.where(lash, Material.LASH, Material.SKIN), skin_uv(angle, flat[:, 1])
@@ -235,12 +239,41 @@ def turned(points: Array, centre: Array, angle: Array) -> Array:
     return np.stack([np.zeros_like(y), y - offset[..., 1], z - offset[..., 2]], axis=-1)
 
 
-def lid_displacement(points: Array, eye: Eye, turn: Array) -> Array:
+def lid_displacement(points: Array, eye: Eye, turn: Array, shut: float = 0.0) -> Array:
     """(levels, N, 3) mm: displacement of lid vertices turned about the horizontal axis of the eyeball.
 
     ``points`` are the neutral lid vertices, (levels, N, 3) mm; ``turn`` is the turn of each margin vertex, (N,) rad,
-    upwards positive.
+    upwards positive. ``shut`` is how far the lid is closed, 0..1: the skin of a closed one is stretched smoothly from
+    its margin to the brow.
     """
     level = eye.lids.level
     share = np.where(level >= 1, 1 - smoothstep((level - 1) / (CREASE + 0.12 - 1)), 1.0)
-    return turned(points, eye.centre, share[:, None] * turn)
+    moves = turned(points, eye.centre, share[:, None] * turn)
+    return moves + shut * (_stretched(points + moves, eye) - points - moves) if shut > 0 else moves
+
+
+def _stretched(points: Array, eye: Eye) -> Array:
+    """(levels, N, 3) mm: the skin of an upper lid, averaged over neighbours, clear of the ball."""
+    level = eye.lids.level[:, None]
+    free = smoothstep((level - 1.0) / 0.15) * smoothstep((1.9 - level) / 0.3)
+    free = (free * eye.lids.upper * (1 - np.abs(eye.lids.t) ** 6))[..., None]
+    moved = points.copy()
+    for _ in range(round(STRETCH_ROUNDS * (points.shape[1] / STRETCH_COLUMNS) ** 2)):
+        beside = np.roll(moved, 1, axis=1) + np.roll(moved, -1, axis=1)
+        above, below = moved[[0, *range(len(moved) - 1)]], moved[[*range(1, len(moved)), -1]]
+        moved += free * ((beside + above + below) / 4 - moved)
+    off = moved - eye.centre
+    distance = np.linalg.norm(off, axis=-1, keepdims=True)
+    margin = points[np.flatnonzero(eye.lids.level == 1.0)[0]] - eye.centre
+    clear = 0.98 * np.linalg.norm(margin, axis=-1).min()
+    return np.where(free > 0, eye.centre + off * np.maximum(clear / distance, 1.0), points)
+
+
+def lash_displacement(lashes: Array, eye: Eye, turn: Array) -> Array:
+    """(L, 6, 3) mm: displacement of lashes, which swing farther than the lid: those of a shut eye point down.
+
+    ``lashes`` are neutral, (L, 6, 3) mm; ``turn`` is that of each root, (L,) rad.
+    """
+    root = lashes[:, :2].mean(axis=1, keepdims=True)
+    swing = turned(lashes, root, LASH_SWING * turn[:, None])
+    return turned(root, eye.centre, turn[:, None]) + swing

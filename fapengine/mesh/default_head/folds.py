@@ -47,7 +47,7 @@ DRIVES: dict[int, tuple[Drive, ...]] = {
     CROWS_FEET: ((41, 1.0, 6.0),),
     UNDER_EYE: ((41, 1.0, 6.0),),
     NOSE: ((63, 0.6, 3.0), (55, 0.5, -9.0)),
-    BESIDE_NOSE: ((59, 0.45, 6.5), (55, 0.5, -9.0)),
+    BESIDE_NOSE: ((59, 0.8, 6.5), (55, 0.5, -9.0)),
     CHIN: ((18, 0.6, 1.2), (59, 0.5, -5.0)),
 }
 """FAPs that cause each fold; the right half has the FAPs of the right."""

@@ -17,12 +17,14 @@ CAP_ROWS = (-0.03, 0.0, 0.03, 0.09, 0.155, 0.22, 0.32, 0.42, 0.525, 0.63, 0.72, 
 CAP_SHADE, UNDER_CLUMPS_SHADE = 0.85, 0.6
 CAP_TOP_MM, RISES, USUAL_RISE = 144.0, {"short": 0.24}, 0.22
 """Height of the crown of the cap, and fraction of the way there over which the cap gains its thickness, by haircut."""
-ROOT, HARD_ROOT = 0.3, 0.55
+ROOT, HARD_ROOT = 0.0, 0.4
 """Fraction of skin colour where the cap begins: with single hairs along its edge, and without."""
 LEAN_RAD, RELIEF_MM = 0.55, 0.5
 """Angle by which strands of the cap lean back on their way down the sides, and height of their waves."""
-EDGE_HAIRS, EDGE_POINTS = 260, 3
+EDGE_HAIRS, EDGE_POINTS = 244, 3
 """Single hairs along the hairline, and points of each."""
+SWEPT = np.array([-0.4, 0.9, -0.1])
+"""Direction of those over the forehead."""
 THICK, UNDER_LOCKS = {"short": 0.55, "cropped": 0.22}, 0.1
 """Thickness of the cap by haircut, relative to short hair; under long hair."""
 UNDER_CLUMPS = 0.6
@@ -49,6 +51,8 @@ def _build_edge(builder: MeshBuilder, style: HeadStyle, palette: Palette, detail
     number = np.arange(round(EDGE_HAIRS * min(detail, 1.4) ** 1.5))
     place, wild, other = (2 * golden(number, factor) - 1 for factor in (1.0, 5.77, 3.1))
     angle = np.pi * np.sign(place) * np.abs(place) ** 1.3  # most are over the face
+    clear = (np.abs(np.rad2deg(np.abs(angle)) - 104.0) > 24.0) | (number % 4 == 0)  # few beside the ears
+    angle, wild, other = angle[clear], wild[clear], other[clear]
     degrees = np.rad2deg(np.abs(angle))
     # On the forehead few begin far before the line; at the nape they hang over it.
     before = np.where(degrees > 117.0, 3.0 + 3.0 * wild, 1.0 - 5.0 * wild**2 * np.sign(wild + 0.3))
@@ -58,13 +62,14 @@ def _build_edge(builder: MeshBuilder, style: HeadStyle, palette: Palette, detail
     at = position(angle, hairline(angle) + before, style)
     for step in range(EDGE_POINTS):
         foot, out = scalp.under(at)
-        along = _combed(foot, out) * np.where(degrees < 60.0, -1.0, 1.0)[:, None]
-        along = unit_vectors(along + (0.45 * other)[:, None] * np.cross(along, out))
+        combed = _combed(foot, out)
+        along = np.where((degrees < 60.0)[:, None], unit_vectors(SWEPT - (out @ SWEPT)[:, None] * out), combed)
+        along = unit_vectors(along + (0.3 * other)[:, None] * np.cross(along, out))
         spine.append(foot + (_over(foot, style.haircut) + 0.2 + 0.17 * step)[:, None] * out)
         at = foot + (length / (EDGE_POINTS - 1))[:, None] * along
     aside = unit_vectors(np.cross(along, out))
     tint = CAP_SHADE * palette.hair * (0.95 + 0.35 * wild)[:, None]
-    half_width = np.linspace(0.17, 0.04, EDGE_POINTS)
+    half_width = np.linspace(0.15, 0.04, EDGE_POINTS)
     return builder.strands(np.stack(spine, axis=1), half_width, aside, albedo=tint).ravel()
 
 
@@ -72,7 +77,7 @@ def _cap_height(y: Array, angle: Array, haircut: str) -> Array:
     """Distance of the cap from the scalp, mm, by height and angle."""
     line = hairline(angle)
     inside = smoothstep(((y - line) / (CAP_TOP_MM - line) + 0.02) / RISES.get(haircut, USUAL_RISE))
-    return 0.3 + THICK.get(haircut, UNDER_LOCKS) * _thickness(y) * inside
+    return 0.6 + THICK.get(haircut, UNDER_LOCKS) * _thickness(y) * inside
 
 
 def _over(points: Array, haircut: str) -> Array:

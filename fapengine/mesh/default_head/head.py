@@ -49,6 +49,8 @@ OPEN_LID, SHUT_LID = 0.60, 0.78
 """Least light on an open and on a closed lid."""
 HAIR_NEAR_MM, HAIR_SHADE, JAW_SHADE = 9.0, 0.55, 0.7
 """Distance within which hair shades skin; fraction of the light that hair and jaw remove."""
+EAR_JOINS_MM = 3.5
+"""Height above the skin over which an ear takes on its light."""
 HEAD_PIVOT = np.array([0.0, -45.0, -5.0])
 MOUTH_LINE_Y = -34.6
 """Height of a row of the grid; its vertices at the border of the mouth's block are level with the corners of the mouth.
@@ -209,6 +211,7 @@ def _on_face(template: Array, builder: MeshBuilder, head: HeadParts, style: Head
     place = builder.column("place")
     on_skin = np.isfinite(place[:, 0])
     points[on_skin] += faces.displacement(place[on_skin], style.weights)
+    points[head.crown] += (points - template)[head.grid[-1]].mean(axis=0) * [0, 1, 1]
     mouth = faces.displacement(MIDDLE, style.weights) - faces.displacement(MIDDLE)
     for part in (head.upper_teeth, head.lower_teeth, head.tongue):
         points[part] += mouth
@@ -264,7 +267,20 @@ def _light_mouth(
         rest[teeth] = -1.0
 
 
-def _cast_shadows(points: Array, occlusion: Array, head: HeadParts, has_hair: bool) -> None:
+def _join_ears(points: Array, normals: Array, occlusion: Array, head: HeadParts) -> None:
+    """Turn ``normals`` of ears and change their ``occlusion`` to those of the skin where they grow out of it."""
+    skin = head.grid.ravel()
+    at = cKDTree(points[skin])
+    for ear in head.ears:
+        mine = ear.ravel()
+        under = skin[at.query(points[mine])[1]]
+        above = ((points[mine] - points[under]) * normals[under]).sum(axis=1)
+        share = 1 - smoothstep((above - 0.5) / EAR_JOINS_MM)
+        normals[mine] = unit_vectors(normals[mine] + 0.9 * share[:, None] * (normals[under] - normals[mine]), 1e-6)
+        occlusion[mine] += share * (occlusion[under] - occlusion[mine])
+
+
+def _cast_shadows(points: Array, triangles: Indices, occlusion: Array, head: HeadParts, has_hair: bool) -> None:
     """Darken ``occlusion`` of skin below hair and of the neck below the jaw, which shade it from the key lamp."""
     skin = head.grid.ravel()
     at = points[skin]
@@ -273,7 +289,9 @@ def _cast_shadows(points: Array, occlusion: Array, head: HeadParts, has_hair: bo
         # Hair that a ray to the lamp passes near by.
         hair = cKDTree(points[head.hair])
         distance = hair.query(at + 6.0 * KEY_FROM, distance_upper_bound=HAIR_NEAR_MM)[0]
-        shade = HAIR_SHADE * smoothstep(1 - np.minimum(distance, HAIR_NEAR_MM) / HAIR_NEAR_MM)
+        near = np.zeros(len(points))
+        near[skin] = smoothstep(1 - np.minimum(distance, HAIR_NEAR_MM) / HAIR_NEAR_MM)
+        shade = HAIR_SHADE * average_over_mesh(near, triangles, 2)[skin]
     chin = points[head.mouth.indices[0], 1].min()
     jaw = chin - 8.0 + 0.006 * at[:, 0] ** 2  # it rises towards the ears
     below = smoothstep((jaw - at[:, 1]) / 22.0) * smoothstep((at[:, 2] + 30.0) / 60.0)
@@ -297,7 +315,8 @@ def _finish(
     seam = head.grid[:, [0, -1]]
     normals[seam] = unit_vectors(normals[seam].sum(axis=1, keepdims=True), 1e-9)
     occlusion = average_over_mesh(ambient_light(points, normals), triangles, 2)
-    _cast_shadows(points, occlusion, head, bool(style.hair))
+    _join_ears(points, normals, occlusion, head)
+    _cast_shadows(points, triangles, occlusion, head, bool(style.hair))
     # The inside of the mouth is seen when the lips part, in the light: the neutral shadow would be wrong.
     for material, light in LIT_INSIDE.items():
         occlusion = np.where(builder.column("material") == material, np.maximum(occlusion, light), occlusion)

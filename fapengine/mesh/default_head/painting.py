@@ -20,6 +20,8 @@ from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.default_head.surface import nostril, radius
 
 PIGMENT = np.array([0.55, 0.9, 1.2])
+WING_CREASE = 0.2
+"""Shade in the crease around a wing of the nose."""
 COARSE = 4
 """Texel step at which the shape of the head is evaluated."""
 
@@ -100,6 +102,9 @@ def _skin(style: HeadStyle) -> Array:
         light[here] *= part(x[here], y[here], front[here], style)
     light *= _hairs(x, y, angle, front, style)
     hole = nostril(x, y, style.nose_width) * front
+    wing = np.hypot((np.abs(x) / style.nose_width - 12.4) / 6.6, (y - 2.0) / 9.0)
+    crease = np.exp(-(((wing - 1.0) / 0.16) ** 2)) * smoothstep((np.abs(x) / style.nose_width - 13.5) / 4.0) * front
+    light *= 1 - WING_CREASE * crease[..., None] * BLOOD
     light *= 1 - 0.5 * hole[..., None]
     return light
 
@@ -168,14 +173,16 @@ def _hairs(x: Array, y: Array, angle: Array, front: Mask, style: HeadStyle) -> A
     hair_tint = np.clip(np.array(HAIR_COLOURS[style.hair_colour]) / light_skin, 0, 1)
     brow_tint = np.clip(brow_colour(style.hair_colour) / light_skin, 0, 1)
     shape = (y.shape[0], y.shape[1])
-    middle, half = parts.brow_line(np.linspace(0, 1, 101), style.brow_thickness)
+    middle, half = parts.brow_line(np.linspace(0, 1, 101), style)
     across = np.abs(x)
     share = np.interp(across, middle[:, 0], np.linspace(0, 1, 101))
     off = (y - np.interp(across, middle[:, 0], middle[:, 1])) / np.maximum(np.interp(across, middle[:, 0], half), 0.5)
-    ends = smoothstep((across - middle[0, 0] + 2.5) / 6.0) * smoothstep((middle[-1, 0] + 1.0 - across) / 8.0)
-    ragged = off + 0.12 * _mirrored(_cloud(shape, 21, (2.0, 0.9)))
-    brow = smoothstep((1.1 - np.abs(ragged)) / 0.75) * ends * front * np.interp(share, (0, 0.2, 1), (0.55, 0.72, 0.7))
-    brow *= np.clip(0.92 + 0.16 * _mirrored(_cloud(shape, 22, (1.0, 0.8))), 0, 1)
+    ends = smoothstep((across - middle[0, 0] + 2.5) / 6.5) * smoothstep((middle[-1, 0] + 1.0 - across) / 7.0)
+    ragged = off + 0.10 * _mirrored(_cloud(shape, 21, (2.0, 0.9)))
+    brow = (
+        smoothstep((1.25 - np.abs(ragged)) / 0.85) * ends * front * np.interp(share, (0, 0.25, 1), (0.70, 0.90, 0.86))
+    )
+    brow *= np.clip(0.95 + 0.10 * _mirrored(_cloud(shape, 22, (1.0, 0.8))), 0, 1)
     light: Array = 1 - brow[..., None] * (1 - brow_tint)
     if style.beard:
         grown = (
@@ -184,6 +191,6 @@ def _hairs(x: Array, y: Array, angle: Array, front: Mask, style: HeadStyle) -> A
         light *= 1 - grown[..., None] * (1 - brow_tint)
     if style.hair:
         depth = (y - hairline(angle)) / 5.0 + 0.35 * _cloud(shape, 23, (3.0, 0.9))
-        root = 0.8 * smoothstep((depth + 0.5) / 1.2)
+        root = 0.93 * smoothstep((depth + 0.5) / 1.2)
         light = np.minimum(light, 1 - root[..., None] * (1 - hair_tint))
     return light

@@ -18,7 +18,7 @@ from fapengine.mesh.colours import BLOOD
 from fapengine.mesh.default_head import faces
 from fapengine.mesh.default_head.mesh_builder import MeshBuilder, golden, resampled
 from fapengine.mesh.default_head.style import HeadStyle, palette_of
-from fapengine.mesh.default_head.surface import angle_of, normal, position
+from fapengine.mesh.default_head.surface import AXIS_Z_MM, angle_of, normal, position
 from fapengine.mesh.face_mesh import Bone, Material
 
 
@@ -119,15 +119,20 @@ def build_tongue(builder: MeshBuilder, detail: float) -> Indices:
     return np.append(grid.ravel(), tip)
 
 
+COLLAR_HARMONICS = 5
+"""Harmonics of the outline of a neck that its collar follows."""
+
+
 def build_shirt(builder: MeshBuilder, style: HeadStyle, detail: float) -> None:
-    """Add collar and shoulders, which do not follow the head's rotation; the collar fits around this head's neck."""
+    """Add a jumper over a T-shirt, which do not follow the head's rotation; their collars fit around this neck."""
     around = np.linspace(-np.pi, np.pi, max(32, round(44 * detail)) + 1)[:-1]
     # fmt: off
     rows = (  # height, half width, half depth, drop at the front; distance from the neck, share of the shoulders
-        (-112, 52, 58, 15, 1.5, 0.0), (-107.5, 56, 62, 15, 2.6, 0.0),
-        (-107, 58, 64, 15, 4.4, 0.0), (-109, 60, 66, 15, 5.8, 0.0), (-116, 64, 68, 15.5, 7.2, 0.05),
-        (-116.6, 66, 70, 16, 6.0, 0.1), (-121, 78, 74, 17, 9.0, 0.6), (-128, 100, 78, 18, 12, 1.0),
-        (-140, 132, 81, 18, 0, 1.0), (-160, 168, 86, 16, 0, 1.0),
+        (-112, 52, 58, 16, 0.6, 0.0), (-105.4, 56, 62, 17, 1.6, 0.0), (-105.0, 56, 62, 17, 2.6, 0.0),
+        (-110.4, 57, 63, 17, 3.4, 0.0), (-109.6, 58, 64, 17, 4.2, 0.0), (-109.8, 58, 64, 17, 5.6, 0.0),
+        (-112, 60, 66, 17.5, 6.9, 0.02), (-119.5, 66, 70, 18.5, 8.6, 0.08),
+        (-120.3, 67, 70, 18.5, 7.7, 0.11), (-124, 80, 74, 19, 9.0, 0.55), (-131, 100, 78, 19, 12, 1.0),
+        (-142, 132, 81, 18, 0, 1.0), (-160, 168, 86, 16, 0, 1.0),
         (-195, 186, 95, 10, 0, 1.0), (-300, 192, 102, 0, 0, 1.0),
     )
     # fmt: on
@@ -137,59 +142,72 @@ def build_shirt(builder: MeshBuilder, style: HeadStyle, detail: float) -> None:
     x, z = table[:, 1] * np.sign(np.sin(around)) * np.abs(np.sin(around)) ** 0.9, -8.0 + table[:, 2] * np.cos(around)
     shoulders = np.stack([x, y, z], axis=-1)
     angle = np.broadcast_to(around, y.shape)
-    outwards = unit_vectors(faces.normal(angle, y, style) * [1.0, 0.0, 1.0])
-    collar = faces.position(angle, y, style) + table[:, 4][..., None] * outwards
+    # A collar spans the hollows between the muscles of the neck.
+    neck = faces.position(angle, y, style) - [0.0, 0.0, AXIS_Z_MM]
+    away = np.hypot(neck[..., 0], neck[..., 2])
+    round_neck = np.fft.irfft(np.fft.rfft(away, axis=1)[:, :COLLAR_HARMONICS], len(around), axis=1)
+    collar = np.stack([np.sin(angle), 0 * y, np.cos(angle)], axis=-1) * (round_neck + table[:, 4])[..., None]
+    collar += np.stack([0 * y, y, np.full_like(y, AXIS_Z_MM)], axis=-1)
     points = collar + table[:, 5][..., None] * (shoulders - collar)
     folds = 1 + 0.04 * np.sin(around * 9 + table[:, 0] * 0.08)
-    band = np.where(table[:, 0] > -116.3, 0.72 + 0.05 * np.cos(36 * around), 1.0)
-    albedo = colours.CLOTH * (folds * band)[..., None]
+    is_band = (table[:, 0] > -120.0) & (table[:, 5] > 0.0) | (table[:, 4] > 4.0) & (table[:, 5] == 0.0)
+    is_shirt = (table[:, 5] == 0.0) & (table[:, 4] < 3.0)
+    band = np.where(is_band, 0.78, np.where((table[:, 4] > 3.0) & (table[:, 5] < 0.2), 0.45, 1.0))
+    albedo = np.where(is_shirt[..., None], colours.SHIRT, colours.CLOTH * (folds * band)[..., None])
     grid = builder.add(points, albedo=albedo, material=Material.CLOTH, head_weight=0.0)
     builder.quads(grid[::-1], closed=True)
 
 
-BROW_MIDDLE = np.array([[10.5, 54.6], [20.0, 57.4], [32.0, 60.2], [43.0, 59.2], [53.5, 53.4]])
-"""Centre line of the left brow, (x, y) mm, from the nose outwards (feature points 4.1, 4.3, 4.5)."""
-BROW_HALF_WIDTH = np.array([3.0, 3.7, 3.2, 2.2, 0.5])
+BROWS: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = {
+    "soft": ((54.8, 57.4, 59.9, 58.7, 53.4), (2.5, 3.2, 2.9, 1.9, 0.35)),
+    "straight": ((55.4, 56.8, 58.3, 58.0, 54.2), (3.0, 3.3, 3.1, 2.4, 0.7)),
+    "arched": ((55.4, 57.6, 60.3, 60.2, 54.2), (2.2, 2.9, 2.5, 1.6, 0.3)),
+}
+"""Height of the centre line and half width at five places, mm, from the nose outwards, by shape."""
+BROW_X = (10.5, 20.0, 32.0, 43.0, 53.5)
+"""Places of these; feature points 4.1, 4.3 and 4.5 are near the first, third and last."""
 BROW_HAIRS = 140
 
 
-def brow_line(share: Array, thickness: float) -> tuple[Array, Array]:
+def brow_line(share: Array, style: HeadStyle) -> tuple[Array, Array]:
     """(N, 2) centre line and (N,) half width, mm, of the left brow."""
-    knots = np.linspace(0, 1, len(BROW_MIDDLE))
-    middle = np.stack([PchipInterpolator(knots, BROW_MIDDLE[:, axis])(share) for axis in range(2)], axis=-1)
-    return middle, thickness * PchipInterpolator(knots, BROW_HALF_WIDTH)(share)
+    knots, (heights, half_widths) = np.linspace(0, 1, len(BROW_X)), BROWS[style.brow_shape]
+    x, y, half = (PchipInterpolator(knots, values)(share) for values in (BROW_X, heights, half_widths))
+    return np.stack([x, y], axis=-1), style.brow_thickness * half
 
 
 def build_brow(builder: MeshBuilder, style: HeadStyle, side: float, detail: float) -> Indices:
     """Add one brow; returns its indices, (N,)."""
     palette = palette_of(style)
-    dark = 0.75 * palette.brows
-
     number = np.arange(round(BROW_HAIRS * np.clip(detail, 0.5, 1.6)))
     at = (number + 0.5) / len(number)
     spread, wild = 2 * golden(number) - 1, 2 * golden(number, 7.31) - 1
-    middle, half = brow_line(at, style.brow_thickness)
-    root = middle + (0.85 * spread * half)[:, None] * np.array([0.15, 1.0])
-    # Hairs rise near the nose, then follow the brow; those above its middle turn down, those below up.
-    slope = np.interp(at, (0.0, 0.12, 0.35, 0.6, 1.0), (80.0, 55.0, 24.0, 0.0, -28.0)) - 16.0 * spread + 10.0 * wild
+    middle, half = brow_line(at, style)
+    root = middle + (0.8 * spread * half)[:, None] * np.array([0.15, 1.0])
+    line = np.gradient(middle, axis=0)
+    # Hairs rise near the nose, then follow the brow; those above its middle turn down to it, those below up.
+    slope = np.rad2deg(np.arctan2(line[:, 1], line[:, 0])) + np.interp(
+        at, (0.0, 0.12, 0.35, 1.0), (62.0, 36.0, 9.0, 0.0)
+    )
+    slope -= np.interp(at, (0.0, 0.2, 1.0), (4.0, 13.0, 15.0)) * spread - 7.0 * wild
     along = np.stack([np.cos(np.deg2rad(slope)), np.sin(np.deg2rad(slope))], axis=-1)
-    length = (5.4 + 1.2 * wild) * np.interp(at, (0.0, 0.1, 0.8, 1.0), (0.65, 1.0, 1.0, 0.6))
-    half_width = 0.5 * np.interp(at, (0.0, 0.15, 1.0), (0.3, 0.42, 0.36))[:, None] * [1.0, 0.1]
+    length = (4.6 + 1.0 * wild) * np.interp(at, (0.0, 0.1, 0.7, 1.0), (0.6, 1.0, 1.0, 0.5))
+    half_width = np.interp(at, (0.0, 0.2, 1.0), (0.12, 0.19, 0.15))[:, None] * [1.0, 0.1]
     tip = root + length[:, None] * along
     flat = np.stack([root, tip], axis=1)
     angle, y = angle_of(flat[..., 0], flat[..., 1], style), flat[..., 1]
-    spine = (position(angle, y, style) + np.array([0.30, 0.80])[:, None] * normal(angle, y, style)) * [side, 1, 1]
+    spine = (position(angle, y, style) + np.array([0.30, 0.60])[:, None] * normal(angle, y, style)) * [side, 1, 1]
     aside = side * np.stack([side * along[:, 1], -along[:, 0], 0 * at], axis=-1)
-    tint = dark * (0.85 + 0.35 * golden(number, 3.7))[:, None]
+    tint = palette.brows * (0.6 + 0.35 * golden(number, 3.7))[:, None]
     place = np.stack([side * angle, y], axis=-1)
     return builder.strands(spine, half_width, aside, albedo=tint, place=place).ravel()
 
 
-EAR_MIDDLE = np.array([81.0, 17.5, -4.0])
-EAR_UP, EAR_BACK = np.array([0.05, 0.975, -0.215]), np.array([0.21, -0.170, -0.963])
+EAR_MIDDLE = np.array([80.6, 19.0, -4.0])
+EAR_UP, EAR_BACK = np.array([0.12, 0.970, -0.212]), np.array([0.21, -0.235, -0.949])
 EAR_ROOT = (np.deg2rad(93.0), 10.0)
 """Place on the bare head that an ear follows."""
-EAR_HALF_LENGTH, EAR_HALF_WIDTH = 29.5, 16.5
+EAR_HALF_LENGTH, EAR_HALF_WIDTH = 27.0, 16.5
 EAR_JOIN_MM = 9.5
 """Depth of the front of an ear inside the head."""
 EAR_INSIDE = (0.06, 0.22, 0.36, 0.48, 0.58, 0.67, 0.75, 0.83, 0.9, 0.96)
@@ -234,7 +252,8 @@ def build_ear(builder: MeshBuilder, style: HeadStyle, side: float, detail: float
     height[len(inside) :] = height[len(inside) - 1] * np.array([0.7, 0.3, 0.0, 0.0])[:, None] + EAR_EDGE[:, 1:]
     shell = 3.4 + 1.2 * back * share - 1.6 * (share**2)  # gently domed, and open at the back
     # Its front grows out of the cheek: no rim stands off there, from the root of the helix to the lobe.
-    joined = smoothstep((-back - 0.25) / 0.6) * smoothstep((up + 0.95) / 0.3) * smoothstep((0.8 - up) / 0.5)
+    lobe = 0.3 * smoothstep((-up - 0.5) / 0.4)
+    joined = smoothstep((lobe - back - 0.25) / 0.6) * smoothstep((0.8 - up) / 0.5)
     shell = shell - EAR_JOIN_MM * joined * smoothstep((share - 0.45) / 0.45)
     narrow = 1 - 0.20 * smoothstep((-up * share - 0.05) / 0.75)
     full = 1 + 0.07 * smoothstep((up - 0.2) / 0.5) * np.clip(back, 0, 1)

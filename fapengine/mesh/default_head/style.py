@@ -39,6 +39,7 @@ LEVELS: dict[str, Detail] = {
 """Level of detail by name: about 8, 12, 18, 29 and 77 thousand vertices."""
 
 HAIRCUTS = ("short", "cropped", "bob", "long")
+BROW_SHAPES = ("soft", "straight", "arched")
 MODES = 16
 """Number of measured modes of difference between faces (:mod:`.faces`)."""
 MAX_WEIGHT = 2.5
@@ -92,6 +93,8 @@ class HeadStyle:
     """Width of the mouth, 0.85..1.15; average 50 mm."""
     brow_thickness: float = 1.0
     """Thickness of the brows, 0.4..2."""
+    brow_shape: str = "soft"
+    """One of :data:`BROW_SHAPES`."""
     age: float = 0.25
     """Age, 0 young to 1 old: folds, grooves under the eyes, and the differences in shape that go with age."""
     sex: float = 0.0
@@ -138,7 +141,10 @@ class HeadStyle:
             value = getattr(self, name)
             if not low <= value <= high:
                 raise UsageError(f"{name}: must be {low:g} to {high:g}, got {value}")
-        for name, known in (("hair_colour", HAIR_COLOURS), ("haircut", HAIRCUTS), ("eye_colour", EYE_COLOURS)):
+        for name, known in (
+            ("hair_colour", HAIR_COLOURS), ("haircut", HAIRCUTS), ("eye_colour", EYE_COLOURS),
+            ("brow_shape", BROW_SHAPES),
+        ):  # fmt: skip
             if getattr(self, name) not in known:
                 raise UsageError(f"{name}: got {getattr(self, name)!r}, expected one of {', '.join(known)}")
         if len(self.identity) > MODES or not all(abs(weight) <= MAX_WEIGHT for weight in self.identity):
@@ -242,6 +248,7 @@ def random_person(seed: int) -> HeadStyle:
         haircut=str(rng.choice(HAIRCUTS)),
         hair=bool(rng.uniform() > 0.25 * age),
         eye_colour=str(rng.choice(eye_colours)),
+        brow_shape=str(rng.choice(BROW_SHAPES)),  # drawn last: what seeds gave before stays
     )
 
 

@@ -43,12 +43,12 @@ RIDGE_HEIGHT = (0.0, 0.8, 3.2, 6.6, 10.4, 15.0, 18.0, 20.4, 22.2, 23.4, 23.6, 21
 WIDTH_Y = (-9.0, -4.0, 3.0, 9.0, 15.0, 23.0, 33.0)
 HALF_WIDTH = (4.8, 6.6, 10.0, 10.8, 9.6, 8.6, 9.2)
 NOSE_BUMPS = (
-    (9.4, (12.6, 2.6), (4.6, 6.0), 2.3),  # wing
-    (-2.2, (19.8, 2.0), (2.4, 8.0), 2.0),  # crease between wing and cheek
+    (10.0, (12.6, 2.4), (4.6, 5.8), 2.5),  # wing
+    (-3.2, (19.6, 2.0), (2.5, 8.0), 2.0),  # crease between wing and cheek
     (-1.2, (10.8, 6.0), (1.8, 4.0), 2.0),  # between tip and wing
 )
 """Height, centre, size and power of each bump beside the ridge, mm."""
-NOSTRIL_AT, NOSTRIL_SIZE = (7.4, -4.4), (3.1, 2.8)
+NOSTRIL_AT, NOSTRIL_SIZE = (7.4, -4.4), (2.9, 2.5)
 NOSTRIL_DEPTH = 3.0
 
 
