@@ -20,7 +20,7 @@ from fapengine import speaking
 from fapengine.expressions import EXPRESSION_NAMES
 from fapengine.files.profiles import load_profile
 from fapengine.host import hearing
-from fapengine.mpeg4 import fap
+from fapengine.mpeg4 import fap, fapu
 from fapengine.mpeg4.track import _codable_range
 from fapengine.profiles import Profile
 from fapengine.recognition import loudness, protocol, small_net, small_recognizer
@@ -31,6 +31,7 @@ from fapengine.trajectory import (
     closures,
     context,
     expression,
+    gestures,
     hermite,
     phonetics,
     ramps,
@@ -46,8 +47,8 @@ MAGIC = b"FAPLIVE1"
 MODULES: dict[str, ModuleType] = {
     module.__name__.rpartition(".")[2]: module
     for module in (
-        closures, context, expression, fap, hearing, hermite, ipa, loudness, phone_track, phonetics,
-        protocol, ramps, small_net, small_recognizer, speaking, stream, style, targets,
+        closures, context, expression, fap, fapu, gestures, hearing, hermite, ipa, loudness, phone_track,
+        phonetics, protocol, ramps, small_net, small_recognizer, speaking, stream, style, targets,
     )
 }  # fmt: skip
 """Modules with constants that the JavaScript imports, by the name that it uses."""
@@ -108,6 +109,8 @@ def constants(source: Path) -> dict[str, dict[str, Any]]:
 def _constant(module: str, name: str) -> Any:
     found = vars(MODULES[module])
     value = found[name] if name in found else found[f"_{name}"]
+    if isinstance(value, dict) and any(isinstance(key, tuple) for key in value):
+        return list(value.items())
     return sorted(value) if isinstance(value, frozenset) else value
 
 

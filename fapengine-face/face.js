@@ -30,11 +30,16 @@ export class FaceView {
     this.copy = this.sharing ? canvas.getContext("2d") : null;
     this.end = new AbortController();
     const { signal } = this.end;
-    this.surface.addEventListener("webglcontextlost", (event) => event.preventDefault(), { signal });
+    this.surface.addEventListener("webglcontextlost", (event) => this.lost(event), { signal });
     this.surface.addEventListener("webglcontextrestored", () => this.restored(), { signal });
     this.build();
     if (this.sharing) shared.views += 1;
     else own += 1;
+  }
+
+  lost(event) {
+    event.preventDefault(); // else it never comes back
+    if (this.sharing) this.canvas.dispatchEvent(new Event("webglcontextlost"));
   }
 
   restored() {

@@ -130,6 +130,9 @@ export class FapFace extends (globalThis.HTMLElement ?? Object) {
       isBusy: () => this.source.isSpeaking,
       shown: () => this.tell("picture"),
     });
+    for (const type of ["contextlost", "contextrestored"]) {
+      canvas.addEventListener(`webgl${type}`, () => run === this.run && this.tell(type)); // not the end of a closed picture
+    }
     if (this.picture.trouble) this.tell("error", this.picture.trouble);
     this.tell("ready");
   }
@@ -171,7 +174,7 @@ export class FapFace extends (globalThis.HTMLElement ?? Object) {
 
   async live(run) {
     const { Live } = await import("./live/index.js");
-    const live = await Live.make();
+    const live = await Live.make({ still: this.hasAttribute("still") });
     if (run !== this.run) throw new Error("fap-face: it was taken away, or begun again, meanwhile");
     this.source.close();
     this.follow((this.source = live));

@@ -48,6 +48,10 @@ export interface FapFaceEventMap extends Omit<HTMLElementEventMap, "error"> {
   finished: CustomEvent<UtteranceDetail | undefined>;
   cancelled: CustomEvent<UtteranceDetail>;
   picture: CustomEvent<undefined>;
+  /** The graphics card stopped: nothing is drawn until `contextrestored`, and the face follows unseen. */
+  contextlost: CustomEvent<undefined>;
+  /** The face is drawn again, by itself. */
+  contextrestored: CustomEvent<undefined>;
 }
 
 /** The element `<fap-face>`. */
@@ -149,6 +153,8 @@ export interface FapFaceAttributes {
   transparent?: boolean | "";
   edges?: "fine" | "soft";
   rest?: number | string;
+  /** Without a server: no blinks, glances and head motion. */
+  still?: boolean | "";
 }
 
 declare global {

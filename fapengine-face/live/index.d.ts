@@ -36,7 +36,7 @@ export class Planner {
   /** End speech: the face is neutral `fade` s (by default 0.2) after `at`. */
   cancel(at: number, fade?: number): void;
   /** Write a frame's 68 FAPs, FAPU; times that go back show the last frame again. */
-  frame(time: number, out?: Float32Array, expression?: ArrayLike<number> | null): Float32Array;
+  frame(time: number, out?: Float32Array, expression?: ArrayLike<number> | null, gestures?: ArrayLike<number> | null): Float32Array;
 }
 
 /** FAPs of each frame of a finished list of phones, and its labels that are not IPA. */
@@ -73,9 +73,15 @@ export interface LiveSayOptions {
 
 /** A face without a server, DOM or WebGL. Events: `started`, `phone`, `finished`, `cancelled`, `error`. */
 export class Live extends EventTarget {
-  /** @param options.assets Addresses of the package's files elsewhere. */
   static make(
-    options?: LiveStyle & { assets?: { planner?: string | URL; recognizer?: string | URL; worker?: string | URL; worklet?: string | URL } },
+    options?: LiveStyle & {
+      /** No blinks, glances, head motion and drifts. */
+      still?: boolean;
+      /** Of these, an integer. */
+      seed?: number;
+      /** Addresses of the package's files elsewhere. */
+      assets?: { planner?: string | URL; recognizer?: string | URL; worker?: string | URL; worklet?: string | URL };
+    },
   ): Promise<Live>;
   readonly isSpeaking: boolean;
   /** Follow sound; resolves to the delayed sound. */

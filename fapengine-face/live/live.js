@@ -2,6 +2,7 @@
 // one's own; needs neither DOM nor WebGL. Nothing is fetched before make, and the recognizer's weights not before hear.
 
 import { expression, hearing, phone_track, protocol } from "./constants.js";
+import { Gestures } from "./gestures.js";
 import { placeAfter } from "./path.js";
 import { Planner, checkedPhone } from "./planner.js";
 import { Profile } from "./profile.js";
@@ -10,7 +11,6 @@ import { Recognizer } from "./recognizer.js";
 import { Pieces } from "./tap-worklet.js";
 
 const { ATTACK_S, MAX_WEIGHT, RELEASE_S } = expression;
-
 const { OPEN_S, PAUSE_S } = hearing;
 const { RATE_HZ } = protocol;
 const { SILENCE } = phone_track;
@@ -52,15 +52,17 @@ const isAs = (one, other) => one.label === other.label && one.start === other.st
 
 // Events: started, phone, finished, cancelled, error. Stateful.
 export class Live extends EventTarget {
-  // style: see Planner. assets: addresses of planner.bin, recognizer.bin, worker.js and tap-worklet.js elsewhere.
-  static async make({ assets = {}, ...style } = {}) {
+  // style: see Planner. still: no blinks, glances, head motion and drifts. seed: of these, an integer; by default it is
+  // drawn. assets: addresses of planner.bin, recognizer.bin, worker.js and tap-worklet.js elsewhere.
+  static async make({ assets = {}, ...options } = {}) {
     const addresses = { ...ASSETS, ...assets };
-    return new Live(new Profile(await bytesOf(addresses.planner)), style, addresses);
+    return new Live(new Profile(await bytesOf(addresses.planner)), options, addresses);
   }
 
-  constructor(profile, style = {}, addresses = ASSETS) {
+  constructor(profile, { still = false, seed = Math.floor(Math.random() * 2 ** 32), ...style } = {}, addresses = ASSETS) {
     super();
-    Object.assign(this, { profile, style, addresses });
+    Object.assign(this, { profile, style, addresses, still, seed });
+    this.gestures = null; // from the first frame on
     this.moods = profile.expressionNames.map(() => new Ramp());
     this.faps = new Float32Array(profile.low.length);
     this.reset();
@@ -68,6 +70,7 @@ export class Live extends EventTarget {
 
   reset() {
     this.planner = new Planner(this.profile, this.style);
+    this.gestures?.hush(-Infinity);
     this.clock = null; // position of what is shown, s
     this.position = -Infinity;
     this.fed = []; // phones of the recognizer that may still change, as the planner has them
@@ -171,6 +174,7 @@ export class Live extends EventTarget {
   // Ends what is said; sound that comes afterwards is followed again.
   cancel() {
     this.planner.cancel(Math.max(this.position, 0));
+    this.gestures?.hush(this.position);
     this.deaf = this.heard ?? 0;
     this.fed = [];
     if (this.isSpeaking) this.tell("cancelled");
@@ -210,7 +214,9 @@ export class Live extends EventTarget {
   sample(now, faps) {
     this.sampled = now;
     const time = Math.max(this.clock?.() ?? 0, this.position, 0);
-    this.planner.frame(time, faps, this.expression(now));
+    if (!this.still) this.gestures ??= new Gestures(this.seed, now);
+    this.gestures?.draw(now, this.planner.phones, now - time);
+    this.planner.frame(time, faps, this.expression(now), this.gestures?.faps(now));
     this.follow(time);
     return { time };
   }

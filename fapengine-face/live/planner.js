@@ -60,8 +60,8 @@ class Composer {
     this.faps = new Float64Array(FAP_COUNT);
   }
 
-  // weights: a place on a path. expression: 68 FAPs that are added before contacts are made, or null.
-  compose(weights, held, expression, out) {
+  // weights: a place on a path. expression, gestures: 68 FAPs that are added before and after contacts are made, or null.
+  compose(weights, held, expression, gestures, out) {
     const { faps, lift, profile } = this;
     faps.fill(0);
     weights.forEach((weight, row) => {
@@ -69,7 +69,10 @@ class Composer {
     });
     if (expression) this.addExpression(expression, this.layerGain * weights[profile.modeCount + ROUND]);
     settle(faps, { ...held, open: held.open * this.openness }, profile.low, profile.high);
-    for (let column = 0; column < FAP_COUNT; ++column) out[column] = rounded(clamp(faps[column], profile.low[column], profile.high[column]));
+    for (let column = 0; column < FAP_COUNT; ++column) {
+      const value = faps[column] + (gestures ? gestures[column] : 0);
+      out[column] = rounded(clamp(value, profile.low[column], profile.high[column]));
+    }
     return out;
   }
 
@@ -276,12 +279,12 @@ export class Planner {
   }
 
   // Writes the 68 FAPs of a frame, FAPU, and settles what is before it. Times that go back show the last frame again.
-  frame(time, out = new Float32Array(FAP_COUNT), expression = null) {
+  frame(time, out = new Float32Array(FAP_COUNT), expression = null, gestures = null) {
     this.plan();
     const now = (this.shown = Math.max(time, this.shown));
     const plan = this.plans[Math.max(placeAfter(this.plans, now, startOf) - 1, 0)];
     this.jet ??= emptyJet(this.width);
-    return this.composer.compose(this.planJet(plan, now, this.jet)[0], heldAt(now, this.allHolds), expression, out);
+    return this.composer.compose(this.planJet(plan, now, this.jet)[0], heldAt(now, this.allHolds), expression, gestures, out);
   }
 }
 
@@ -300,7 +303,7 @@ export function planAll(profile, phones, { rate = 30, ...style } = {}) {
   const end = Math.max(phones.at(-1)?.end ?? 0, spoken.length ? spoken.at(-1).end + targets.REST_MARGIN_S : 0);
   const jet = emptyJet(profile.width);
   const faps = Array.from({ length: Math.max(1, rounded(end * rate)) }, (_, number) =>
-    composer.compose(jetAt(path, number / rate, jet)[0], heldAt(number / rate, holds), null, new Float32Array(FAP_COUNT)),
+    composer.compose(jetAt(path, number / rate, jet)[0], heldAt(number / rate, holds), null, null, new Float32Array(FAP_COUNT)),
   );
   return { faps, unknown };
 }

@@ -1,4 +1,4 @@
-// Plans streams and lists of phones, recognizes sounds, glides and follows sound with fapengine-face/live, for tests/browser/test_live.py: a JSON file in, one out.
+// Plans streams and lists of phones, recognizes sounds, follows them, glides and draws gestures with fapengine-face/live, for tests/browser/test_live.py: a JSON file in, one out.
 //
 //     node live_runner.mjs PACKAGE INPUT OUTPUT
 
@@ -14,7 +14,7 @@ const bytes = async (name) => {
   return data.buffer.slice(data.byteOffset, data.byteOffset + data.byteLength);
 };
 const profile = new Profile(await bytes(join(folder, "assets", "planner.bin")));
-const { streams = [], tracks = [], sounds = [], ramps = [], followed = [] } = JSON.parse(await readFile(input, "utf8"));
+const { streams = [], tracks = [], sounds = [], ramps = [], faces = [], followed = [] } = JSON.parse(await readFile(input, "utf8"));
 
 const played = ({ events, frames, rate, options, expression }) => {
   const planner = new Planner(profile, options);
@@ -51,9 +51,17 @@ const glided = ({ events, times }) => {
   for (const { goal, at, over, takesOver } of events) (takesOver ? ramp.to : ramp.then).call(ramp, goal, at, over);
   return times.map((time) => ramp.value(time));
 };
+const { Gestures } = await imported("gestures.js");
+const drawn = ({ seed, phones, times }) => {
+  const gestures = new Gestures(seed, 0);
+  return times.map((time) => {
+    gestures.draw(time, phones, 0);
+    return [...gestures.faps(time)];
+  });
+};
 // A face that follows sound in pieces of 10 ms, with a frame after each: what it tells, and [position, FAP 4, FAP 5].
 const follow = async ({ samples, rate, delay, cancelAt }) => {
-  const [live, faps, told] = [await Live.make(), new Float32Array(68), []];
+  const [live, faps, told] = [await Live.make({ still: true }), new Float32Array(68), []];
   for (const type of ["started", "phone", "finished", "cancelled", "error"]) {
     live.addEventListener(type, ({ detail }) => told.push([type, detail?.label ?? null, live.position]));
   }
@@ -71,4 +79,4 @@ const follow = async ({ samples, rate, delay, cancelAt }) => {
   live.close();
   return { told, frames, joy, weights };
 };
-await writeFile(output, JSON.stringify({ streams: streams.map(played), tracks: tracks.map(planned), heard, glided: ramps.map(glided), followed: await Promise.all(followed.map(follow)) }));
+await writeFile(output, JSON.stringify({ streams: streams.map(played), tracks: tracks.map(planned), heard, glided: ramps.map(glided), drawn: faces.map(drawn), followed: await Promise.all(followed.map(follow)) }));

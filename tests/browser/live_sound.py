@@ -35,7 +35,7 @@ POLICY = "default-src 'self'; require-trusted-types-for 'script'"
 PAGE = f"""<!doctype html><html lang="en"><title>Hear</title><link rel="icon" href="package/icon.svg" />
 <meta http-equiv="Content-Security-Policy" content="{POLICY}" />
 <script type="module" src="package/index.js"></script><script type="module" src="hear.js"></script>
-<fap-face></fap-face></html>"""
+<fap-face still></fap-face></html>"""
 SCRIPT = """
 const face = (window.face = document.querySelector("fap-face"));
 window.told = [];
@@ -59,9 +59,9 @@ window.hear = async (name, sampleRate, delay) => {
   const at = context.currentTime + 0.2;
   source.start(at);
   await new Promise((done) => (source.onended = done));
-  await new Promise((done) => setTimeout(done, 1000 * delay + 800));
-  end.abort();
   const shift = at - face.source.begun;
+  while (face.source.position < shift + buffer.duration + 0.2) await new Promise((done) => setTimeout(done, 50));
+  end.abort();
   const { busy, heard: until } = face.source;
   return { frames: frames.map(([position, ...faps]) => [position - shift, ...faps]), share: busy / until / 1000 };
 };

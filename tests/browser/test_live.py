@@ -15,6 +15,7 @@ import pytest
 from design import face_package, live_tables
 from fapengine.files.profiles import load_profile
 from fapengine.files.sound import load_sound
+from fapengine.mpeg4 import fap
 from fapengine.profiles import Profile
 from fapengine.recognition import small_net
 from fapengine.recognition.protocol import RATE_HZ
@@ -25,6 +26,7 @@ from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.trajectory.batch import BatchPlanner
 from fapengine.trajectory.expression import expression_faps
 from fapengine.trajectory.faps import Overlay
+from fapengine.trajectory.gestures import GestureGenerator, gesture_faps, start_levels
 from fapengine.trajectory.planner import plan
 from fapengine.trajectory.ramps import Ramp, sample_ramps
 from fapengine.trajectory.style import Style
@@ -37,7 +39,8 @@ PORTED = {
     "recognition/small_net.py": "mel.js and small-net.js",
     "recognition/small_recognizer.py": "recognizer.js and search.js",
     "trajectory/batch.py": "planner.js", "trajectory/closures.py": "closures.js", "trajectory/context.py": "keys.js",
-    "trajectory/faps.py": "planner.js", "trajectory/hermite.py": "path.js", "trajectory/phonetics.py": "keys.js",
+    "trajectory/faps.py": "planner.js", "trajectory/gestures.py": "gestures.js",
+    "trajectory/hermite.py": "path.js", "trajectory/phonetics.py": "keys.js",
     "trajectory/planner.py": "planner.js", "trajectory/ramps.py": "ramp.js",
     "trajectory/stream.py": "planner.js", "trajectory/style.py": "planner.js",
     "trajectory/targets.py": "keys.js",
@@ -280,6 +283,59 @@ def test_values_glide_as_pythons(package: Path) -> None:
         expected.append(sample_ramps(np.zeros(1), made, times_s)[0])
     found = node(package, RUNNER, {"ramps": given})["glided"]
     assert np.abs(np.array(found) - expected).max() < 1e-9
+
+
+class CounterGenerator:
+    """Random numbers of ``random.js``, by the methods of NumPy's generators. Stateful."""
+
+    def __init__(self, seed: int, stream: int = 0) -> None:
+        self._seed, self._drawn = seed, 0
+        self._key = self._mixed(self._mixed(seed) + (stream + 1) * 0x9E3779B9)
+
+    @staticmethod
+    def _mixed(value: int) -> int:
+        for shift, factor in ((16, 0x85EBCA6B), (13, 0xC2B2AE35)):
+            value &= 0xFFFFFFFF
+            value = (value ^ (value >> shift)) * factor
+        value &= 0xFFFFFFFF
+        return value ^ (value >> 16)
+
+    def spawn(self, count: int) -> list["CounterGenerator"]:
+        return [CounterGenerator(self._seed, stream) for stream in range(count)]
+
+    def uniform(self, low: float = 0.0, high: float = 1.0, size: int | None = None) -> Any:
+        if size is not None:
+            return np.array([self.uniform(low, high) for _ in range(size)])
+        self._drawn += 1
+        return low + (high - low) * ((self._mixed(self._key + self._drawn * 0x9E3779B9) + 0.5) / 2**32)
+
+    def exponential(self, scale: float) -> float:
+        return float(-scale * np.log(self.uniform()))
+
+    def normal(self, *, scale: tuple[float, ...]) -> np.ndarray:
+        return np.array(
+            [one * np.sqrt(-2 * np.log(self.uniform())) * np.cos(2 * np.pi * self.uniform()) for one in scale]
+        )
+
+    def choice(self, sides: tuple[float, float]) -> float:
+        return sides[self.uniform() >= 0.5]
+
+
+def test_gestures_are_pythons(package: Path, profile: Profile) -> None:
+    rng = np.random.default_rng(4)
+    times_s = np.arange(0.0, 30.0, 1 / 25)
+    given, expected = [], []
+    for seed in (0, 1, 2**32 - 1):
+        phones = [*spoken(rng, list(profile.phones), 60, 1.5), *spoken(rng, list(profile.phones), 40, 20.0)]
+        generator = GestureGenerator(CounterGenerator(seed), Style())  # type: ignore[arg-type]  # has its methods
+        generator.hear(((phone.start_s, phone) for phone in phones), 0.0)
+        levels = sample_ramps(start_levels(Style()), [*generator.begin(), *generator.draw(30.0)], times_s)
+        expected.append(gesture_faps(levels, generator.waves[..., None], times_s).T)
+        given.append({"seed": seed, "phones": [*map(as_json, phones)], "times": times_s.tolist()})
+    found = np.array(node(package, RUNNER, {"faces": given})["drawn"])
+    assert np.abs(found - expected).max() < 1e-5
+    assert np.abs(found[0] - found[1]).max() > 100
+    assert (found[..., fap.column(19)] > 900).any(axis=1).all()  # they blink
 
 
 def test_a_face_without_a_page_follows_sound(package: Path) -> None:
