@@ -17,6 +17,7 @@ EXTRAS = {
     "piper-tts": '"fapengine[piper]"',
     "onnx": '"fapengine[piper]"',
     "piper-plus": '"fapengine[piper-plus]"',
+    "mcp": '"fapengine[mcp]"',
     "c2pa-python": '"fapengine[sign]"',
     "kokoro-onnx": '"fapengine[kokoro]"',
     "usd-core": '"fapengine[usd]"',

@@ -18,7 +18,7 @@ from fapengine.errors import UsageError
 
 COMMANDS = (
     "say", "serve", "agent", "view", "animate", "batch", "align", "capture", "render", "encode", "decode", "convert",
-    "inspect", "score", "fit", "drive", "reduce", "doctor", "head",
+    "inspect", "score", "fit", "drive", "reduce", "doctor", "head", "mcp",
 )  # fmt: skip
 """Commands in the order in which ``--help`` lists them. To add one: its module in this package, and its name here."""
 

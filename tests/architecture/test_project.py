@@ -191,3 +191,11 @@ def test_folders_that_the_coverage_takes_are_there() -> None:
     folders = named[1].replace("\\", " ").split()
     assert len(folders) > 10
     assert all((ROOT / "tests" / "unit" / folder).is_dir() for folder in folders)
+
+
+def test_llms_txt_links_to_pages_that_exist() -> None:
+    title, _, rest = (ROOT / "llms.txt").read_text().partition("\n\n> ")
+    links = re.findall(r"^- \[[^]]+\]\(([^)]+)\)", rest, flags=re.MULTILINE)
+    assert title == "# fapengine"
+    assert len(links) >= 15
+    assert [link for link in links if not (ROOT / link).is_file()] == []
