@@ -1,6 +1,7 @@
 """Quality of the ears: lips by the phones that they hear, against lips by the true phones and against filmed lips.
 
     python -m bench.ears [--filmed FOLDER] [--noise DB] [--long MINUTES] [--languages]
+    python -m bench.ears --filmed FOLDER --transcripts SENTENCES
 
 Speech: ten sentences in each of flite's four voices, whose phones are known (Debian's flite). Figures: correlation of
 the planner's opening of the lips (60 Hz) over a sentence, median, lowest tenth and worst; the same while somebody
@@ -15,6 +16,11 @@ words for the aligner; all are one program's, and some sound unlike people.
 Sound alone is streamed 150 ms behind. The small network was trained on other sentences of the same four voices;
 ``--weights FILE`` hears with other weights (``bench.ear_train --without``), ``--voices`` with some of the voices alone.
 
+``--transcripts`` measures instead how transcripts fare in bad sound: so many filmed sentences, drawn with a fixed seed,
+in clean sound, through a telephone, in pink noise and in a room. Figures: correlation of a whole sentence (median) and
+while speaking, right texts that are refused, texts of the next sentence that are refused, and refused ones that say
+something else altogether (:data:`SENTENCES`).
+
 To compare another ear, add a row to :data:`EARS`.
 """
 
@@ -28,6 +34,7 @@ from pathlib import Path
 import numpy as np
 
 from bench.rivals import rivals
+from fapengine.app.hearing import MAX_UNHEARD
 from fapengine.files.sound import load_sound
 from fapengine.recognition.loudness import loudness_db
 from fapengine.recognition.protocol import RATE_HZ, Recognizer
@@ -39,7 +46,18 @@ from fapengine.recognition.sphinx_aligner import SphinxAligner
 from fapengine.recognition.sphinx_recognizer import SphinxRecognizer
 from fapengine.speech.phone_track import PhoneTrack
 from fapengine.voices.espeak import EspeakVoice
-from tests.unit.recognition.speech import VOICES, Spoken, closures, in_noise, met, opening_mm, spoken, spoken_by_espeak
+from tests.unit.recognition.speech import (
+    VOICES,
+    Spoken,
+    closures,
+    in_noise,
+    in_room,
+    met,
+    opening_mm,
+    over_telephone,
+    spoken,
+    spoken_by_espeak,
+)
 
 SENTENCES = (
     "Bright sunshine shimmers on the ocean.", "My baby brother bumped the big blue bowl.",
@@ -239,6 +257,38 @@ def in_pink_noise(clips: Sequence[Clip], snr_db: float | None) -> list[Clip]:
     ]
 
 
+def in_bad_sound(clips: Sequence[Clip]) -> dict[str, list[Clip]]:
+    def changed(change: Callable[[Array, int], Array]) -> list[Clip]:
+        return [
+            replace(clip, speech=replace(clip.speech, samples=change(clip.speech.samples, seed)))
+            for seed, clip in enumerate(clips)
+        ]
+
+    return {
+        "clean": list(clips),
+        "telephone": changed(lambda samples, _: over_telephone(samples)),
+        "pink noise, 5 dB": changed(lambda samples, seed: in_noise(samples, 5.0, seed)),
+        "reverberation, .6 s": changed(in_room),
+    }
+
+
+def transcripts(clips: Sequence[Clip]) -> None:
+    print(f"{'':20s} {'r':>6s} {'speaking':>8s}  refused: right, next one's, other")
+    texts = [clip.speech.text for clip in clips]
+    for name, changed in in_bad_sound(clips).items():
+        shown, refused = [], [0, 0, 0]
+        for index, clip in enumerate(changed):
+            others = texts[index - 1], SENTENCES[index % len(SENTENCES)]
+            for kind, text in enumerate((clip.speech.text, *others)):
+                recording = follow([clip.speech.samples], SphinxAligner(words_of(text), pronounce))
+                refused[kind] += recording.unheard > MAX_UNHEARD
+                if kind == 0:
+                    shown.append(opening_mm(recording.phones, len(clip.opening) / clip.rate_hz, clip.rate_hz))
+        r = np.median([likeness(opening, clip.opening) for opening, clip in zip(shown, changed, strict=True)])
+        counts = ", ".join(f"{count}/{len(clips)}" for count in refused)
+        print(f"{name:20s} {r:6.3f} {while_speaking(changed, shown):8.3f}  {counts}", flush=True)
+
+
 def language_clips(language: str) -> list[Clip]:
     clips = []
     for text, speaker in zip(OTHER_LANGUAGES[language], SPEAKERS, strict=True):
@@ -311,9 +361,17 @@ def main() -> None:
     parser.add_argument("--noise", type=float, metavar="DB", help="beside pink noise of this ratio")
     parser.add_argument("--long", type=float, default=0.0, metavar="MINUTES")
     parser.add_argument("--languages", action="store_true", help="eight other languages as well")
+    parser.add_argument("--transcripts", type=int, metavar="SENTENCES", help="transcripts in bad sound, instead")
     parser.add_argument("--weights", type=Path, help="other weights of the small ear, which alone is measured then")
     parser.add_argument("--voices", nargs="+", choices=VOICES, default=VOICES, metavar="VOICE")
     options = parser.parse_args()
+    if options.transcripts:
+        if not options.filmed:
+            parser.error("--transcripts requires --filmed")
+        clips = filmed_clips(options.filmed)
+        chosen = np.random.default_rng(1).permutation(len(clips))[: options.transcripts]
+        transcripts([clips[index] for index in chosen])
+        return
     if options.weights:
         weights = read_weights(options.weights.read_bytes())
         EARS.clear()

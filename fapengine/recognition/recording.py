@@ -6,8 +6,8 @@ A phone loop, which has no text, mistakes many phones, but seldom their kind (:d
 in a piece are compared with those of the next words by edit distance; the piece's words end where that is least. Once
 words are aligned, the fraction of their frames in which the loop finds the same kind shows whether they were said: .45
 to .9 of a sentence if so, 0 to .4 of another sentence. A telephone or noise deceives the loop more than the aligner.
-So a whole piece that fails is judged once more by the aligner: words that were said fit better in their order than in
-others, under the same noise (:meth:`.sphinx_aligner.SphinxAligner.misfit`).
+So a whole piece that fails is judged once more: words that were said fit better than others under the same noise
+(:mod:`.text_fit`).
 
 Without a text, the loop's phones of a piece are the second observation of
 :class:`.small_recognizer.JointRecognizer`, as in live audio; but the loop knows the whole piece, and phones are final
@@ -37,6 +37,7 @@ from fapengine.recognition.small_recognizer import JointRecognizer, KnownFrames
 from fapengine.recognition.sphinx import MODEL_PHONES, Frames
 from fapengine.recognition.sphinx_aligner import Aligned, SphinxAligner
 from fapengine.recognition.sphinx_recognizer import labelled
+from fapengine.recognition.text_fit import fits
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.speech.prosody import Sounding, with_prosody
 
@@ -179,10 +180,6 @@ around a word, and in a whole piece. Measured on 20 filmed and 20 spoken sentenc
 FOREIGN = 0.36
 """Factor of that fraction for languages that the model does not know. Measured on 35 sentences of espeak-ng in five
 languages: .20 and more of a whole sentence in all but one (.08); with the text of another less than .15 in 17 of 35."""
-IN_ORDER = 0.8
-"""Largest misfit of a text that is right, where the phone loop denies it. Chosen on filmed sentences: of right texts 12
-of 15 through a telephone and 4 of 14 in pink noise at 5 dB are below it, of others' 0 of 15, 1 of 14, and 1 of 12 in
-clean sound."""
 JUDGED_FRAMES = 60
 """Least number of frames that are judged."""
 UNTOLD_S = 1.2
@@ -320,8 +317,7 @@ def follow(
         judged, strictness = _judge(aligned, names), 1.0 if aligner.dictionary else FOREIGN
         missing = [] if is_trusted else _missing(judged, strictness)
         if not is_trusted and _agrees_less(judged, AGREEING_ALL * strictness):
-            said = piece[judged[0].start * HOP : judged[-1].stop * HOP]  # pauses fit any text
-            is_said = aligner.misfit(said, cursor, behind) <= IN_ORDER
+            is_said = fits(aligner, aligned, piece, _agreement(judged))
             missing = [] if is_said else [_all_of(judged)]
             if is_said:
                 doubted.append((gathered.now_s, gathered.now_s + len(piece) / RATE_HZ))
@@ -441,8 +437,12 @@ def _missing(judged: Sequence[_Judged], strictness: float) -> list[tuple[int, in
 
 def _agrees_less(judged: Sequence[_Judged], share: float) -> bool:
     """Whether the loop agrees in less than a share of the frames, if there are enough of them."""
-    total = sum(word.total for word in judged)
-    return total >= JUDGED_FRAMES and sum(word.agree for word in judged) < share * total
+    return sum(word.total for word in judged) >= JUDGED_FRAMES and _agreement(judged) < share
+
+
+def _agreement(judged: Sequence[_Judged]) -> float:
+    """Fraction of the frames in which the loop agrees."""
+    return sum(word.agree for word in judged) / sum(word.total for word in judged)
 
 
 def _all_of(judged: Sequence[_Judged]) -> tuple[int, int, int, int]:

@@ -132,8 +132,8 @@ class SphinxAligner:
         Returns
         -------
         float
-            Negative logarithm of the acoustic likelihood over its mean in three other orders, at most 1: .39 to .72 of
-            filmed sentences, .62 to .88 through a telephone, .76 and more with others' texts. 1 without another order.
+            Negative logarithm of the acoustic likelihood over its mean in three other orders, at most 1. 1 without
+            another order.
         """
         keys = [self._key(word) for word in self.words[first:behind]]
         mixed = keys[1::2] + keys[::2]

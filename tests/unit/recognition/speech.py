@@ -104,6 +104,25 @@ def in_noise(samples: NDArray[np.int16], snr_db: float, seed: int = 1) -> NDArra
     return (20_000 * sound / np.abs(sound).max()).astype(np.int16)
 
 
+def over_telephone(samples: NDArray[np.int16]) -> NDArray[np.int16]:
+    """Between 300 and 3400 Hz, in mu-law of 8 bits."""
+    at_hz = np.fft.rfftfreq(len(samples), 1 / RATE_HZ)
+    passed = np.fft.rfft(samples.astype(float)) * ((at_hz >= 300) & (at_hz <= 3400))
+    sound = np.fft.irfft(passed, len(samples))
+    sound /= np.abs(sound).max()
+    coded = np.round(127 * np.sign(sound) * np.log1p(255 * np.abs(sound)) / np.log(256)) / 127
+    return (20_000 * np.sign(coded) * (256 ** np.abs(coded) - 1) / 255).astype(np.int16)
+
+
+def in_room(samples: NDArray[np.int16], seed: int = 1, decay_s: float = 0.6) -> NDArray[np.int16]:
+    """With reverberation that falls by 60 dB in ``decay_s``."""
+    count = round(RATE_HZ * decay_s)
+    echoes = np.random.default_rng(seed).normal(size=count) * np.exp(-6.9 * np.arange(count) / count)
+    echoes[0] = 8.0
+    sound = np.convolve(samples.astype(float), echoes)[: len(samples)]
+    return (20_000 * sound / np.abs(sound).max()).astype(np.int16)
+
+
 def heard(ear: Recognizer, samples: np.ndarray, cuts: list[int] | None = None) -> list[Phone]:
     ear.reset()
     phones = [phone for piece in np.split(samples, cuts or []) for phone in ear.push(piece)]

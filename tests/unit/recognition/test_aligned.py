@@ -147,6 +147,14 @@ def test_a_text_is_right_or_wrong_in_noise_too() -> None:
     assert aligned(speech, OTHER).unheard > 0.5
 
 
+def test_loud_noise_hides_no_text_and_lets_no_other_through() -> None:
+    """The aligner alone would refuse it: .86 of the words in another order, and the loop agrees in .14 of the frames."""
+    clean = spoken("rms", BABY)
+    speech = Spoken(clean.text, in_noise(clean.samples, 3.0), clean.phones)
+    assert aligned(speech).unheard == 0.0
+    assert aligned(speech, OTHER).unheard == 1.0
+
+
 def test_a_text_that_is_trusted_is_not_checked() -> None:
     speech = spoken("rms", BABY)
     found = follow([speech.samples], SphinxAligner(words_of(OTHER), pronounce), is_trusted=True)
