@@ -207,10 +207,11 @@ class AgentFace:
     # Timing ----------------------------------------------------------------------------------------------------------
 
     def wait_s(self, now_s: float, ahead_s: float = AHEAD_S) -> float:
-        """Return the time until the next frame is due, s; during speech it is early, by ``ahead_s`` at most."""
+        """Return the time until the next frame is due, s; if its audio is there, it is ``ahead_s`` early at most."""
         if self._due_s is None or now_s > self._due_s + MAX_LATE_S:
             self._due_s, self._ahead_s = now_s, 0.0
-        return max(self._due_s - min(self._ahead_s, ahead_s) - now_s, 0.0)
+        early_s = min(self._ahead_s, ahead_s) if self.host.is_ready(self.dt_s) else 0.0
+        return max(self._due_s - early_s - now_s, 0.0)
 
     def frame(self, now_s: float) -> tuple[StreamFrame, list[StreamEvent]]:
         """Make the next frame; return it, and the events of utterances."""

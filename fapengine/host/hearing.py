@@ -21,9 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine._counters import Counts, metric
-from fapengine.engine.commands import Append, Begin, Cancel, Command, End
+from fapengine.engine.commands import Begin, Cancel, Command
 from fapengine.engine.session import Event
 from fapengine.errors import FapEngineError, ResourceError
+from fapengine.host.changing import ChangingPhones
 from fapengine.host.hub import Hub
 from fapengine.host.listeners import HeardSound, Place
 from fapengine.recognition.choice import is_installed
@@ -46,8 +47,6 @@ JUMP_S = 0.3
 DRIFT = 1e-3
 """Fraction by which a microphone's clock may be slower than ours."""
 PAUSE_S = 0.5
-OPEN_S = 0.04
-"""Time by which a phone that is not over is taken to last longer; of 0, 40, 60 and 120 ms the best."""
 
 log = logging.getLogger("fapengine.hub")
 
@@ -76,13 +75,12 @@ class _Utterance:
     offset_s: float
     """Time in the utterance of the stream's first sample."""
     is_begun: bool
-    count: int = 0
-    """Number of its final phones."""
     end_s: float = 0.0
-    """End of the last one that is not silence."""
-    partial: tuple[Phone, ...] = ()
-    """Phones after these, as the engine knows them."""
-    revision: int = 0
+    """End of its last final phone that is not silence."""
+    phones: ChangingPhones = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.phones = ChangingPhones(self.number)
 
 
 @dataclass(slots=True, eq=False)
@@ -391,27 +389,21 @@ class Hearing:
         self, session: str, utterance: _Utterance, final: Sequence[Phone], partial: Sequence[Phone] = ()
     ) -> None:
         """Add phones, and replace those that may have changed."""
-        offset_s = utterance.offset_s
-        known = utterance.partial
-        final_count = sum(phone.end_s + offset_s > 0 for phone in final)
-        if partial and not partial[-1].is_silence:  # it is not over yet
-            partial = [*partial[:-1], replace(partial[-1], end_s=partial[-1].end_s + OPEN_S)]
-        phones = tuple(
-            replace(phone, start_s=max(phone.start_s + offset_s, 0.0), end_s=phone.end_s + offset_s)
-            for phone in (*final, *partial)
-            if phone.end_s + offset_s > 0
-        )
-        if not phones:
-            return
-        is_longer = phones[: len(known)] == known
-        first = len(known) if is_longer else 0
-        if phones[first:]:
-            utterance.revision += not is_longer
-            first_index = utterance.count + first
-            command = Append(utterance.number, first_index, phones[first:], utterance.revision, keeps_earlier=True)
+        shifted = [
+            [
+                replace(
+                    phone,
+                    start_s=max(phone.start_s + utterance.offset_s, 0.0),
+                    end_s=phone.end_s + utterance.offset_s,
+                )
+                for phone in phones
+                if phone.end_s + utterance.offset_s > 0
+            ]
+            for phones in (final, partial)
+        ]
+        command = utterance.phones.append(*shifted)
+        if command is not None:
             self.hub.apply(session, command)
-        utterance.count += final_count
-        utterance.partial = phones[final_count:]
 
     def _end_utterance(self, session: str, one: _Session) -> None:
         utterance, one.utterance = one.utterance, None
@@ -419,8 +411,7 @@ class Hearing:
             return
         end_s = max(one.pushed_s + utterance.offset_s, 0.0) if not one.is_endless else utterance.end_s
         if utterance.is_begun:
-            count = utterance.count + len(utterance.partial)
-            self.hub.apply(session, End(utterance.number, count, end_s, utterance.revision))
+            self.hub.apply(session, utterance.phones.end(end_s))
 
     def _note_command(self, session: str, command: Command, now_s: float) -> None:
         one = self._sessions.get(session)

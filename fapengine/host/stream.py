@@ -6,11 +6,11 @@ A host has no clock: its user calls :meth:`StreamHost.next` once per frame and p
 lips and audio stay together, however late the audio came in, and each frame's audio is handed out once: frames =
 ceil(audio x rate), to the sample.
 
-Audio is held back until the phones of the next :data:`LEAD_S` are known. That costs the recognizer's look-ahead and
-that much delay, and makes lips that anticipate. Then:
+Audio is held back until :data:`LEAD_S` more of it has come: the delay of audio that comes as it is spoken, and what
+lips need to anticipate. Then:
 
 - **Words with times** are what is spoken (:meth:`StreamHost.words`); the recognizer only moves their phones. Without
-  words, the recognizer's own phones are shown.
+  words, the recognizer's own phones are shown: the final ones, and those after them that may still change.
 - **A TTS that stalls** holds the audio, and the face returns to neutral; after :data:`STALL_S` the end that was held
   back is played, too. When more comes, both continue.
 - **A TTS that sends nothing** makes no audio and no event. What it sends at once is played in its time.
@@ -31,11 +31,12 @@ from numpy.typing import ArrayLike, NDArray
 from fapengine._arrays import as_sound
 from fapengine.audio.sound_queue import Run, Sound, SoundQueue
 from fapengine.engine.command_table import Command
-from fapengine.engine.commands import Append, Begin, Cancel, End, Pause, Resume
+from fapengine.engine.commands import Begin, Cancel, Pause, Resume
 from fapengine.engine.engine import Engine
 from fapengine.engine.gesture_methods import GestureMethods
 from fapengine.engine.session import Limits
 from fapengine.errors import ResourceError, UsageError
+from fapengine.host.changing import ChangingPhones
 from fapengine.host.host import Host
 from fapengine.host.words import TimedWord, WordQueue
 from fapengine.profiles import Profile
@@ -44,8 +45,10 @@ from fapengine.speech.phone_track import Phone
 from fapengine.trajectory.style import Style
 
 LEAD_S = 0.3
-"""Time ahead of the audio up to which phones are known when it begins, or resumes after a stall: later phones cost
-0.01 mm of lip error (``design/look_ahead.py``)."""
+"""Time ahead of the audio up to which more of it, and the phones of its words, are known when it begins, or resumes
+after a stall: later phones cost 0.01 mm of lip error (``design/look_ahead.py``)."""
+HEARD_LEAD_S = 0.1
+"""The same of the recognizer's phones, which may still change; the audio then goes on while they are known at all."""
 MIN_LEAD_S = 0.1
 """Time ahead below which the audio is held back again."""
 FEED_S = 0.6
@@ -96,7 +99,11 @@ class _Utterance:
     sound: SoundQueue = field(default_factory=SoundQueue)
     words: WordQueue = field(default_factory=WordQueue)
     heard: list[Phone] = field(default_factory=list)
-    """Phones of the recognizer, in the utterance's time."""
+    """Final phones of the recognizer, in the utterance's time."""
+    partial: list[Phone] = field(default_factory=list)
+    """Phones after these that may still change."""
+    told: ChangingPhones = field(init=False)
+    """Phones that the engine has received."""
     is_ended: bool = False
     is_deaf: bool = False
     is_held: bool = True
@@ -106,17 +113,19 @@ class _Utterance:
     """Time since audio came."""
     waited_s: float = 0.0
     """Time for which there was audio and the recognizer reported nothing."""
-    told: int = 0
-    """Number of phones that the engine has received."""
     told_s: float = 0.0
-    """End of the last of them."""
+    """End of the last of them that does not change, or the present."""
+
+    def __post_init__(self) -> None:
+        self.told = ChangingPhones(self.number)
 
     @property
     def heard_s(self) -> float:
         """Time in it up to which the recognizer has reported phones."""
         if all(run.is_heard for run in self.sound.runs):
             return self.sound.end_s
-        return self.heard[-1].end_s if self.heard else 0.0
+        reported = self.partial or self.heard
+        return reported[-1].end_s if reported else 0.0
 
 
 class StreamHost(Host, GestureMethods):
@@ -193,7 +202,7 @@ class StreamHost(Host, GestureMethods):
         """Add words to the current utterance, in order, with their times from its first sample on."""
         if self._pronounce is not None and words:
             utterance = self._open() if not self._queue else self._queue[-1]
-            utterance.words.add(words, self._pronounce, utterance.told_s)
+            utterance.words.add(words, self._pronounce, max(utterance.told_s, utterance.sound.due_s))
 
     def cue(self, command: Command, at_s: float = 0.0) -> None:
         """Apply a command at a time in the current utterance, such as an expression at a word."""
@@ -264,6 +273,10 @@ class StreamHost(Host, GestureMethods):
         self.engine.events()
         return StreamFrame(faps, sounds)
 
+    def is_ready(self, dt_s: float) -> bool:
+        """Whether a frame of ``dt_s`` would hold no audio back."""
+        return not self._queue or self._is_ready(self._queue[0], dt_s)
+
     def events(self) -> list[StreamEvent]:
         """Return the events since the last call."""
         events, self._events = self._events, []
@@ -317,7 +330,7 @@ class StreamHost(Host, GestureMethods):
         if utterance.quiet_s > STALL_S:
             sound.close()
         is_there = sound.is_over or sound.end_s >= sound.due_s + dt_s + LEAD_S
-        is_deaf = is_there and self._known_s(utterance) < min(sound.due_s + dt_s + MIN_LEAD_S, sound.end_s)
+        is_deaf = is_there and not self._is_known(utterance, sound.due_s + dt_s)
         utterance.waited_s = utterance.waited_s + dt_s if is_deaf else 0.0
         if utterance.waited_s > PATIENCE_S:
             self._deafen(utterance)
@@ -326,15 +339,18 @@ class StreamHost(Host, GestureMethods):
         sound = utterance.sound
         if sound.due_s >= sound.end_s:
             return False
-        lead_s = LEAD_S if utterance.is_held else MIN_LEAD_S
-        known_s = min(self._known_s(utterance), inf if sound.is_over else sound.end_s)
-        return known_s >= min(sound.due_s + dt_s + lead_s, sound.end_s if sound.is_over else inf)
+        over_s = sound.due_s + dt_s
+        is_there = sound.is_over or sound.end_s >= over_s + (LEAD_S if utterance.is_held else MIN_LEAD_S)
+        return is_there and self._is_known(utterance, over_s)
 
-    def _known_s(self, utterance: _Utterance) -> float:
-        """Time in an utterance up to which its phones are known."""
+    def _is_known(self, utterance: _Utterance, over_s: float) -> bool:
+        """Whether the phones for some time after ``over_s`` are known, by words or by the recognizer."""
         if self._recognizer is None or utterance.is_deaf:
-            return inf
-        return max(utterance.heard_s, utterance.words.end_s)
+            return True
+        words_s, heard_s = (LEAD_S, HEARD_LEAD_S) if utterance.is_held else (MIN_LEAD_S, 0.0)
+        end_s = utterance.sound.end_s
+        has_words = utterance.words.end_s >= min(over_s + words_s, end_s)
+        return has_words or utterance.heard_s >= min(over_s + heard_s, end_s)
 
     def _hold(self, utterance: _Utterance) -> None:
         if utterance.has_begun and not utterance.is_held:
@@ -361,19 +377,22 @@ class StreamHost(Host, GestureMethods):
         if utterance.is_held:
             self.apply(Cancel(utterance.number, fade_s=_FADE_S), self._now_s)
         else:
-            self.apply(End(utterance.number, utterance.told, utterance.sound.end_s), self._now_s)
+            self.apply(utterance.told.end(utterance.sound.end_s), self._now_s)
 
     # Phones ---------------------------------------------------------------------------------------------------------
 
     def _feed(self, utterance: _Utterance, dt_s: float) -> None:
         """Send the phones of the next :data:`FEED_S` to the engine."""
         until_s = utterance.sound.due_s + dt_s + FEED_S
-        phones = utterance.words.phones(utterance.heard, utterance.told_s, until_s)
-        if phones:
-            self.apply(Append(utterance.number, utterance.told, tuple(phones)), self._now_s)
-            utterance.told += len(phones)
-            utterance.told_s = phones[-1].end_s
-        utterance.told_s = max(utterance.told_s, utterance.sound.due_s)
+        final = utterance.words.phones(utterance.heard, utterance.told_s, until_s)
+        if final:
+            utterance.told_s = final[-1].end_s
+        partial = utterance.words.before_next(utterance.partial, utterance.told_s, until_s)
+        command = utterance.told.append(final, partial)
+        if command is not None:
+            self.apply(command, self._now_s)
+        now_s = utterance.sound.due_s
+        utterance.told_s = max(utterance.told_s, min(now_s, partial[0].start_s) if partial else now_s)
         utterance.heard = [phone for phone in utterance.heard if phone.end_s > utterance.told_s] or utterance.heard[-1:]
 
     def _listen(self) -> None:
@@ -409,10 +428,12 @@ class StreamHost(Host, GestureMethods):
             return []
 
     def _take(self, heard: RecognizedPhones, utterance: _Utterance, run: Run) -> None:
-        for phone in heard.phones:
-            start_s, end_s = phone.start_s + run.start_s, min(phone.end_s + run.start_s, run.end_s)
-            if end_s > start_s:
-                utterance.heard.append(replace(phone, start_s=start_s, end_s=end_s))
+        utterance.partial.clear()
+        for phones, taken in ((heard.phones, utterance.heard), (heard.partial, utterance.partial)):
+            for phone in phones:
+                start_s, end_s = phone.start_s + run.start_s, min(phone.end_s + run.start_s, run.end_s)
+                if end_s > start_s:
+                    taken.append(replace(phone, start_s=start_s, end_s=end_s))
         run.is_heard = heard.is_over
         self.has_recognized |= heard.is_over
 

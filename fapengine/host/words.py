@@ -114,14 +114,10 @@ class WordQueue:
         while now_s < until_s:
             word = self._words[0] if self._words else None
             begins_s = word[0].start_s if word else np.inf
-            between = [phone for phone in heard if phone.end_s > now_s and phone.start_s < begins_s - NEAR_S]
-            if between and begins_s > now_s + NEAR_S:
-                for phone in between:
-                    start_s, end_s = max(phone.start_s, now_s), min(phone.end_s, begins_s)
-                    if start_s >= until_s:
-                        return chosen
-                    chosen.append(replace(phone, start_s=start_s, end_s=end_s))
-                    now_s = end_s
+            between = self.before_next(heard, now_s, until_s)
+            if between:
+                chosen += between
+                now_s = between[-1].end_s
                 continue
             if word is None or begins_s >= until_s:
                 break
@@ -130,6 +126,17 @@ class WordQueue:
             chosen += [replace(p, start_s=max(p.start_s, now_s)) for p in moved if p.end_s > now_s]
             now_s = max(now_s, moved[-1].end_s)
         return chosen
+
+    def before_next(self, heard: Sequence[Phone], from_s: float, until_s: float) -> list[Phone]:
+        """Return phones of the recognizer between ``from_s`` and the next word that begin before ``until_s``."""
+        begins_s = self._words[0][0].start_s if self._words else np.inf
+        if begins_s <= from_s + NEAR_S:
+            return []
+        return [
+            replace(phone, start_s=max(phone.start_s, from_s), end_s=min(phone.end_s, begins_s))
+            for phone in heard
+            if phone.end_s > from_s and phone.start_s < min(begins_s - NEAR_S, until_s)
+        ]
 
 
 def adjusted(word: Sequence[Phone], heard: Sequence[Phone]) -> list[Phone]:

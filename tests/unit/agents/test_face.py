@@ -8,11 +8,11 @@ import pytest
 from fapengine.agents.face import AHEAD_S, AgentFace, AgentOptions
 from fapengine.engine.commands import Express, TurnHead
 from fapengine.errors import DataError, ResourceError, UsageError
-from fapengine.host.stream import StreamEvent
+from fapengine.host.stream import LEAD_S, StreamEvent
 from fapengine.host.words import CHARACTER_S, MarkTimer
 from fapengine.mpeg4 import fap
 from fapengine.server.film.painter import Painter
-from tests.unit.host.test_stream import noise, stage
+from tests.unit.host.test_stream import noise, pauses_of, stage
 from tests.unit.host.ticking_recognizer import TickingRecognizer
 
 
@@ -79,6 +79,26 @@ def test_frames_with_sound_are_made_ahead_and_no_more() -> None:
     assert AHEAD_S - 0.09 < actor.unplayed_s(now_s) < AHEAD_S + 0.05
     actor.interrupt(now_s)
     assert actor.host.events() == [StreamEvent(1, "interrupted", pytest.approx(played_s, abs=0.001))]
+
+
+def test_frames_wait_for_sound_that_comes_as_it_is_spoken() -> None:
+    """Frames made ahead would find no sound, and a stall rests the face."""
+    actor = AgentFace(stage(TickingRecognizer(guess="ma")), 25.0)
+    pauses = pauses_of(actor.host)
+    now_s, began_s, silent = 1.0, None, 0
+    pushed_s = now_s
+    while now_s < 4.0:
+        now_s += actor.wait_s(now_s)
+        while pushed_s < now_s - 0.02:
+            actor.sound(noise(0.02).tobytes(), 24_000)
+            pushed_s += 0.02
+        sounds = actor.frame(now_s)[0].sounds
+        began_s = now_s if sounds and began_s is None else began_s
+        silent += began_s is not None and not sounds
+        now_s += 0.005
+    assert began_s is not None
+    assert began_s - 1.0 < LEAD_S + 0.1
+    assert (silent, pauses) == (0, [])
 
 
 def test_a_late_face_does_not_hurry_after() -> None:

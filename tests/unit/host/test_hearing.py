@@ -271,8 +271,9 @@ def test_a_session_that_is_closed_gives_its_ear_back() -> None:
     assert stage.hearing.counts.recognizers == 0
 
 
+@pytest.mark.parametrize("final", [(), (Phone("m", 0.0, 0.1),)])
 @pytest.mark.parametrize("is_over", [True, False])
-def test_phones_that_the_recognizer_takes_back_are_not_said(is_over: bool) -> None:
+def test_phones_that_the_recognizer_takes_back_are_not_said(final: tuple[Phone, ...], is_over: bool) -> None:
     stage = Stage()
     stage.hearing.hear("anna", 1, np.zeros(PIECE, np.int16), RATE_HZ, is_placed=False)
     stage.run(2 * WORK_S)
@@ -280,9 +281,11 @@ def test_phones_that_the_recognizer_takes_back_are_not_said(is_over: bool) -> No
     partial = (Phone("m", 0.0, 0.1), Phone("ɑ", 0.1, 1.2))
     ear.told.append((stage.clock.now_s, RecognizedPhones(ear.stream, 0.02, (), partial=partial)))
     assert stage.run(DELAY_S + 0.25).max() > 5
-    ear.told.append((stage.clock.now_s, RecognizedPhones(ear.stream, 0.04, partial[:1], is_over)))
+    ear.told.append((stage.clock.now_s, RecognizedPhones(ear.stream, 0.04, final, is_over)))
     assert np.abs(stage.run(0.5)[round(0.3 * 200 / 3) :]).max() < 0.5
     assert len(stage.commands(End)) == is_over
+    stage.run(1.0)
+    assert stage.hub.engine.counters("anna").finished == is_over
 
 
 def test_a_shout_reaches_the_face() -> None:

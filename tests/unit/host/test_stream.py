@@ -9,7 +9,16 @@ import pytest
 from fapengine.engine.commands import Command, Express, Pause
 from fapengine.errors import UsageError
 from fapengine.expressions import Expression
-from fapengine.host.stream import LEAD_S, PATIENCE_S, REST_S, STALL_S, StreamEvent, StreamFrame, StreamHost
+from fapengine.host.stream import (
+    HEARD_LEAD_S,
+    LEAD_S,
+    PATIENCE_S,
+    REST_S,
+    STALL_S,
+    StreamEvent,
+    StreamFrame,
+    StreamHost,
+)
 from fapengine.host.words import TimedWord
 from fapengine.mpeg4 import fap
 from fapengine.speech.phone_track import Phone
@@ -93,14 +102,34 @@ def test_the_lips_are_shut_on_the_sound_of_the_m() -> None:
     assert opening[middle_of_a][1:-1].min() > 150
 
 
-def test_sound_begins_when_the_lips_are_ready() -> None:
-    one = stage(TickingRecognizer())
-    began = None
-    for number in range(40):
+def shown_as_it_comes(one: StreamHost, length_s: float) -> tuple[float, list[StreamFrame]]:
+    """Audio comes as it is spoken; returns when it begins, and the frames from there on."""
+    frames = []
+    for _ in range(round(length_s / DT_S)):
         one.push(noise(DT_S), RATE_HZ)
-        if one.next(DT_S).sounds and began is None:
-            began = (number + 1) * DT_S
-    assert began == pytest.approx(LEAD_S + BEHIND_S + 0.1, abs=0.1)  # and a phone, and a frame
+        frames.append(one.next(DT_S))
+    began = [bool(frame.sounds) for frame in frames].index(True)
+    return (began + 1) * DT_S, frames[began:]
+
+
+def test_sound_begins_when_the_lips_are_ready() -> None:
+    began_s, _ = shown_as_it_comes(stage(TickingRecognizer()), 1.6)
+    assert began_s == pytest.approx(HEARD_LEAD_S + BEHIND_S + 0.1, abs=0.05)  # and a phone, and a frame
+
+
+@pytest.mark.parametrize(("guess", "behind_s"), [("mm", BEHIND_S), ("aa", BEHIND_S), ("ma", 0.6)])
+def test_phones_that_may_change_begin_the_sound_earlier_and_are_replaced(guess: str, behind_s: float) -> None:
+    """All are guessed to be the one or the other; or the guess is right, and final only after its sound."""
+    one = stage(TickingRecognizer(guess=guess, behind_s=behind_s))
+    pauses = pauses_of(one)
+    began_s, frames = shown_as_it_comes(one, 3.0)
+    assert began_s == pytest.approx(LEAD_S + DT_S, abs=DT_S)
+    assert all(frame.sounds for frame in frames)
+    assert (pauses, one.engine.counters(one.session).dropped) == ([], 0)
+    opening = np.array([-int(frame.faps[MOUTH[1]] + frame.faps[MOUTH[2]]) for frame in frames])[10:]
+    phases = (np.arange(10, len(frames)) * DT_S) % 0.2
+    assert opening[(phases > 0.02) & (phases < 0.07)].max() < 30
+    assert opening[(phases > 0.12) & (phases < 0.17)].min() > 100
 
 
 def test_nothing_is_sent_and_nothing_happens() -> None:

@@ -22,6 +22,9 @@ class TickingRecognizer:
     look_ahead_s: float = BEHIND_S
     waiting_s: float = 0.0
     is_mute: bool = False
+    behind_s: float = BEHIND_S
+    guess: str = ""
+    """Two labels of phones that may still change; they reach up to 0.1 s before the end of the sound."""
     is_dead: bool = False
     stream: int = 0
     heard_s: float = 0.0
@@ -35,7 +38,7 @@ class TickingRecognizer:
 
     def push(self, samples: NDArray[np.int16], rate_hz: int) -> None:
         self.heard_s += len(samples) / rate_hz
-        self._tell(int((self.heard_s - BEHIND_S) / PHONE_S), is_over=False)
+        self._tell(int((self.heard_s - self.behind_s) / PHONE_S), is_over=False)
 
     def end(self) -> None:
         self._tell(int(np.ceil(self.heard_s / PHONE_S)), is_over=True)
@@ -55,4 +58,9 @@ class TickingRecognizer:
             for n in range(self.told, max(until, self.told))
         )
         self.told += len(phones)
-        self.waiting.append(RecognizedPhones(self.stream, self.heard_s, phones, is_over))
+        until_s = 0.0 if is_over or not self.guess else self.heard_s - 0.1
+        partial = tuple(
+            Phone(self.guess[n % 2], n * PHONE_S, min((n + 1) * PHONE_S, until_s))
+            for n in range(self.told, int(np.ceil(until_s / PHONE_S)))
+        )
+        self.waiting.append(RecognizedPhones(self.stream, self.heard_s, phones, is_over, partial))
