@@ -142,7 +142,7 @@ docs: $(VENV)/.ready-docs
 
 # The npm package is built into projects by these.
 BUNDLERS := vite@8.3.8 @vitejs/plugin-react@6.3.0 react@19.3.1 react-dom@19.3.1 @types/react@19.3.0 \
-    @types/react-dom@19.3.0 vue@3.5.45 @vitejs/plugin-vue@6.0.11
+    @types/react-dom@19.3.0 vue@3.5.45 @vitejs/plugin-vue@6.0.11 @pipecat-ai/client-js@1.13.1 @pipecat-ai/small-webrtc-transport@1.10.8
 
 # Foreign programs that ours is compared with; they need Node and a network, and no test needs them. Avatars of others
 # are tried too, as far as they lie in out/oracles/avatars; Blender (with python3-numpy), coturn, nginx, godot3, godot3-server and mono-mcs of Debian, where they are
@@ -159,7 +159,8 @@ oracles:
 	out/oracles/frameworks/bin/python -m pip install --quiet --upgrade "pip>=25.1"
 	out/oracles/frameworks/bin/python -m pip install --quiet --group frameworks --editable ".[voice,recognizer]"
 	out/oracles/frameworks/bin/python -m pytest -q -s -p no:cacheprovider -c tests/frameworks/pytest.ini --rootdir=. \
-	    tests/frameworks/check_pipecat.py tests/frameworks/check_livekit.py tests/frameworks/check_examples.py tests/frameworks/check_agent.py
+	    tests/frameworks/check_pipecat.py tests/frameworks/check_livekit.py tests/frameworks/check_examples.py tests/frameworks/check_agent.py \
+	    tests/frameworks/check_rtvi.py tests/frameworks/check_livekit_server.py
 	$(PYTHON) -m venv out/oracles/piper-plus
 	out/oracles/piper-plus/bin/python -m pip install --quiet --editable ".[piper-plus]" "onnx>=1.16" "pytest>=8.3"
 	out/oracles/piper-plus/bin/python -m pytest -q -p no:cacheprovider -c tests/frameworks/pytest.ini --rootdir=. \

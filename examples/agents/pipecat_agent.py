@@ -16,7 +16,6 @@ import uuid
 from aiohttp import web
 from pipecat.frames.frames import (
     Frame,
-    InputTransportMessageFrame,
     InterruptionFrame,
     TTSAudioRawFrame,
     TTSSpeakFrame,
@@ -24,6 +23,7 @@ from pipecat.frames.frames import (
 from pipecat.pipeline.pipeline import Pipeline
 from pipecat.pipeline.worker import PipelineParams, PipelineWorker
 from pipecat.processors.frame_processor import FrameDirection, FrameProcessor
+from pipecat.processors.frameworks.rtvi import RTVIClientMessageFrame
 from pipecat.services.settings import TTSSettings
 from pipecat.services.tts_service import TTSService
 from pipecat.transports.base_transport import TransportParams
@@ -53,7 +53,8 @@ const answer = await fetch("/offer", { method: "POST", body: JSON.stringify(peer
 await peer.setRemoteDescription(await answer.json());
 ask.onsubmit = (event) => {
   event.preventDefault();
-  channel.send(JSON.stringify({ type: "say", text: text.value }));
+  const data = { t: "say", d: { text: text.value } };
+  channel.send(JSON.stringify({ label: "rtvi-ai", type: "client-message", id: String(Date.now()), data }));
   text.value = "";
 };
 </script>"""
@@ -65,9 +66,9 @@ class Brain(FrameProcessor):
     async def process_frame(self, frame: Frame, direction: FrameDirection) -> None:
         """Answer a message; pass all else on."""
         await super().process_frame(frame, direction)
-        if isinstance(frame, InputTransportMessageFrame) and "text" in (frame.message or {}):
+        if isinstance(frame, RTVIClientMessageFrame) and frame.type == "say":
             await self.push_frame(InterruptionFrame())
-            await self.push_frame(TTSSpeakFrame(self.answer(str(frame.message["text"]))))
+            await self.push_frame(TTSSpeakFrame(self.answer(str(frame.data["text"]))))
         else:
             await self.push_frame(frame, direction)
 

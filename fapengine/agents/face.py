@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fapengine._child import Restarts
+from fapengine.agents.attention import Attention, State
 from fapengine.agents.pictures import Picture, Pictures
 from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.files.profiles import load_profile
@@ -79,11 +80,14 @@ class AgentFace:
     ----------
     host : StreamHost
     frame_rate_hz : float
+    attention : Attention, optional
+        How it looks while it listens and thinks.
     """
 
-    def __init__(self, host: StreamHost, frame_rate_hz: float) -> None:
+    def __init__(self, host: StreamHost, frame_rate_hz: float, attention: Attention | None = None) -> None:
         self.host, self.dt_s = host, 1.0 / frame_rate_hz
         self.marks = MarkTimer()
+        self.attention = attention or Attention(np.random.default_rng(1))
         self.painter: Painter | None = None
         self.recognizer: RecognizerProcess | None = None
         self.pictures = Pictures(FilmCounts())
@@ -120,7 +124,8 @@ class AgentFace:
             profile, rng=np.random.default_rng(options.seed), style=options.style, recognizer=recognizer,
             pronounce=pronounce,
         )  # fmt: skip
-        face = cls(host, options.frame_rate_hz)
+        attention = Attention(np.random.default_rng(options.seed), gaze=options.style.gaze)
+        face = cls(host, options.frame_rate_hz, attention)
         face.recognizer = recognizer
         face.painter = Painter(options.head, options.size, options.edges, face.pictures.counts)
         return face
@@ -186,6 +191,25 @@ class AgentFace:
         for at_s, command in self.marks.word(text, start_s):
             self.host.cue(command, at_s)
 
+    def attend(self, state: State, is_so: bool = True) -> None:
+        """Look at the user who speaks (``"listening"``), or aside (``"thinking"``), until it speaks.
+
+        Parameters
+        ----------
+        state : str
+        is_so : bool
+            False ends the state, if it is the present one.
+
+        Raises
+        ------
+        UsageError
+            If there is no such state.
+        """
+        if not is_so:
+            self.attention.end(state)
+        elif not self.host.is_speaking or state == "listening":
+            self.attention.attend(state)
+
     def end(self) -> None:
         """End the utterance."""
         self._half = b""
@@ -216,6 +240,8 @@ class AgentFace:
     def frame(self, now_s: float) -> tuple[StreamFrame, list[StreamEvent]]:
         """Make the next frame; return it, and the events of utterances."""
         self._supervise(now_s)
+        for command in self.attention.due(now_s):
+            self.host.send_command(command)
         frame = self.host.next(self.dt_s)
         events = self.host.events()
         if self._due_s is None or (frame.sounds and self._until_s <= now_s):  # it is heard from now on
@@ -229,6 +255,10 @@ class AgentFace:
         elif not self.host.is_speaking:
             self._ahead_s = 0.0
         for event in events:
+            if event.kind == "started":
+                self.attention.attend("speaking")
+            else:
+                self.attention.end("speaking")
             if event.kind == "started" and not self._has_words:
                 for at_s, command in self.marks.estimated():
                     self.host.cue(command, at_s)

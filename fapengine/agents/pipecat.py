@@ -4,7 +4,7 @@ It reads the audio, and the words with times if the TTS reports them. It pushes 
 its audio, so that the transport shows it when that audio is sent; set the transport to chunks of 10 ms
 (``audio_out_10ms_chunks=1``). Audio is pushed in real time, however long an image takes; an image that is not ready by
 then follows alone, when its audio is due. The order of frames after the audio is kept. In silence the face looks around
-and blinks.
+and blinks; while the user speaks it looks at them and nods, until its answer begins it looks aside.
 
 Examples
 --------
@@ -131,9 +131,14 @@ class FapengineVideoService(FrameProcessor):  # type: ignore[misc, unused-ignore
         elif isinstance(frame, frames.SystemFrame):
             if isinstance(frame, frames.CancelFrame):
                 await self._stop()
+            elif isinstance(frame, frames.UserStartedSpeakingFrame | frames.UserStoppedSpeakingFrame):
+                is_heard = isinstance(frame, frames.UserStartedSpeakingFrame)
+                self._face.attend("listening" if is_heard else "thinking")
             await self.push_frame(frame, direction)
         else:
-            if isinstance(frame, frames.TTSStoppedFrame | frames.EndFrame | frames.StopFrame):
+            if isinstance(frame, frames.LLMFullResponseStartFrame):
+                self._face.attend("thinking")
+            elif isinstance(frame, frames.TTSStoppedFrame | frames.EndFrame | frames.StopFrame):
                 self._face.end()
                 self._is_silent = False
                 early, self._early = self._early, []

@@ -69,10 +69,14 @@ def application(visitors: Visitors, access: Access) -> web.Application:
             raise web.HTTPBadRequest(text="Expected an object with pc_id and candidates.") from error
         return web.json_response({"status": "success"})
 
+    async def allow(request: web.Request) -> web.StreamResponse:
+        return access.allow(request, "POST, PATCH")
+
     app = web.Application()
-    harden(app)
+    harden(app, access.origins)
     app.add_routes([web.get(path, page(name)) for path, name in PAGE.items()])
     app.add_routes([web.post("/api/offer", offer), web.patch("/api/offer", candidates)])
+    app.router.add_route("OPTIONS", "/api/offer", allow)
     return app
 
 

@@ -47,6 +47,12 @@ def agent(
     token: Annotated[
         str | None, typer.Option(envvar="FAPENGINE_TOKEN", help="Secret that browsers must present.")
     ] = None,
+    origin: Annotated[
+        list[str],
+        typer.Option(
+            metavar="URL", help="Site whose pages may talk to the agent, such as https://example.org. Repeatable."
+        ),
+    ] = [],  # noqa: B006  typer copies it
     verbose: Annotated[bool, typer.Option("--verbose", help="Show the log of Pipecat.")] = False,
 ) -> None:
     """Talk with a face in the browser: microphone, speech recognizer, language model, voice and face in one command.
@@ -60,7 +66,8 @@ def agent(
     give a microphone only to https and to this machine.
 
     Keys are read from FAPENGINE_LLM_KEY and FAPENGINE_STT_KEY. Each visitor has a conversation of its own, at most four
-    at once. Pipecat's JavaScript client can call, too, at /api/offer (SmallWebRTCTransport).
+    at once. Pages of your own can talk to it with Pipecat's JavaScript client: SmallWebRTCTransport at /api/offer, and
+    --origin for a page of another site.
 
     Requires the extras pipecat, voice and recognizer.
     """
@@ -102,7 +109,7 @@ def agent(
             stt=await hears.checked() if isinstance(hears, Endpoint) else hears,
         )
 
-    asyncio.run(_run(asyncio.run(checked()), Access(token), host, port))
+    asyncio.run(_run(asyncio.run(checked()), Access(token, tuple(origin)), host, port))
 
 
 def _quiet(verbose: bool) -> None:

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 from aiohttp import ClientSession, web
 from aiortc import RTCPeerConnection, RTCSessionDescription
-from pipecat.frames.frames import InputTransportMessageFrame, OutputImageRawFrame, TTSAudioRawFrame, TTSTextFrame
+from pipecat.frames.frames import OutputImageRawFrame, TTSAudioRawFrame, TTSTextFrame
 from pipecat.pipeline.pipeline import Pipeline
+from pipecat.processors.frameworks.rtvi import RTVIClientMessageFrame
 from pipecat.tests.utils import SleepFrame, run_test
 
 AGENTS = Path(__file__).resolve().parents[2] / "examples" / "agents"
@@ -30,7 +31,7 @@ def example(name: str) -> ModuleType:
 async def _answered() -> list[Any]:
     made = example("pipecat_agent").processors((64, 64))
     await made[-1]._face.ready()
-    asked = InputTransportMessageFrame(message={"text": "my mama"})
+    asked = RTVIClientMessageFrame(msg_id="1", type="say", data={"text": "my mama"})
     down, _ = await run_test(Pipeline(made), frames_to_send=[asked, SleepFrame(4.0)], start_timeout=20)
     return list(down)
 
@@ -77,7 +78,8 @@ async def _called() -> tuple[list[int], int]:
     async with asyncio.timeout(60):
         while not pictures or channel.readyState != "open":
             await asyncio.sleep(0.1)
-        channel.send(json.dumps({"type": "say", "text": "plum jam"}))
+        say = {"t": "say", "d": {"text": "plum jam"}}
+        channel.send(json.dumps({"label": "rtvi-ai", "type": "client-message", "id": "1", "data": say}))
         while loudest[0] < 1000:
             await asyncio.sleep(0.1)
     await asyncio.sleep(1.0)

@@ -420,14 +420,8 @@ class _Endpoints:
         return web.Response()
 
     async def allow(self, request: web.Request) -> web.StreamResponse:
-        """Answer a browser that asks whether a page of another site may call; this needs no permission."""
-        headers = {}
-        if request.headers.get("Origin") in self.access.origins:
-            headers = {
-                "Access-Control-Allow-Methods": "POST, DELETE",
-                "Access-Control-Allow-Headers": "Authorization, Content-Type",
-            }
-        return web.Response(status=204, headers=headers)
+        """Answer a browser that asks whether a page of another site may call."""
+        return self.access.allow(request, "POST, DELETE")
 
 
 def add_calls(app: web.Application, calls: Calls, access: Access) -> None:

@@ -78,6 +78,16 @@ class Access:
                 counts.refused += 1
             raise
 
+    def allow(self, request: web.Request, methods: str) -> web.Response:
+        """Answer a browser that asks whether a page of another site may send requests; this needs no permission."""
+        headers = {}
+        if request.headers.get("Origin") in self.origins:
+            headers = {
+                "Access-Control-Allow-Methods": methods,
+                "Access-Control-Allow-Headers": "Authorization, Content-Type",
+            }
+        return web.Response(status=204, headers=headers)
+
     def caller(self, request: web.Request) -> str:
         """Address of who asks: see :func:`caller_of`."""
         return caller_of(request, self.proxies)

@@ -10,6 +10,7 @@ from fapengine.agents.web import application
 from fapengine.server.web.access import Access
 
 OFFER = {"type": "offer", "sdp": "v=0"}
+ASKED = (("OPTIONS", None), ("POST", OFFER))
 
 
 class StandInVisitors:
@@ -32,10 +33,13 @@ class StandInVisitors:
 
 
 def answers(
-    *requests: tuple[str, str, Any, dict[str, str]], visitors: StandInVisitors | None = None, token: str | None = None
+    *requests: tuple[str, str, Any, dict[str, str]],
+    visitors: StandInVisitors | None = None,
+    token: str | None = None,
+    origins: tuple[str, ...] = (),
 ) -> list[tuple[int, str]]:
     async def asked() -> list[tuple[int, str]]:
-        runner = web.AppRunner(application(visitors or StandInVisitors(), Access(token)))
+        runner = web.AppRunner(application(visitors or StandInVisitors(), Access(token, origins)))
         await runner.setup()
         await web.TCPSite(runner, "127.0.0.1", 0).start()
         host, port = runner.addresses[0][:2]
@@ -92,3 +96,10 @@ def test_when_it_is_full_only_known_connections_are_answered() -> None:
         ("POST", "/api/offer", OFFER, {}), ("POST", "/api/offer", OFFER | {"pc_id": "one"}, {}), visitors=visitors
     )
     assert [status for status, _ in found] == [503, 200]
+
+
+def test_pages_of_a_site_that_is_named_are_answered() -> None:
+    there, elsewhere = {"Origin": "https://example.org"}, {"Origin": "https://example.com"}
+    requests = [(method, "/api/offer", body, who) for who in (there, elsewhere) for method, body in ASKED]
+    found = answers(*requests, origins=("https://example.org",))
+    assert [status for status, _ in found] == [204, 200, 204, 403]
