@@ -22,31 +22,55 @@ Words with times make better lip motion than audio alone, and inline cues such a
             async for piece in avatar.read(text):
                 yield piece
 
-A separate worker, which joins a room and answers the agent's ``DataStreamAudioOutput``::
+The face can be a participant of its own, shown by another machine: workers wait there, and leave with their agent::
+
+    FAPENGINE_TOKEN=secret python -m fapengine.agents.livekit --serve 0.0.0.0:9120 --head woman
+    avatar = AvatarSession(remote="http://that-machine:9120")  # in the agent; remote=True: on this machine
+
+A single worker joins a room with a token and answers the agent's ``DataStreamAudioOutput``::
 
     python -m fapengine.agents.livekit wss://host TOKEN --head woman
+
+While the user speaks the face looks at them and nods, while the agent thinks it looks aside.
 """
 
 import argparse
 import asyncio
+import logging
+import os
 import re
 import time
 from collections import deque
 from collections.abc import AsyncIterable, AsyncIterator
 from typing import Any
 
-from livekit import rtc
+import aiohttp
+from aiohttp import web
+from livekit import api, rtc
 from livekit.agents import voice
+from livekit.agents.types import ATTRIBUTE_AGENT_STATE, ATTRIBUTE_PUBLISH_ON_BEHALF
+from livekit.agents.utils import wait_for_participant
 from livekit.agents.voice import avatar
 
 from fapengine.agents.face import AgentFace, AgentOptions
+from fapengine.agents.pool import MOST_FACES, TOKEN, Pool
 from fapengine.agents.warm import open_face, prewarm
+from fapengine.errors import ResourceError, UsageError
+from fapengine.host.words import MarkTimer
 from fapengine.render.drawing import EDGES
+from fapengine.server.web.access import Access
 
+log = logging.getLogger("fapengine.agents")
 SAMPLE_RATE_HZ = 24_000
 LIVEKIT_AHEAD_S = 0.05
 """Time by which frames are early: with a frame of 0.04 s it nearly fills the queue of LiveKit's runner, 0.1 s. A
 generator that is held up there would begin to play again after an interruption."""
+IDENTITY = "fapengine-avatar"
+"""Identity of a remote face in the room."""
+POOL = "http://127.0.0.1:9120"
+"""Address of the workers, unless another one is given."""
+JOINS_S = 30.0
+"""Time for the pool to answer, and for an agent to be in the room."""
 _SENTENCE = re.compile(r"[.!?…]+[\"')\]]*\s+|\n+")
 
 
@@ -98,24 +122,58 @@ class FaceGenerator(avatar.VideoGenerator):  # type: ignore[misc, unused-ignore]
 
 
 class AvatarSession(avatar.AvatarSession):  # type: ignore[misc, unused-ignore]
-    """A face in the agent's process; its audio and video are published by the agent's own participant.
+    """A face in the agent's process, published by the agent's own participant; or a remote one, a participant.
 
     Parameters
     ----------
+    remote : bool or str
+        True: workers on this machine show it (``python -m fapengine.agents.livekit --serve``), or those at the address.
+    livekit_url, livekit_api_key, livekit_api_secret : str, optional
+        For the token of a remote face; by default LIVEKIT_URL, LIVEKIT_API_KEY and LIVEKIT_API_SECRET.
     **options
-        Fields of :class:`fapengine.agents.face.AgentOptions`: ``head``, ``size``, ``frame_rate_hz``, ...
+        Fields of :class:`fapengine.agents.face.AgentOptions`: ``head``, ``size``, ``frame_rate_hz``, ... Those of a
+        remote face are options of the workers.
+
+    Raises
+    ------
+    UsageError
+        If a remote face has options, or a credential of LiveKit is missing.
     """
 
-    def __init__(self, **options: Any) -> None:
+    def __init__(
+        self,
+        *,
+        remote: bool | str = False,
+        livekit_url: str | None = None,
+        livekit_api_key: str | None = None,
+        livekit_api_secret: str | None = None,
+        **options: Any,
+    ) -> None:
         super().__init__()
         self._room: rtc.Room | None = None
-        self._options = AgentOptions(**options)
-        self._face = open_face(self._options)
+        self._pool = POOL if remote is True else remote or None
+        self._face: AgentFace | None = None
+        self._marks = MarkTimer()
         self._runner: avatar.AvatarRunner | None = None
+        self._listeners: list[tuple[str, Any]] = []
+        self._session: voice.AgentSession | None = None
+        if self._pool is None:
+            self._options = AgentOptions(**options)
+            self._face = open_face(self._options)
+            self._marks = self._face.marks
+            return
+        if options:
+            raise UsageError(f"{next(iter(options))}: a remote face has the options of its workers; give it to them")
+        given = {"url": livekit_url, "api_key": livekit_api_key, "api_secret": livekit_api_secret}
+        self._livekit = {name: value or os.environ.get(f"LIVEKIT_{name.upper()}", "") for name, value in given.items()}
+        if missing := next((name for name, value in self._livekit.items() if not value), None):
+            raise UsageError(f"livekit_{missing}: missing; give it, or set LIVEKIT_{missing.upper()}")
 
     @property
     def avatar_identity(self) -> str:
-        """Identity of the agent's own participant."""
+        """Identity of the participant that shows the face: the agent's own, or the remote one."""
+        if self._pool is not None:
+            return IDENTITY
         return str(self._room.local_participant.identity) if self._room is not None else ""
 
     @property
@@ -129,25 +187,71 @@ class AvatarSession(avatar.AvatarSession):  # type: ignore[misc, unused-ignore]
         Raises
         ------
         ResourceError
-            If the face cannot be rendered.
+            If the face cannot be rendered, or no worker takes it.
         """
         await super().start(agent_session, room)
-        await self._face.ready()
-        output = avatar.QueueAudioOutput(sample_rate=SAMPLE_RATE_HZ, wait_playback_start=True)
-        self._runner = runner_of(room, output, self._face, self._options)
-        await self._runner.start()
+        if self._face is None:
+            await self._dispatch(room)
+            output = avatar.DataStreamAudioOutput(
+                room, destination_identity=IDENTITY, sample_rate=SAMPLE_RATE_HZ, wait_playback_start=True,
+                wait_remote_track=rtc.TrackKind.KIND_VIDEO,
+            )  # fmt: skip
+        else:
+            await self._face.ready()
+            output = avatar.QueueAudioOutput(sample_rate=SAMPLE_RATE_HZ, wait_playback_start=True)
+            self._runner = runner_of(room, output, self._face, self._options)
+            await self._runner.start()
+            self._attend(agent_session, self._face)
         agent_session.output.replace_audio_tail(output)
 
+    def _attend(self, session: voice.AgentSession, face: AgentFace) -> None:
+        """Have the face follow the states of the session, which a remote one reads in the room."""
+
+        def agent(event: Any) -> None:
+            face.attend("thinking", event.new_state == "thinking")
+
+        def user(event: Any) -> None:
+            face.attend("listening", event.new_state == "speaking")
+
+        self._session, self._listeners = session, [("agent_state_changed", agent), ("user_state_changed", user)]
+        for name, listener in self._listeners:
+            session.on(name, listener)
+
+    async def _dispatch(self, room: rtc.Room) -> None:
+        """Have a worker join the room with a token of its own."""
+        grants = api.VideoGrants(room_join=True, room=room.name)
+        token = api.AccessToken(self._livekit["api_key"], self._livekit["api_secret"])
+        token = token.with_kind("agent").with_identity(IDENTITY).with_grants(grants)
+        token = token.with_attributes({ATTRIBUTE_PUBLISH_ON_BEHALF: room.local_participant.identity})
+        job = {"url": self._livekit["url"], "token": token.to_jwt()}
+        headers = {"Authorization": f"Bearer {os.environ.get(TOKEN, '')}"}
+        try:
+            limit = aiohttp.ClientTimeout(JOINS_S)
+            async with (
+                aiohttp.ClientSession(timeout=limit) as http,
+                http.post(f"{self._pool}/faces", json=job, headers=headers) as answer,
+            ):
+                if answer.status != 201:
+                    raise ResourceError(f"remote: {self._pool} answered {answer.status}: {await answer.text():.200}")
+        except (aiohttp.ClientError, TimeoutError) as error:
+            raise ResourceError(
+                f"remote: no workers at {self._pool} ({error or 'no answer'}); start them with --serve"
+            ) from error
+
     async def aclose(self) -> None:
-        """End it. The participant stays, because it is the agent's."""
-        if self._room is not None:
+        """End it. The agent's own participant stays; a remote one leaves."""
+        for name, listener in self._listeners:
+            self._session.off(name, listener)
+        self._listeners.clear()
+        if self._room is not None and self._pool is None:
             self._room.off("connection_state_changed", self._on_connection_state_changed)
             self._room = None
         await super().aclose()
         runner, self._runner = self._runner, None
         if runner is not None:
             await runner.aclose()
-        self._face.close()
+        if self._face is not None:
+            self._face.close()
 
     async def read(self, text: AsyncIterable[Any]) -> AsyncIterator[Any]:
         """Pass on a transcription, and read its words with times; for ``Agent.transcription_node``.
@@ -156,22 +260,25 @@ class AvatarSession(avatar.AvatarSession):  # type: ignore[misc, unused-ignore]
         """
         async for piece in text:
             start_s, end_s = getattr(piece, "start_time", None), getattr(piece, "end_time", None)
-            is_word = len(str(piece).split()) == 1 or self._face.recognizer is None
-            if isinstance(start_s, int | float) and is_word:
+            is_word = self._face is not None and (len(str(piece).split()) == 1 or self._face.recognizer is None)
+            if self._face is not None and is_word and isinstance(start_s, int | float):
                 self._face.word(str(piece), float(start_s), float(end_s) if isinstance(end_s, int | float) else None)
             yield piece
 
     async def without_marks(self, text: AsyncIterable[str]) -> AsyncIterator[str]:
-        """Remove inline cues from a text, sentence by sentence, and keep them for the face; for ``Agent.tts_node``."""
+        """Remove inline cues from a text, sentence by sentence, and keep them for the face; for ``Agent.tts_node``.
+
+        A remote face does not get them.
+        """
         waiting = ""
         async for piece in text:
             waiting += piece
             ends = [match.end() for match in _SENTENCE.finditer(waiting)]
             if ends:
                 ready, waiting = waiting[: ends[-1]], waiting[ends[-1] :]
-                yield self._face.marks.expect(ready).rstrip() + " "
+                yield self._marks.expect(ready).rstrip() + " "
         if waiting.strip():
-            yield self._face.marks.expect(waiting)
+            yield self._marks.expect(waiting)
 
 
 def prewarm_fnc(_: object, **options: Any) -> None:
@@ -196,7 +303,10 @@ def runner_of(
 
 
 async def work(url: str, token: str, options: AgentOptions) -> None:
-    """Run an avatar in a room until it is disconnected: read ``lk.audio_stream`` and answer its RPCs.
+    """Run an avatar in a room until it is disconnected or its agent leaves.
+
+    It reads ``lk.audio_stream``, answers its RPCs, and follows the agent's state and who speaks. Its agent is the one
+    that its token names (``lk.publish_on_behalf``), else the first in the room.
 
     Parameters
     ----------
@@ -211,9 +321,18 @@ async def work(url: str, token: str, options: AgentOptions) -> None:
     try:
         await face.ready()
         await room.connect(url, token)
-        runner = runner_of(room, avatar.DataStreamAudioReceiver(room), face, options)
+        own = room.local_participant
+        agent = own.attributes.get(ATTRIBUTE_PUBLISH_ON_BEHALF) or None
+        _follow(room, face, agent, left)
+        sound = avatar.DataStreamAudioReceiver(room, sender_identity=agent)
+        runner = runner_of(room, sound, face, options)
         await runner.start()
+        if agent is not None:  # it may have left meanwhile
+            async with asyncio.timeout(JOINS_S):
+                await wait_for_participant(room, identity=agent)
         await left.wait()
+    except TimeoutError:
+        log.warning("the agent %s is not in the room: its face leaves", agent)
     finally:
         if runner is not None:
             await runner.aclose()
@@ -221,18 +340,61 @@ async def work(url: str, token: str, options: AgentOptions) -> None:
         face.close()
 
 
+def _follow(room: rtc.Room, face: AgentFace, agent: str | None, left: asyncio.Event) -> None:
+    """Set ``left`` when the agent leaves, and have the face attend to the agent's state and to who speaks."""
+
+    def is_agent(participant: rtc.Participant) -> bool:
+        if agent is not None:
+            return bool(participant.identity == agent)
+        return bool(participant.kind == rtc.ParticipantKind.PARTICIPANT_KIND_AGENT)
+
+    def gone(participant: rtc.RemoteParticipant) -> None:
+        if is_agent(participant):
+            left.set()
+
+    def changed(attributes: dict[str, str], participant: rtc.Participant) -> None:
+        if is_agent(participant) and ATTRIBUTE_AGENT_STATE in attributes:
+            face.attend("thinking", attributes[ATTRIBUTE_AGENT_STATE] == "thinking")
+
+    def speaking(speakers: list[rtc.Participant]) -> None:
+        users = [one for one in speakers if one.identity != room.local_participant.identity and not is_agent(one)]
+        face.attend("listening", bool(users))
+
+    room.on("participant_disconnected", gone)
+    room.on("participant_attributes_changed", changed)
+    room.on("active_speakers_changed", speaking)
+
+
 def main() -> None:
     """Run the worker's command line."""
     parser = argparse.ArgumentParser(prog="python -m fapengine.agents.livekit", description="An avatar worker.")
-    parser.add_argument("url", help="LiveKit server, as wss://host")
-    parser.add_argument("token", help="access token of the avatar's participant")
+    parser.add_argument("url", nargs="?", help="LiveKit server, as wss://host")
+    parser.add_argument("token", nargs="?", help="access token of the avatar's participant")
+    parser.add_argument(
+        "--serve", metavar="[HOST:]PORT", help=f"wait for agents (AvatarSession(remote=...)) that present {TOKEN}"
+    )
+    parser.add_argument("--most", type=int, default=MOST_FACES, help="with --serve: number of faces at once")
     parser.add_argument("--head", default="default", help="name or folder of a head")
     parser.add_argument("--size", type=int, nargs=2, default=(512, 512), metavar=("WIDTH", "HEIGHT"))
     parser.add_argument("--antialias", choices=EDGES, default="soft", help="antialiasing")
     parser.add_argument("--rate", type=float, default=25.0, help="frames per second")
     given = parser.parse_args()
-    options = AgentOptions(head=given.head, size=tuple(given.size), edges=given.antialias, frame_rate_hz=given.rate)
-    asyncio.run(work(given.url, given.token, options))
+    looks = {"head": given.head, "size": tuple(given.size), "edges": given.antialias, "frame_rate_hz": given.rate}
+    options = AgentOptions(**looks)
+    if given.serve is None:
+        if given.token is None:
+            parser.error("give the address of a LiveKit server and a token, or --serve PORT")
+        asyncio.run(work(given.url, given.token, options))
+        return
+    host, _, port = given.serve.rpartition(":")
+    secret, host = os.environ.get(TOKEN) or None, host or "127.0.0.1"
+    if not port.isdigit():
+        parser.error(f"--serve: got {given.serve!r}, expected PORT or HOST:PORT")
+    if secret is None and host not in ("127.0.0.1", "localhost"):
+        parser.error(f"--serve: set {TOKEN}, or anyone on the network can send the face to a room")
+    prewarm(1, **looks)
+    pool = Pool(lambda url, token: work(url, token, options), given.most, Access(secret))
+    web.run_app(pool.application(), host=host, port=int(port), access_log=None)
 
 
 if __name__ == "__main__":

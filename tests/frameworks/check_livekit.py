@@ -5,6 +5,7 @@ import math
 import time
 from dataclasses import replace
 from itertools import pairwise
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -217,6 +218,12 @@ async def _session() -> None:
     await avatar.start(session, room)  # type: ignore[arg-type]
     assert isinstance(session.output.tail, QueueAudioOutput)
     assert avatar.avatar_identity == "agent"
+    for name, state, then in (
+        ("user", "speaking", "listening"), ("agent", "listening", "listening"), ("user", "listening", "idle"),
+        ("agent", "thinking", "thinking"), ("user", "away", "thinking"), ("agent", "speaking", "idle"),
+    ):  # fmt: skip
+        session.emit(f"{name}_state_changed", SimpleNamespace(new_state=state))
+        assert avatar._face.attention.state == then
     said = [text async for text in avatar.without_marks(_text("[lau", "ghs] Well. And <mark ", "name='nod'/>now"))]
     assert said == ["Well. ", "And now"]
     passed = [

@@ -1,0 +1,70 @@
+"""A pool of avatar workers: agents ask it for a face in their room (``POST /faces``)."""
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable
+
+from aiohttp import web
+
+from fapengine.server.web.access import Access
+from fapengine.server.web.site import harden
+
+MOST_FACES = 4
+"""Faces at once, unless another number is given."""
+TOKEN = "FAPENGINE_TOKEN"
+"""Environment variable with the secret that agents present."""
+
+log = logging.getLogger("fapengine.agents")
+
+
+class Pool:
+    """The workers. Stateful.
+
+    Parameters
+    ----------
+    work : callable
+        Shows a face in a room until its agent leaves: gets the address of a server and a token of the room.
+    most : int
+        Number of faces at once.
+    access : Access
+    """
+
+    def __init__(self, work: Callable[[str, str], Awaitable[None]], most: int, access: Access) -> None:
+        self.most = most
+        self._work, self._access = work, access
+        self._faces: set[asyncio.Task[None]] = set()
+
+    async def take(self, request: web.Request) -> web.StreamResponse:
+        """Answer 201 if a worker joins the room, 503 if all are busy."""
+        self._access.admit(request)
+        try:
+            job = await request.json()
+            url, token = str(job["url"]), str(job["token"])
+        except (ValueError, KeyError, TypeError) as error:
+            raise web.HTTPBadRequest(text="Expected a JSON object with url and token.") from error
+        if len(self._faces) >= self.most:
+            raise web.HTTPServiceUnavailable(text=f"faces: got one more than {self.most}")
+        face = asyncio.create_task(self._show(url, token))
+        self._faces.add(face)
+        face.add_done_callback(self._faces.discard)
+        return web.Response(status=201)
+
+    async def close(self, _: web.Application) -> None:
+        """End all faces."""
+        for face in self._faces:
+            face.cancel()
+        await asyncio.gather(*self._faces, return_exceptions=True)
+
+    def application(self) -> web.Application:
+        """Make the web application."""
+        app = web.Application()
+        harden(app)
+        app.add_routes([web.post("/faces", self.take)])
+        app.on_shutdown.append(self.close)
+        return app
+
+    async def _show(self, url: str, token: str) -> None:
+        try:
+            await self._work(url, token)
+        except Exception:  # of one room: the others continue
+            log.exception("a face ended")

@@ -1,0 +1,197 @@
+"""The avatar worker in rooms of the real ``rtc.Room``, on a stand-in for the server (:mod:`.livekit_server`).
+
+Real are LiveKit's SDK with its WebRTC, its agents' classes, and the worker; not the server.
+"""
+
+import asyncio
+import subprocess
+import sys
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from livekit import api, rtc
+from livekit.agents.voice.avatar import DataStreamAudioOutput
+
+from fapengine.agents.livekit import SAMPLE_RATE_HZ, AvatarSession
+from fapengine.errors import ResourceError, UsageError
+from tests.frameworks.check_livekit import Room, Session, pieces, sound
+from tests.frameworks.livekit_server import LiveKitDouble
+from tests.processes import free_port, start
+
+ROOT = Path(__file__).resolve().parents[2]
+LIMIT_S = 300
+
+
+def token(identity: str, **attributes: str) -> str:
+    grants = api.VideoGrants(room_join=True, room="room")
+    made = api.AccessToken("key", "secret" * 8).with_identity(identity).with_grants(grants).with_attributes(attributes)
+    return str(made.with_kind("standard" if identity == "visitor" else "agent").to_jwt())
+
+
+class Visitor:
+    """Counts what it sees and hears. Stateful."""
+
+    def __init__(self) -> None:
+        self.room, self.pictures, self.loudest = rtc.Room(), 0, 0
+        self._tasks: list[asyncio.Task[None]] = []
+        self.room.on("track_subscribed", lambda track, *_: self._tasks.append(asyncio.create_task(self._read(track))))
+
+    async def _read(self, track: Any) -> None:
+        if track.kind == rtc.TrackKind.KIND_VIDEO:
+            async for event in rtc.VideoStream(track):
+                self.pictures += event.frame.width == 128
+        else:
+            async for event in rtc.AudioStream(track):
+                self.loudest = max(self.loudest, int(np.abs(np.frombuffer(event.frame.data, np.int16)).max()))
+
+    async def leave(self) -> None:
+        for task in self._tasks:
+            task.cancel()
+        await self.room.disconnect()
+
+
+@asynccontextmanager
+async def worker(url: str) -> AsyncIterator["subprocess.Popen[bytes]"]:
+    """A worker in a process of its own."""
+    arguments = [url, token("avatar"), "--size", "128", "128"]
+    process = start([sys.executable, "-m", "fapengine.agents.livekit", *arguments], cwd=ROOT)
+    try:
+        yield process
+    finally:
+        process.kill()
+        await asyncio.to_thread(process.wait)
+
+
+@asynccontextmanager
+async def room_with(url: str) -> AsyncIterator[tuple[Visitor, rtc.Room, DataStreamAudioOutput, list[Any]]]:
+    """A visitor, an agent that speaks by the avatar, and what it is told of its speech."""
+    visitor, agent, events = Visitor(), rtc.Room(), []
+    await visitor.room.connect(url, token("visitor"))
+    await agent.connect(url, token("agent"))
+    output = DataStreamAudioOutput(
+        agent, destination_identity="avatar", sample_rate=SAMPLE_RATE_HZ, wait_remote_track=rtc.TrackKind.KIND_VIDEO,
+        wait_playback_start=True,
+    )  # fmt: skip
+    output.on("playback_started", lambda _: events.append("started"))
+    output.on("playback_finished", lambda event: events.append(event))
+    try:
+        yield visitor, agent, output, events
+    finally:
+        await visitor.leave()
+        await agent.disconnect()
+
+
+async def say(output: DataStreamAudioOutput, length_s: float) -> None:
+    for frame in pieces(sound(length_s)):
+        await output.capture_frame(frame)
+    output.flush()
+
+
+async def until(condition: Any) -> None:
+    async with asyncio.timeout(LIMIT_S):
+        while not condition():
+            await asyncio.sleep(0.05)
+
+
+@pytest.mark.timeout(1200)
+def test_an_agent_speaks_by_a_worker_in_its_room() -> None:
+    """Audio by byte streams, tracks to a visitor, the end by RPC; then an interruption."""
+
+    async def spoken() -> tuple[Visitor, list[Any]]:
+        async with LiveKitDouble().open() as url, worker(url), room_with(url) as (visitor, _, output, events):
+            async with asyncio.timeout(LIMIT_S):
+                await say(output, 2.0)
+            await until(lambda: len(events) == 2)
+            await say(output, 90.0)
+            await until(lambda: len(events) == 3)
+            output.clear_buffer()
+            await until(lambda: len(events) == 4)
+            await until(lambda: visitor.pictures > 5 and visitor.loudest > 2000)
+            return visitor, events
+
+    visitor, events = asyncio.run(spoken())
+    assert (events[0], events[2]) == ("started", "started")
+    assert not events[1].interrupted
+    assert events[1].playback_position == pytest.approx(2.0, abs=0.05)
+    assert events[3].interrupted
+    assert events[3].playback_position < 89.0
+    print(f"{visitor.pictures} pictures; loudest {visitor.loudest}; interrupted at {events[3].playback_position:.2f} s")
+
+
+@pytest.mark.timeout(1200)
+def test_a_worker_that_is_killed_leaves_and_the_next_one_speaks() -> None:
+    async def spoken() -> list[Any]:
+        async with LiveKitDouble().open() as url, room_with(url) as (visitor, agent, output, events):
+            async with worker(url) as first:
+                async with asyncio.timeout(LIMIT_S):
+                    await say(output, 1.0)
+                await until(lambda: len(events) == 2)
+                first.kill()
+                await until(lambda: "avatar" not in agent.remote_participants)
+            async with worker(url):
+                await until(lambda: "avatar" in agent.remote_participants)
+                await until(lambda: len(agent.remote_participants["avatar"].track_publications) == 2)
+                await say(output, 1.0)
+                await until(lambda: len(events) == 4)
+            assert visitor.loudest > 2000
+            return events
+
+    events = asyncio.run(spoken())
+    assert [event.interrupted for event in events[1::2]] == [False, False]
+
+
+@asynccontextmanager
+async def pool() -> AsyncIterator[str]:
+    """Workers that wait; their address."""
+    port = free_port()
+    command = [sys.executable, "-m", "fapengine.agents.livekit", "--serve", str(port), "--size", "128", "128"]
+    process = start(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout is not None
+        assert "Running" in await asyncio.to_thread(process.stdout.readline)
+        yield f"http://127.0.0.1:{port}"
+    finally:
+        process.terminate()
+        await asyncio.to_thread(process.wait)
+
+
+@pytest.mark.timeout(1200)
+def test_a_remote_face_joins_speaks_and_leaves_with_its_agent() -> None:
+    async def spoken() -> tuple[dict[str, str], list[Any]]:
+        async with LiveKitDouble().open() as url, pool() as workers:
+            visitor, agent, session, events = Visitor(), rtc.Room(), Session(), []
+            await visitor.room.connect(url, token("visitor"))
+            await agent.connect(url, token("agent"))
+            secrets = {"livekit_url": url, "livekit_api_key": "key", "livekit_api_secret": "secret" * 8}
+            avatar = AvatarSession(remote=workers, **secrets)
+            await avatar.start(session, agent)  # type: ignore[arg-type]
+            session.output.tail.on("playback_finished", events.append)
+            async with asyncio.timeout(LIMIT_S):
+                await say(session.output.tail, 2.0)
+            await until(lambda: events and visitor.pictures > 5 and visitor.loudest > 2000)
+            attributes = dict(visitor.room.remote_participants[avatar.avatar_identity].attributes)
+            await avatar.aclose()
+            await agent.disconnect()
+            await until(lambda: not visitor.room.remote_participants)
+            await visitor.leave()
+            return attributes, events
+
+    attributes, events = asyncio.run(spoken())
+    assert attributes["lk.publish_on_behalf"] == "agent"
+    assert [(event.interrupted, round(event.playback_position, 1)) for event in events] == [(False, 2.0)]
+
+
+def test_a_remote_face_needs_workers_and_credentials(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("URL", "API_KEY", "API_SECRET"):
+        monkeypatch.delenv(f"LIVEKIT_{name}", raising=False)
+    with pytest.raises(UsageError, match="livekit_url: missing; give it, or set LIVEKIT_URL"):
+        AvatarSession(remote=True)
+    with pytest.raises(UsageError, match="head: a remote face has the options of its workers"):
+        AvatarSession(remote=True, head="woman")
+    secrets = {"livekit_url": "ws://127.0.0.1:1", "livekit_api_key": "key", "livekit_api_secret": "secret"}
+    with pytest.raises(ResourceError, match=r"remote: no workers at http://127\.0\.0\.1:1 .*start them with --serve"):
+        asyncio.run(AvatarSession(remote="http://127.0.0.1:1", **secrets).start(Session(), Room()))  # type: ignore[arg-type]
