@@ -1,7 +1,7 @@
 // A face without a server: it hears sound, or takes phones with times. A source of FAPs for <fap-face>, or for a rig of
 // one's own; needs neither DOM nor WebGL. Nothing is fetched before make, and the recognizer's weights not before hear.
 
-import { expression, hearing, phone_track, protocol } from "./constants.js";
+import { changing, expression, hearing, phone_track, protocol } from "./constants.js";
 import { Gestures } from "./gestures.js";
 import { placeAfter } from "./path.js";
 import { Planner, checkedPhone } from "./planner.js";
@@ -11,7 +11,8 @@ import { Recognizer } from "./recognizer.js";
 import { Pieces } from "./tap-worklet.js";
 
 const { ATTACK_S, MAX_WEIGHT, RELEASE_S } = expression;
-const { OPEN_S, PAUSE_S } = hearing;
+const { OPEN_S } = changing;
+const { PAUSE_S } = hearing;
 const { RATE_HZ } = protocol;
 const { SILENCE } = phone_track;
 const NEUTRAL = "neutral";
@@ -19,6 +20,8 @@ const DELAY_S = 0.25;
 const LOOK_AHEAD_S = 0.3; // age of phones that do not change any more
 const STEPS = 1; // blocks of 20 ms
 const FAR_S = 1e6;
+const [NEXT_S, AHEAD_S] = [3, 5]; // the planner knows what is said at least and at most so long before
+const REPLACED = "hear: something else was begun meanwhile";
 const UNSEEN_S = 0.5; // time without pictures after which phones that come make one
 const ASSETS = {
   // Spelled out, because that is how bundlers find them.
@@ -47,6 +50,7 @@ function trusted(url) {
 }
 let policy = null;
 
+const startOf = ({ start }) => start;
 const seconds = () => performance.now() / 1000;
 const isAs = (one, other) => one.label === other.label && one.start === other.start && one.end === other.end;
 
@@ -73,6 +77,7 @@ export class Live extends EventTarget {
     this.gestures?.hush(-Infinity);
     this.clock = null; // position of what is shown, s
     this.position = -Infinity;
+    this.coming = []; // phones to say that the planner does not have yet
     this.fed = []; // phones of the recognizer that may still change, as the planner has them
     this.deaf = 0; // phones of sound before it are not said
     this.isSpeaking = false;
@@ -97,18 +102,18 @@ export class Live extends EventTarget {
     if (!context) context = run.context = new AudioContext();
     const { worklet, worker } = this.addresses;
     const [tables] = await Promise.all([bytesOf(this.addresses.recognizer), context.audioWorklet.addModule(String(worklet))]);
-    if (this.run !== run) throw new Error("hear: something else was begun meanwhile");
+    if (this.run !== run) throw new Error(REPLACED);
     if (isStream) run.element = playUnheard(input);
     const source = isStream ? new MediaStreamAudioSourceNode(context, { mediaStream: input }) : input;
     run.worker = new Worker(trusted(worker));
     const { port1, port2 } = new MessageChannel();
     await new Promise((resolve, reject) => {
+      run.giveUp = () => reject(new Error(REPLACED));
       run.worker.onmessage = resolve;
       run.worker.onerror = ({ message }) => reject(new Error(`hear: the recognizer's worker ${worker} did not start: ${message ?? ""}`));
       run.worker.postMessage({ tables, port: port2, options: { lookAhead, steps: STEPS } }, [tables, port2]);
     });
-    if (this.run !== run) throw new Error("hear: something else was begun meanwhile");
-    run.worker.onmessage = ({ data }) => this.take(data);
+    run.worker.onmessage = ({ data }) => this.run === run && this.take(data);
     run.worker.onerror = ({ message }) => this.tell("error", `the recognizer's worker: ${message}`);
     run.tap = new AudioWorkletNode(context, "fapengine-tap", { numberOfOutputs: 0 });
     run.tap.port.onmessage = ({ data: { begun } }) => {
@@ -117,9 +122,8 @@ export class Live extends EventTarget {
     };
     run.tap.port.postMessage({ to: port1 }, [port1]);
     run.delayed = new DelayNode(context, { delayTime: delay, maxDelayTime: Math.max(1, delay) });
-    run.cut = () => [run.tap, run.delayed].forEach((node) => source.disconnect(node));
-    source.connect(run.tap);
-    source.connect(run.delayed);
+    run.source = source;
+    for (const node of [run.tap, run.delayed]) source.connect(node);
     this.pause = PAUSE_S;
     if (context.state === "suspended") context.resume().catch(() => {}); // only after a click or a key
     return run.delayed;
@@ -129,7 +133,9 @@ export class Live extends EventTarget {
   async push(samples, rate, { delay = DELAY_S, lookAhead = LOOK_AHEAD_S } = {}) {
     if (!this.opening) {
       this.stop();
+      const run = (this.run = {});
       this.opening = bytesOf(this.addresses.recognizer).then((tables) => {
+        if (this.run !== run) return;
         this.recognizer = new Recognizer(tables, { lookAhead, steps: STEPS });
         this.pieces = new Pieces(rate, (piece) => {
           const final = this.recognizer.push(piece);
@@ -138,6 +144,7 @@ export class Live extends EventTarget {
         this.clock = () => this.recognizer.came / RATE_HZ - delay;
         this.pause = PAUSE_S;
       });
+      this.opening.catch(() => this.run === run && (this.opening = null)); // the next sound tries again
     }
     await this.opening;
     this.pieces?.push(samples);
@@ -164,11 +171,19 @@ export class Live extends EventTarget {
   // Says phones: { label, start, end, word?, loudness? }, s. clock: gives the position of what is heard now, s; by default
   // it begins now.
   say(phones, { clock } = {}) {
-    const checked = phones.map(checkedPhone);
+    const checked = phones.map(checkedPhone).sort((one, other) => one.start - other.start);
     this.stop();
+    this.coming = checked;
     const begun = seconds();
     this.clock = clock ?? (() => seconds() - begun);
-    this.planner.feed(checked);
+  }
+
+  // Gives the planner the phones of the next seconds: it keeps a limited number.
+  feed(time) {
+    const { coming } = this;
+    if (!coming.length || coming[0].start > time + NEXT_S) return;
+    const count = placeAfter(coming, time + AHEAD_S, startOf);
+    this.planner.feed(coming.splice(0, count));
   }
 
   // Ends what is said; sound that comes afterwards is followed again.
@@ -177,6 +192,7 @@ export class Live extends EventTarget {
     this.gestures?.hush(this.position);
     this.deaf = this.heard ?? 0;
     this.fed = [];
+    this.coming = [];
     if (this.isSpeaking) this.tell("cancelled");
     this.isSpeaking = false;
   }
@@ -213,7 +229,9 @@ export class Live extends EventTarget {
   // Writes the FAPs of now, by the page's clock in s; returns the position of what is shown.
   sample(now, faps) {
     this.sampled = now;
-    const time = Math.max(this.clock?.() ?? 0, this.position, 0);
+    const heard = this.clock?.();
+    const time = Math.max(Number.isFinite(heard) ? heard : 0, this.position, 0);
+    this.feed(time);
     if (!this.still) this.gestures ??= new Gestures(this.seed, now);
     this.gestures?.draw(now, this.planner.phones, now - time);
     this.planner.frame(time, faps, this.expression(now), this.gestures?.faps(now));
@@ -224,7 +242,6 @@ export class Live extends EventTarget {
   // Tells what is said at a time.
   follow(time) {
     const { phones } = this.planner;
-    const startOf = ({ start }) => start;
     const next = placeAfter(phones, time, startOf);
     for (const phone of phones.slice(placeAfter(phones, this.position, startOf), next)) {
       if (!this.isSpeaking) this.tell("started");
@@ -233,7 +250,7 @@ export class Live extends EventTarget {
       this.tell("phone", { label: phone.label, word: phone.word || null, position_s: phone.start });
     }
     this.position = time;
-    if (this.isSpeaking && time >= this.spokenUntil + this.pause && next === phones.length) {
+    if (this.isSpeaking && time >= this.spokenUntil + this.pause && next === phones.length && !this.coming.length) {
       this.isSpeaking = false;
       this.tell("finished");
     }
@@ -260,8 +277,9 @@ export class Live extends EventTarget {
     const { run } = this;
     this.run = this.opening = this.heard = null;
     run?.tap?.port.postMessage({ isOver: true });
-    run?.cut?.();
+    for (const node of run?.source ? [run.tap, run.delayed] : []) disconnect(run.source, node);
     run?.worker?.terminate();
+    run?.giveUp?.();
     run?.context?.close();
     if (run?.element) run.element.srcObject = null;
     if (this.isSpeaking) this.tell("cancelled");
@@ -279,6 +297,14 @@ function heardBy(context) {
   const stamp = context.getOutputTimestamp?.();
   if (stamp?.performanceTime) return stamp.contextTime + (performance.now() - stamp.performanceTime) / 1000;
   return context.currentTime - (context.outputLatency ?? 0);
+}
+
+function disconnect(source, node) {
+  try {
+    source.disconnect(node);
+  } catch {
+    // the page has disconnected it
+  }
 }
 
 // Chromium gives the sound of a remote track only where an element plays it, too.

@@ -14,7 +14,7 @@ const bytes = async (name) => {
   return data.buffer.slice(data.byteOffset, data.byteOffset + data.byteLength);
 };
 const profile = new Profile(await bytes(join(folder, "assets", "planner.bin")));
-const { streams = [], tracks = [], sounds = [], ramps = [], faces = [], followed = [] } = JSON.parse(await readFile(input, "utf8"));
+const { streams = [], tracks = [], sounds = [], ramps = [], faces = [], said = [], followed = [] } = JSON.parse(await readFile(input, "utf8"));
 
 const played = ({ events, frames, rate, options, expression }) => {
   const planner = new Planner(profile, options);
@@ -59,6 +59,17 @@ const drawn = ({ seed, phones, times }) => {
     return [...gestures.faps(time)];
   });
 };
+// A face that says phones, at times of its clock: its FAPs.
+const say = async ({ phones, times, style }) => {
+  const [live, faps] = [await Live.make({ still: true, ...style }), new Float32Array(68)];
+  let now = 0;
+  live.say(phones, { clock: () => now });
+  return times.map((time) => {
+    now = time;
+    live.sample(performance.now() / 1000, faps);
+    return [...faps];
+  });
+};
 // A face that follows sound in pieces of 10 ms, with a frame after each: what it tells, and [position, FAP 4, FAP 5].
 const follow = async ({ samples, rate, delay, cancelAt }) => {
   const [live, faps, told] = [await Live.make({ still: true }), new Float32Array(68), []];
@@ -79,4 +90,4 @@ const follow = async ({ samples, rate, delay, cancelAt }) => {
   live.close();
   return { told, frames, joy, weights };
 };
-await writeFile(output, JSON.stringify({ streams: streams.map(played), tracks: tracks.map(planned), heard, glided: ramps.map(glided), drawn: faces.map(drawn), followed: await Promise.all(followed.map(follow)) }));
+await writeFile(output, JSON.stringify({ streams: streams.map(played), tracks: tracks.map(planned), heard, glided: ramps.map(glided), drawn: faces.map(drawn), said: await Promise.all(said.map(say)), followed: await Promise.all(followed.map(follow)) }));

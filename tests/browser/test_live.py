@@ -285,6 +285,18 @@ def test_values_glide_as_pythons(package: Path) -> None:
     assert np.abs(np.array(found) - expected).max() < 1e-9
 
 
+def test_a_long_speech_is_said_as_it_is_planned(package: Path, profile: Profile) -> None:
+    """It has more phones than the planner plans ahead."""
+    rng = np.random.default_rng(6)
+    phones = [one for one in spoken(rng, list(profile.phones), 320) if one.duration_s > 0.03]
+    track = plan(PhoneTrack.from_phones(phones), profile, rng=rng, rate_hz=10.0, style=Style.speech_only()).track
+    times_s = (np.arange(len(track.values)) / 10).tolist()
+    given = {"phones": [*map(as_json, phones[::-1])], "times": times_s}
+    (found,) = node(package, RUNNER, {"said": [given]})["said"]
+    assert times_s[-1] > 25
+    assert np.array_equal(found, track.values)
+
+
 class CounterGenerator:
     """Random numbers of ``random.js``, by the methods of NumPy's generators. Stateful."""
 
