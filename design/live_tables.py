@@ -8,6 +8,7 @@ lists each array with kind, shape and offset after the text; both are padded wit
 
 import json
 import re
+import shutil
 import struct
 from pathlib import Path
 from types import ModuleType
@@ -69,8 +70,13 @@ def write(package: Path) -> None:
     worker = joined(package / "live", "worker-source.js")
     (package / "live" / "worker.js").write_text(head + worker, encoding="utf-8")
     (package / "live" / "worker-source.js").unlink()
-    (assets / "planner.bin").write_bytes(packed(*planner_tables(load_profile(DEFAULT_PROFILE))))
+    profile = load_profile(DEFAULT_PROFILE)
+    (assets / "planner.bin").write_bytes(packed(*planner_tables(profile)))
+    (assets / "planner.bin.license").write_text(
+        f"{profile.licence}\n{profile.origin['attribution']}\n", encoding="utf-8"
+    )
     (assets / "recognizer.bin").write_bytes(packed(*recognizer_tables()))
+    shutil.copy(small_net.WEIGHTS.with_name(f"{small_net.WEIGHTS.name}.license"), assets / "recognizer.bin.license")
 
 
 def joined(source: Path, name: str) -> str:
