@@ -19,7 +19,7 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import accumulate
-from math import isfinite
+from math import isfinite, sqrt
 from operator import attrgetter
 
 import numpy as np
@@ -46,6 +46,10 @@ MIN_FADE_S = 0.05
 """Shortest time for what is left of an earlier change when the plan changes again."""
 MOMENTUM_S = 0.15
 """Longest time over which velocity and acceleration fade when speech is cancelled, however long the fade."""
+MAX_PULL = 1000.0
+"""Greatest product of an acceleration, weights/s², and the square of the time in which it fades, s²: meanwhile it moves
+a weight by a sixtieth of that at most. Phones of 50 ms and more have less; phones of 4 ms reach 500,000 weights/s²,
+which would open the mouth three times as wide as speech."""
 AHEAD_PHONES = 5
 """Three neighbours that a phone depends on, and two keys that a segment depends on."""
 KEYS_BEHIND = 3
@@ -274,7 +278,8 @@ class StreamingPlanner:
         left_s = max(last.start_s + last.fade_s - edge, MIN_FADE_S)
         if left_s < fade_s and edge > self._cancelled_s:
             fade_s = left_s + share * (fade_s - left_s)
-        momentum_s = min(fade_s, MOMENTUM_S, last.shortest_fade_s(edge))
+        pull_s = sqrt(MAX_PULL / max(float(np.abs(left_over[2]).max()), 1.0))
+        momentum_s = min(fade_s, MOMENTUM_S, last.shortest_fade_s(edge), pull_s)
         self._plans.append(StreamPlan(edge, path, fade_s, momentum_s, left_over))
         while self._plans[1].start_s < min(edge, self._shown_s):  # plans that are over
             del self._plans[0]

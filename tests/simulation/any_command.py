@@ -276,7 +276,10 @@ class Trial:
         """Greatest opening and jaw that what it was told may show."""
         whole, jaws, lips = reach()
         jaw, lip = (max((entry[index] for entry in face.gains), default=1.0) for index in (1, 2))
-        mood_open, mood_jaw = np.maximum(_openings(expression_faps(english()).T), 0) @ face.moods * 1.1
+        moods = expression_faps(english()).T
+        opened, dropped = _openings(moods)
+        raised = -moods[:, INNER[:, 0]].min(axis=-1)  # the upper lip, while f and v hold the lower one at the teeth
+        mood_open, mood_jaw = np.maximum([np.maximum(opened, raised), dropped], 0) @ face.moods * 1.1
         most = []
         for index, mood in enumerate((mood_open, mood_jaw)):
             speech = jaw * whole[index] if jaw == lip else jaw * jaws[index] + lip * lips[index]

@@ -292,8 +292,9 @@ def test_skipped_frames_are_made_up_for_in_a_face_stream() -> None:
 class Guest:
     """A TCP connection that reads when told."""
 
-    def __init__(self, port: int) -> None:
+    def __init__(self, port: int, address: str = "127.0.0.1") -> None:
         self.socket = socket.socket()
+        self.socket.bind((address, 0))
         self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         self.socket.connect(("127.0.0.1", port))
         self.socket.setblocking(False)
@@ -380,7 +381,8 @@ def test_a_slow_reader_of_a_face_stream_loses_frames_and_never_its_place(monkeyp
 
 
 def test_too_many_readers_are_turned_away(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(face_streams, "STREAMS", 1)
+    """A quarter of the places are for one address; another gets in."""
+    monkeypatch.setattr(face_streams, "STREAMS", 4)
 
     async def main() -> None:
         stage = Stage("anna")
@@ -391,8 +393,10 @@ def test_too_many_readers_are_turned_away(monkeypatch: pytest.MonkeyPatch) -> No
         second = Guest(sink.port)
         assert await second.read() == b""
         assert len(sink.listeners) == 1
-        second.socket.close()
-        first.socket.close()
+        third = Guest(sink.port, "127.0.0.2")
+        await until(lambda: len(sink.listeners) == 2)
+        for guest in (first, second, third):
+            guest.socket.close()
         await until(lambda: not sink.listeners)
         stage.run(3)
         await sink.close()
