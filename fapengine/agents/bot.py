@@ -40,7 +40,7 @@ from pipecat.workers.runner import WorkerRunner
 from fapengine.agents.endpoints import Endpoint
 from fapengine.agents.face import AgentOptions
 from fapengine.agents.pipecat import FapengineVideoService
-from fapengine.errors import FapEngineError, UsageError
+from fapengine.errors import FapEngineError, NothingToSpeakError, UsageError
 from fapengine.recognition.protocol import RATE_HZ
 from fapengine.recognition.words import WordRecognizer
 from fapengine.speech.marks import read_marks, words_of
@@ -98,6 +98,9 @@ class SpokenTTS(TTSService):  # type: ignore[misc, unused-ignore]
         """Yield the audio of a text in pieces of 40 ms."""
         try:
             speech = await self._voices.speak(text, self._choice, MAX_SPEECH_S)
+        except NothingToSpeakError:  # an emoji, a dash
+            yield frames.TTSAudioRawFrame(bytes(960), 24_000, 1, context_id=context_id)
+            return
         except FapEngineError as error:
             yield frames.ErrorFrame(error=str(error))
             return
@@ -174,19 +177,28 @@ class Bot:
         hears = [self._words.words(np.zeros(RATE_HZ, np.int16))] if self.options.stt is None else []
         await asyncio.gather(self._voices.speak("Hello.", self.options.voice, MAX_SPEECH_S), *hears)
 
-    @property
-    def is_full(self) -> bool:
-        """True if there is no room for another visitor."""
-        return len(self._talks) >= MAX_VISITORS
+    def may_talk(self, connection: str | None) -> bool:
+        """Whether there is room for a visitor; there is for one who has a connection."""
+        return connection in self._connections or len(self._talks) < MAX_VISITORS
 
     async def offer(self, sdp: str, connection: str | None, *, restarts: bool) -> dict[str, str]:
-        """Answer an offer of a new visitor, or of one whose connection is changed."""
+        """Answer an offer of a new visitor, or of one whose connection is changed.
+
+        Raises
+        ------
+        ValueError
+            If it cannot be read.
+        """
         known = self._connections.get(connection or "")
         if known is not None:
             await known.renegotiate(sdp=sdp, type="offer", restart_pc=restarts)
         else:
             known = SmallWebRTCConnection()
-            await known.initialize(sdp=sdp, type="offer")
+            try:
+                await known.initialize(sdp=sdp, type="offer")
+            except Exception as error:  # aiortc has many for bad offers
+                await known.disconnect()
+                raise ValueError(f"offer: {error}") from error
             talk = asyncio.create_task(self._talk(known))
             self._talks.add(talk)
             talk.add_done_callback(self._talks.discard)
@@ -195,11 +207,23 @@ class Bot:
         return answer
 
     async def candidate(self, connection: str, line: str, mid: str | None, index: int | None) -> None:
-        """Add a candidate of a visitor; an empty one is the last."""
-        candidate = candidate_from_sdp(line.removeprefix("candidate:")) if line else None
-        if candidate is not None:
-            candidate.sdpMid, candidate.sdpMLineIndex = mid, index
-        await self._connections[connection].add_ice_candidate(candidate)
+        """Add a candidate of a visitor; an empty one is the last.
+
+        Raises
+        ------
+        KeyError
+            If there is no such connection.
+        ValueError
+            If it cannot be read.
+        """
+        known = self._connections[connection]
+        try:
+            candidate = candidate_from_sdp(line.removeprefix("candidate:")) if line else None
+            if candidate is not None:
+                candidate.sdpMid, candidate.sdpMLineIndex = mid, index
+            await known.add_ice_candidate(candidate)
+        except Exception as error:  # aiortc has many for bad candidates
+            raise ValueError(f"candidate: {error}") from error
 
     async def close(self) -> None:
         """Hang up, and end the processes."""
@@ -212,16 +236,26 @@ class Bot:
 
     async def _talk(self, connection: SmallWebRTCConnection) -> None:
         """Talk to a visitor until it leaves."""
-        (width, height), rate_hz = self.options.face.size, self.options.face.frame_rate_hz
+        try:
+            runner = WorkerRunner(handle_sigint=False)
+            await runner.add_workers(self._worker(connection))
+            await runner.run()
+        finally:
+            self._connections = {key: one for key, one in self._connections.items() if one is not connection}
+            await connection.disconnect()
+
+    def _worker(self, connection: SmallWebRTCConnection) -> PipelineWorker:
+        """Make the pipeline of a visitor."""
+        width, height = self.options.face.size
         params = TransportParams(
             audio_in_enabled=True, audio_out_enabled=True, audio_out_10ms_chunks=1, video_out_enabled=True,
-            video_out_width=width, video_out_height=height, video_out_framerate=max(30, round(rate_hz)),
+            video_out_width=width, video_out_height=height, video_out_framerate=30,
         )  # fmt: skip
         transport = SmallWebRTCTransport(connection, params)
         *before, last = self.processors()
-        pipeline = Pipeline([transport.input(), *before, transport.output(), last])
         worker = PipelineWorker(
-            pipeline, params=PipelineParams(audio_in_sample_rate=RATE_HZ), cancel_on_idle_timeout=False,
+            Pipeline([transport.input(), *before, transport.output(), last]),
+            params=PipelineParams(audio_in_sample_rate=RATE_HZ), cancel_on_idle_timeout=False,
             rtvi_observer_params=RTVIObserverParams(bot_output_transforms=[("*", _without_marks)]),
         )  # fmt: skip
 
@@ -229,13 +263,7 @@ class Bot:
         async def gone(*_: object) -> None:
             await worker.cancel()
 
-        runner = WorkerRunner(handle_sigint=False)
-        try:
-            await runner.add_workers(worker)
-            await runner.run()
-        finally:
-            self._connections = {key: one for key, one in self._connections.items() if one is not connection}
-            await connection.disconnect()
+        return worker
 
     def processors(self) -> list[FrameProcessor]:
         """Make what stands between the transport's input and output, and the last one after it."""

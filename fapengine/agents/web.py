@@ -22,15 +22,17 @@ Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 class Visitors(Protocol):
     """Those who talk to the agent: ``Bot`` of :mod:`fapengine.agents`, which needs Pipecat."""
 
-    @property
-    def is_full(self) -> bool:
-        """True if there is no room for another one."""
+    def may_talk(self, connection: str | None) -> bool:
+        """Whether there is room for a visitor; there is for one who has a connection."""
 
     async def offer(self, sdp: str, connection: str | None, *, restarts: bool) -> dict[str, str]:
-        """Answer an offer, of a new visitor or of a connection that is changed: ``sdp``, ``type`` and ``pc_id``."""
+        """Answer an offer, of a new visitor or of a connection that is changed: ``sdp``, ``type`` and ``pc_id``.
+
+        Raises ``ValueError`` if it cannot be read.
+        """
 
     async def candidate(self, connection: str, line: str, mid: str | None, index: int | None) -> None:
-        """Add a candidate; raises ``KeyError`` for an unknown connection."""
+        """Add a candidate; raises ``KeyError`` for an unknown connection, ``ValueError`` if it cannot be read."""
 
 
 def application(visitors: Visitors, access: Access) -> web.Application:
@@ -46,12 +48,17 @@ def application(visitors: Visitors, access: Access) -> web.Application:
     async def offer(request: web.Request) -> web.StreamResponse:
         access.admit(request)
         given = await _json(request)
-        if given.get("type") != "offer" or not isinstance(given.get("sdp"), str):
+        connection = given.get("pc_id")
+        if (
+            given.get("type") != "offer"
+            or not isinstance(given.get("sdp"), str)
+            or not isinstance(connection, str | None)
+        ):
             raise web.HTTPBadRequest(text="Expected an object with sdp and type 'offer'.")
-        if given.get("pc_id") is None and visitors.is_full:
-            raise web.HTTPServiceUnavailable(text="Somebody else is talking to the agent: try again later.")
+        if not visitors.may_talk(connection):
+            raise web.HTTPServiceUnavailable(text="Others are talking to the agent: try again later.")
         try:
-            answer = await visitors.offer(given["sdp"], given.get("pc_id"), restarts=bool(given.get("restart_pc")))
+            answer = await visitors.offer(given["sdp"], connection, restarts=bool(given.get("restart_pc")))
         except ValueError as error:
             raise web.HTTPBadRequest(text="The offer cannot be read.") from error
         return web.json_response(answer)
@@ -60,13 +67,17 @@ def application(visitors: Visitors, access: Access) -> web.Application:
         access.admit(request)
         given = await _json(request)
         try:
-            for one in given["candidates"]:
-                place = one.get("sdp_mid"), one.get("sdp_mline_index")
-                await visitors.candidate(given["pc_id"], one["candidate"], *place)
+            connection = str(given["pc_id"])
+            late = [(one["candidate"], one.get("sdp_mid"), one.get("sdp_mline_index")) for one in given["candidates"]]
+        except (KeyError, TypeError, AttributeError) as error:
+            raise web.HTTPBadRequest(text="Expected an object with pc_id and candidates.") from error
+        try:
+            for line, mid, index in late:
+                await visitors.candidate(connection, line, mid, index)
         except KeyError as error:
             raise web.HTTPNotFound(text="There is no such connection.") from error
-        except (TypeError, AttributeError, ValueError) as error:
-            raise web.HTTPBadRequest(text="Expected an object with pc_id and candidates.") from error
+        except ValueError as error:
+            raise web.HTTPBadRequest(text="A candidate cannot be read.") from error
         return web.json_response({"status": "success"})
 
     async def allow(request: web.Request) -> web.StreamResponse:

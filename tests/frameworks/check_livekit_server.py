@@ -57,7 +57,7 @@ class Visitor:
 @asynccontextmanager
 async def worker(url: str) -> AsyncIterator["subprocess.Popen[bytes]"]:
     """A worker in a process of its own."""
-    arguments = [url, token("avatar"), "--size", "128", "128"]
+    arguments = [url, token("avatar"), "--size", "128", "128", "--rate", "10", "--antialias", "none"]
     process = start([sys.executable, "-m", "fapengine.agents.livekit", *arguments], cwd=ROOT)
     try:
         yield process
@@ -148,7 +148,20 @@ def test_a_worker_that_is_killed_leaves_and_the_next_one_speaks() -> None:
 async def pool() -> AsyncIterator[str]:
     """Workers that wait; their address."""
     port = free_port()
-    command = [sys.executable, "-m", "fapengine.agents.livekit", "--serve", str(port), "--size", "128", "128"]
+    command = [
+        sys.executable,
+        "-m",
+        "fapengine.agents.livekit",
+        "--serve",
+        str(port),
+        "--size",
+        "128",
+        "128",
+        "--rate",
+        "10",
+        "--antialias",
+        "none",
+    ]
     process = start(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout is not None

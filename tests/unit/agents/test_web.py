@@ -20,6 +20,9 @@ class StandInVisitors:
         self.is_full = False
         self.seen: list[Any] = []
 
+    def may_talk(self, connection: str | None) -> bool:
+        return connection == "one" or not self.is_full
+
     async def offer(self, sdp: str, connection: str | None, *, restarts: bool) -> dict[str, str]:
         if sdp == "broken":
             raise ValueError(sdp)
@@ -29,6 +32,8 @@ class StandInVisitors:
     async def candidate(self, connection: str, line: str, mid: str | None, index: int | None) -> None:
         if connection != "one":
             raise KeyError(connection)
+        if line == "broken":
+            raise ValueError(line)
         self.seen.append((line, mid, index))
 
 
@@ -82,8 +87,11 @@ def test_others_are_refused() -> None:
         ("POST", "/api/offer", OFFER | {"sdp": "broken"}, {}),
         ("PATCH", "/api/offer", {"pc_id": "two", "candidates": [{"candidate": ""}]}, {}),
         ("PATCH", "/api/offer", {"pc_id": "one", "candidates": 3}, {}),
+        ("PATCH", "/api/offer", {"pc_id": "one"}, {}),
+        ("PATCH", "/api/offer", {"pc_id": "one", "candidates": [{"candidate": "broken"}]}, {}),
+        ("POST", "/api/offer", OFFER | {"pc_id": {}}, {}),
     )  # fmt: skip
-    assert [status for status, _ in found] == [403, 403, 400, 400, 400, 400, 404, 400]
+    assert [status for status, _ in found] == [403, 403, 400, 400, 400, 400, 404, 400, 400, 400, 400]
     token = {"Authorization": "Bearer secret"}
     found = answers(("POST", "/api/offer", OFFER, {}), ("POST", "/api/offer", OFFER, token), token="secret")
     assert [status for status, _ in found] == [403, 200]
@@ -93,9 +101,9 @@ def test_when_it_is_full_only_known_connections_are_answered() -> None:
     visitors = StandInVisitors()
     visitors.is_full = True
     found = answers(
-        ("POST", "/api/offer", OFFER, {}), ("POST", "/api/offer", OFFER | {"pc_id": "one"}, {}), visitors=visitors
+        *(("POST", "/api/offer", OFFER | {"pc_id": who}, {}) for who in (None, "two", "one")), visitors=visitors
     )
-    assert [status for status, _ in found] == [503, 200]
+    assert [status for status, _ in found] == [503, 503, 200]
 
 
 def test_pages_of_a_site_that_is_named_are_answered() -> None:
