@@ -62,5 +62,6 @@ class TickingRecognizer:
         partial = tuple(
             Phone(self.guess[n % 2], n * PHONE_S, min((n + 1) * PHONE_S, until_s))
             for n in range(self.told, int(np.ceil(until_s / PHONE_S)))
+            if n * PHONE_S < until_s
         )
         self.waiting.append(RecognizedPhones(self.stream, self.heard_s, phones, is_over, partial))
