@@ -5,7 +5,8 @@
 For each attack: frames that arrived in SECONDS during it, and in as many that begin 2 s after it, divided by those of
 the quiet stretch; and the processor time of the server, without its children, for each frame. Promised: at least 0.99
 in both. The attackers are a niced process on the same machine: where that has no core to spare, what they take
-themselves is in the frames, but not in the server's time.
+themselves is in the frames, but not in the server's time. Where other programs are busy, too, root can put it before
+all of them: ``setsid -w sh -c 'echo -15 > /proc/self/autogroup; exec python -m bench.attacks'``.
 """
 
 import argparse
