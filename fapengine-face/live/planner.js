@@ -6,7 +6,7 @@ import { heldAt, holdLate, holdOf, holdUntil, settle } from "./closures.js";
 import { speechPath } from "./keys.js";
 import { addFading, clamp, emptyJet, jetAt, neutralPath, placeAfter, placeOf, smoothstep, softPositive } from "./path.js";
 
-const { BEHIND_PHONES, FADE_S, KEPT_S, KEYS_BEHIND, LATEST_CLOSURE_S, LONG_S, MIN_FADE_S, MOMENTUM_S, PLANNED_LETTERS, REACH, SAME_S } = stream;
+const { BEHIND_PHONES, FADE_S, KEPT_S, KEYS_BEHIND, LATEST_CLOSURE_S, LONG_S, MAX_PULL, MIN_FADE_S, MOMENTUM_S, PLANNED_LETTERS, REACH, SAME_S } = stream;
 const { MIN_HOLD_S, RAMP_S } = closures;
 const { CORNERS, HALF_GAIN, HELD, PUSHED, ROUND, SOFT_FAPU, WIDTH } = phonetics;
 const { LOUDNESS_DB, SILENCE } = phone_track;
@@ -237,7 +237,8 @@ export class Planner {
     if (leftTime < fade && edge > this.cancelledAt) fade = leftTime + share * (fade - leftTime);
     const since = edge - last.start;
     const shortest = since < last.momentum ? last.momentum : since < last.fade ? last.fade : Infinity;
-    plans.push({ start: edge, path, fade, momentum: Math.min(fade, MOMENTUM_S, shortest), left });
+    const pull = Math.sqrt(MAX_PULL / Math.max(...left[2].map(Math.abs), 1));
+    plans.push({ start: edge, path, fade, momentum: Math.min(fade, MOMENTUM_S, shortest, pull), left });
     while (plans[1].start < Math.min(edge, this.shown)) plans.shift();
   }
 
