@@ -55,6 +55,8 @@ SYSTEM = (
 MAX_VISITORS = 4
 MAX_SPEECH_S = 60.0
 """Longest audio of one sentence."""
+CONNECTS_S = 60.0
+"""Time from an offer to the connection; then its place is free again."""
 PIECE_S = 0.04
 WORDS_COME_S, WORDS_LATEST_S = 2.0, 15.0
 """Time after speech within which its words are usually there; and time after which a turn ends without them."""
@@ -202,6 +204,8 @@ class Bot:
             talk = asyncio.create_task(self._talk(known))
             self._talks.add(talk)
             talk.add_done_callback(self._talks.discard)
+            late = asyncio.get_running_loop().call_later(CONNECTS_S, lambda: _is_connected(known) or talk.cancel())
+            talk.add_done_callback(lambda _: late.cancel())
         answer: dict[str, str] = known.get_answer()
         self._connections[answer["pc_id"]] = known
         return answer
@@ -296,6 +300,10 @@ class Bot:
             return recognizer_named(stt)()
         settings = OpenAISTTService.Settings(model=stt.model)
         return OpenAISTTService(api_key=stt.key or "none", base_url=stt.url, settings=settings)
+
+
+def _is_connected(connection: SmallWebRTCConnection) -> bool:
+    return bool(connection.pc.connectionState == "connected")
 
 
 async def _without_marks(text: str, _: str, accumulated: str | None, remaining: str | None) -> BotOutputTransformResult:

@@ -53,7 +53,7 @@ from livekit.agents.utils import wait_for_participant
 from livekit.agents.voice import avatar
 
 from fapengine.agents.face import AgentFace, AgentOptions
-from fapengine.agents.pool import MOST_FACES, TOKEN, Pool
+from fapengine.agents.pool import MAX_FACES, TOKEN, Pool
 from fapengine.agents.warm import open_face, prewarm
 from fapengine.errors import ResourceError, UsageError
 from fapengine.host.words import MarkTimer
@@ -373,7 +373,7 @@ def main() -> None:
     parser.add_argument(
         "--serve", metavar="[HOST:]PORT", help=f"wait for agents (AvatarSession(remote=...)) that present {TOKEN}"
     )
-    parser.add_argument("--most", type=int, default=MOST_FACES, help="with --serve: number of faces at once")
+    parser.add_argument("--most", type=int, default=MAX_FACES, help="with --serve: number of faces at once")
     parser.add_argument("--head", default="default", help="name or folder of a head")
     parser.add_argument("--size", type=int, nargs=2, default=(512, 512), metavar=("WIDTH", "HEIGHT"))
     parser.add_argument("--antialias", choices=EDGES, default="soft", help="antialiasing")

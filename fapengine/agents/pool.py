@@ -9,7 +9,7 @@ from aiohttp import web
 from fapengine.server.web.access import Access
 from fapengine.server.web.site import harden
 
-MOST_FACES = 4
+MAX_FACES = 4
 """Faces at once, unless another number is given."""
 TOKEN = "FAPENGINE_TOKEN"
 """Environment variable with the secret that agents present."""

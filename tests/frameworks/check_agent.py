@@ -15,7 +15,10 @@ import numpy as np
 import pytest
 from aiohttp import web
 
+from fapengine.agents import bot
+from fapengine.agents.face import AgentOptions
 from fapengine.files.sound import save_wav
+from fapengine.voices.choice import VoiceChoice
 from fapengine.voices.espeak import EspeakVoice
 from tests.browser.chromium import Browser, find_chromium
 from tests.processes import free_port, start
@@ -161,3 +164,22 @@ def test_without_a_model_it_repeats_what_is_said(microphone: Path) -> None:
             await browser.until(said("weather", "bot"), LIMIT_S)
 
     asyncio.run(talked())
+
+
+@pytest.mark.timeout(300)
+def test_a_visitor_that_never_connects_frees_its_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bot, "CONNECTS_S", 0.5)
+
+    async def offered() -> None:
+        agent = bot.Bot(bot.BotOptions(face=AgentOptions(size=(64, 64)), voice=VoiceChoice()))
+        for _ in range(bot.MAX_VISITORS):
+            await agent.offer("v=0", None, restarts=False)
+        assert not agent.may_talk(None)
+        with pytest.raises(ValueError, match="offer"):
+            await agent.offer("v=0\r\nm=audio x y z\r\n", None, restarts=False)
+        async with asyncio.timeout(LIMIT_S):
+            while not agent.may_talk(None):
+                await asyncio.sleep(0.1)
+        await agent.close()
+
+    asyncio.run(offered())
