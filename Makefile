@@ -142,7 +142,9 @@ docs: $(VENV)/.ready-docs
 
 # The npm package is built into projects by these.
 BUNDLERS := vite@8.3.8 @vitejs/plugin-react@6.3.0 react@19.3.1 react-dom@19.3.1 @types/react@19.3.0 \
-    @types/react-dom@19.3.0 vue@3.5.45 @vitejs/plugin-vue@6.0.11 @pipecat-ai/client-js@1.13.1 @pipecat-ai/small-webrtc-transport@1.10.8
+    @types/react-dom@19.3.0 vue@3.5.45 @vitejs/plugin-vue@6.0.11 vue-tsc@3.3.14 svelte@5.57.3 \
+    @sveltejs/vite-plugin-svelte@7.3.1 svelte-check@4.7.8 @pipecat-ai/client-js@1.13.1 \
+    @pipecat-ai/small-webrtc-transport@1.10.8
 
 # Foreign programs that ours is compared with; they need Node and a network, and no test needs them. Avatars of others
 # are tried too, as far as they lie in out/oracles/avatars; Blender (with python3-numpy), coturn, nginx, godot3, godot3-server and mono-mcs of Debian, where they are

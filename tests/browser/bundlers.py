@@ -1,4 +1,4 @@
-"""The packed npm package in projects of others: React and Vue built by Vite, a Node program without a DOM, TSX."""
+"""The packed npm package in projects of others: React, Vue and Svelte with types, built by Vite; Node without a DOM."""
 
 import contextlib
 import json
@@ -31,26 +31,65 @@ import Shop from "./Shop.vue";
 
 createApp(Shop).mount("#root");
 """
-SHOP = """<script setup>
-import "fapengine-face";
+SHOP = """<script setup lang="ts">
+import "fapengine-face/vue";
+
+const heard = (label: string) => label.length;
 </script>
-<template><fap-face camera="front" style="width: 20rem" /></template>
+<template>
+  <fap-face camera="front" style="width: 20rem" edges="soft" @phone="({ detail }) => heard(detail.label)" />
+  <!-- @vue-expect-error there are no such edges -->
+  <fap-face hidden edges="round" />
+  <!-- @vue-expect-error a label is text -->
+  <fap-face hidden @phone="({ detail }) => detail.label.toFixed()" />
+</template>
+"""
+SVELTE = """import { mount } from "svelte";
+import Shop from "./Shop.svelte";
+
+mount(Shop, { target: document.getElementById("root")! });
+"""
+SVELTE_SHOP = """<script lang="ts">
+  import "fapengine-face/svelte";
+  import type { SvelteHTMLElements } from "svelte/elements";
+
+  const heard = (label: string) => label.length;
+  // @ts-expect-error: there are no such edges
+  export const round: SvelteHTMLElements["fap-face"] = { edges: "round" };
+  // @ts-expect-error: a label is text
+  export const counted: SvelteHTMLElements["fap-face"] = { onphone: ({ detail }) => detail.label.toFixed() };
+</script>
+<fap-face camera="front" style="width: 20rem" edges="soft" onphone={({ detail }) => heard(detail.label)}></fap-face>
 """
 CONFIGURATIONS = {
     "react": 'import react from "@vitejs/plugin-react";\nexport default { base: "./", plugins: [react()] };\n',
     "vue": 'import vue from "@vitejs/plugin-vue";\nconst isCustomElement = (tag) => tag === "fap-face";\n'
     'export default { base: "./", plugins: [vue({ template: { compilerOptions: { isCustomElement } } })] };\n',
+    "svelte": 'import { svelte } from "@sveltejs/vite-plugin-svelte";\n'
+    'export default { base: "./", plugins: [svelte()] };\n',
 }
+CHECKS = {
+    "react": ("typescript/bin/tsc",),
+    "vue": ("vue-tsc/bin/vue-tsc.js", "--noEmit"),
+    "svelte": ("svelte-check/bin/svelte-check", "--tsconfig", "./tsconfig.json", "--fail-on-warnings"),
+}
+"""What checks the types of each."""
 TYPED = {
     "compilerOptions": {
         "strict": True, "noEmit": True, "jsx": "react-jsx", "module": "esnext", "moduleResolution": "bundler",
         "target": "es2022", "lib": ["es2022", "dom"], "types": [],
     },
-    "include": ["main.tsx"],
+    "include": ["main.*", "Shop.*"],
 }  # fmt: skip
 FILES = {
     "react": {"index.html": PAGE.format(kind="tsx"), "main.tsx": REACT, "tsconfig.json": json.dumps(TYPED)},
-    "vue": {"index.html": PAGE.format(kind="js"), "main.js": VUE, "Shop.vue": SHOP},
+    "vue": {"index.html": PAGE.format(kind="ts"), "main.ts": VUE, "Shop.vue": SHOP, "tsconfig.json": json.dumps(TYPED)},
+    "svelte": {
+        "index.html": PAGE.format(kind="ts"),
+        "main.ts": SVELTE,
+        "Shop.svelte": SVELTE_SHOP,
+        "tsconfig.json": json.dumps(TYPED),
+    },
 }
 HEARS = """document.querySelector("fap-face").hear(new OscillatorNode(new AudioContext()))
     .then((heard) => heard.constructor.name)"""
@@ -75,8 +114,8 @@ def project(modules: Path, package: Path, name: str) -> Path:
 def built(modules: Path, package: Path, name: str) -> Path:
     """Build a project; returns the folder of its site."""
     folder = project(modules, package, name)
-    if name == "react":
-        subprocess.run(["node", str(modules / "typescript" / "bin" / "tsc")], cwd=folder, check=True, timeout=300)
+    program, *options = CHECKS[name]
+    subprocess.run(["node", str(modules / program), *options], cwd=folder, check=True, timeout=300)
     vite = modules / "vite" / "bin" / "vite.js"
     subprocess.run(["node", str(vite), "build", "--logLevel", "warn"], cwd=folder, check=True, timeout=300)
     return folder / "dist"
