@@ -239,7 +239,7 @@ def _brows(points: Array, head: HeadParts, skin: Indices, feature_points: dict[s
         heights = np.array([inner[1], middle[1], outer[1]])
         off = y - _parabola(at, knots) @ heights
         hairs = points[head.brows[side]]
-        thick = np.percentile(np.abs(hairs[:, 1] - _parabola(sign * hairs[:, 0], knots) @ heights), 80)
+        thick = np.percentile(np.abs(hairs[:, 1] - _parabola(sign * hairs[:, 0], knots) @ heights), 92)
         above = np.clip((off - thick) / BROW_ABOVE_MM, 0, 1)
         below = np.clip((-off - thick) / (BROW_TO_LID_MM - thick), 0, 1)
         # A ramp with short ends is less steep than a smooth step: skin below a lowered brow must not fold over itself.

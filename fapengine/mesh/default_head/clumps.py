@@ -43,7 +43,7 @@ EAR_MM = 7.0
 """Additional distance of hanging hair over an ear."""
 SHEEN_FROM = np.array([-0.24, 0.44, 0.87])
 """Half way between the key lamp and a camera in front: hair across it is bright, as a bundle of cylinders is."""
-SHEEN, SHEEN_POWER, SHEEN_UNEVEN = 1.15, 14.0, 0.14
+SHEEN, SHEEN_POWER, SHEEN_UNEVEN = 0.9, 14.0, 0.14
 """Additional light on hair at its brightest, and how narrow and uneven the band is."""
 INSIDE = 0.45
 """Shade of the inside of hanging hair."""

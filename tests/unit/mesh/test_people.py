@@ -14,6 +14,7 @@ from fapengine.mesh.colours import EYE_COLOURS
 from fapengine.mesh.default_head.faces import Scalp, displacement
 from fapengine.mesh.default_head.head import build_head, build_parts
 from fapengine.mesh.default_head.style import (
+    BROW_SHAPES,
     HAIRCUTS,
     LEVELS,
     MODES,
@@ -125,6 +126,7 @@ def test_numbers_make_people_that_differ() -> None:
     assert np.abs(weights.mean(axis=0)).max() < 0.25
     assert weights.std(axis=0) == pytest.approx(np.full(MODES, 0.96), abs=0.15)
     assert {person.haircut for person in people} == set(HAIRCUTS)
+    assert {person.brow_shape for person in people} == set(BROW_SHAPES)
     assert any(not person.hair for person in people)
     assert {person.eye_colour for person in people} == set(EYE_COLOURS)
 
@@ -196,3 +198,33 @@ def test_locks_of_long_hair_lie_over_head_and_ears(haircut: str, person: str) ->
     for side in (1.0, -1.0):
         hairs, skin = (side * head.vertices_mm[beside & (head.material == kind), 0] for kind in (Material.HAIR, 0))
         assert hairs.max() > skin.max() + 0.5
+
+
+def _hairs(head: FaceMesh, low_mm: float, high_mm: float) -> Indices:
+    """Vertices of single hairs beside the left eye or above it."""
+    x, y, z = head.vertices_mm.T
+    near = (head.material == Material.STRAND) & (z > 60) & (np.abs(x - 34) < 26) & (y > low_mm) & (y < high_mm)
+    return np.flatnonzero(near)
+
+
+def test_a_frown_lowers_a_brow_without_flattening_it() -> None:
+    head, frown = build_head(PEOPLE["man"], level="coarse"), np.zeros(fap.FAP_COUNT)
+    for number, value in ((31, -148.0), (33, -221.0), (35, -52.0)):
+        frown[fap.column(number)] = value
+    x, y, _ = head.vertices_mm[_hairs(head, 50, 72)].T
+    middle = np.abs(x - 34) < 5
+    lowered = deform(head, frown)[_hairs(head, 50, 72), 1][middle]
+    assert lowered.std() > 0.75 * y[middle].std()
+    assert (y[middle] - lowered).min() > 6
+
+
+def test_lashes_of_a_shut_eye_point_down() -> None:
+    head, shut = build_head(level="coarse"), np.zeros(fap.FAP_COUNT)
+    shut[fap.column(19)] = 1024
+    moved = deform(head, shut)
+    strands = _hairs(head, 20, 60)
+    way_mm = np.linalg.norm(moved[strands] - head.vertices_mm[strands], axis=1)
+    lashes = strands[way_mm > 2].reshape(-1, 6)
+    rise = moved[lashes[:, 4:], 1].mean(axis=1) - moved[lashes[:, :2], 1].mean(axis=1)
+    assert len(lashes) > 5
+    assert np.median(rise) < -1.0  # mm
