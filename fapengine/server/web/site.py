@@ -133,7 +133,8 @@ class GuardedHandler(Guarded, web.RequestHandler):
     """One connection of a site. Stateful."""
 
     def __init__(self, manager: web.Server, door: Door, loop: asyncio.AbstractEventLoop) -> None:
-        super().__init__(manager, loop=loop, access_log=cast("Any", None), logger=cast("Any", log))
+        logs = {"access_log": cast("Any", None), "logger": cast("Any", log)}
+        super().__init__(manager, loop=loop, auto_decompress=False, **logs)  # unpacking would take the time of frames
         self.door = door
         self._body: StreamReader | None = None
         self._body_end_s = 0.0
