@@ -14,7 +14,7 @@ from dataclasses import replace
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, TypeVar
+from typing import TYPE_CHECKING, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -40,9 +40,11 @@ VARIABLE = "FAPENGINE_RENDERER"
 """Environment variable with the renderer that ``auto`` stands for."""
 DEVICES = ("dri/renderD*", "nvidia[0-9]*")
 """Below /dev: what a GPU shows as on Linux."""
-CLIP_FROM_DEPTH = (FAR_MM + NEAR_MM) / (FAR_MM - NEAR_MM), FAR_MM * NEAR_MM / (FAR_MM - NEAR_MM)
+W_FROM_DEPTH = np.array([((FAR_MM + NEAR_MM) / (FAR_MM - NEAR_MM) + 1) / 2, FAR_MM * NEAR_MM / (FAR_MM - NEAR_MM)])
+"""Of a depth z from 0 to 1 in the image, w is the second divided by the first less z."""
 log = logging.getLogger("fapengine.render")
-N, G = TypeVar("N"), TypeVar("G")
+N = TypeVar("N")
+G = TypeVar("G")
 
 
 class _Native:
@@ -52,20 +54,27 @@ class _Native:
         self._packed, self._drawing, self._level = packed, drawing, -1
         self._face = fapengine_native.Face(packed.vertices, packed.displacements, packed.normal_deltas, packed.parts)
         self._face.canvas(drawing.drawn_size, _backdrop(drawing))
-        near, per_w = CLIP_FROM_DEPTH
-        self._depth = (near + 1) / 2, per_w
+        self._look_from(drawing.camera)
+
+    def _look_from(self, camera: Camera) -> None:
+        self._drawing = drawing = replace(self._drawing, camera=camera)
+        width, height = drawing.drawn_size
+        self._view = [camera.clip_from_world(width / height).T, camera.position_mm, W_FROM_DEPTH]
+        self._at_vertices = self._packed.is_lit_at_vertices(drawing)
+        if self._packed.skin is None:
+            return
+        level = self._packed.skin_level(camera.pixels_per_mm(height))
+        if level != self._level:
+            self._face.skin(self._packed.skin_at(level))
+            self._level = level
 
     def draw(self, uniforms: FrameUniforms, camera: Camera) -> Picture:
         if camera is not self._drawing.camera:
-            self._drawing = replace(self._drawing, camera=camera)
-        drawing, packed = self._drawing, self._packed
-        height = drawing.drawn_size[1]
-        if packed.skin is not None and (level := packed.skin_level(camera.pixels_per_mm(height))) != self._level:
-            self._face.skin(packed.skin_at(level))
-            self._level = level
+            self._look_from(camera)
+        drawing = self._drawing
         picture: Picture = self._face.draw(
             self.values(uniforms),
-            at_vertices=packed.is_lit_at_vertices(self._drawing),
+            at_vertices=self._at_vertices,
             soft=drawing.samples == 0,
             form="rgb" if drawing.components == 3 and drawing.drawn_size == drawing.size else "rgba",
         )
@@ -75,12 +84,8 @@ class _Native:
 
     def values(self, uniforms: FrameUniforms) -> NDArray[np.float32]:
         """(238,): a frame as the library reads it, ``fapengine_native.UNIFORMS``."""
-        camera, (width, height) = self._drawing.camera, self._drawing.drawn_size
-        values: list[Any] = [
-            uniforms.channels, uniforms.bones, uniforms.iris, uniforms.lids, self._packed.iris_albedo,
-            camera.clip_from_world(width / height).T, camera.position_mm, self._depth,
-        ]  # fmt: skip
-        return np.concatenate([np.ravel(each) for each in values], dtype=np.float32)
+        mine = [uniforms.channels, uniforms.bones, uniforms.iris, uniforms.lids, self._packed.iris_albedo]
+        return np.concatenate([np.ravel(each) for each in (*mine, *self._view)], dtype=np.float32)
 
     def close(self) -> None:
         self._face.close()

@@ -46,9 +46,9 @@ def built(flags: tuple[str, ...] = ()) -> Path:
     return folder
 
 
-def imported() -> ModuleType:
+def imported(flags: tuple[str, ...] = ()) -> ModuleType:
     """The compiled package, found before an installed one."""
-    folder = str(built())
+    folder = str(built(flags))
     if folder not in sys.path:
         sys.path.insert(0, folder)
         sys.modules.pop("fapengine_native", None)
