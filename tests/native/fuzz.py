@@ -18,7 +18,7 @@ import numpy as np
 
 from tests.native import built
 
-FLAGS = ("-g", "-O2", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+FLAGS = ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 STAGE = "FAPENGINE_FUZZ_STAGE"
 INSTRUCTIONS = ("x86-64", "x86-64-v3", "x86-64-v4")
 
