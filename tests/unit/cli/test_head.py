@@ -123,7 +123,7 @@ def test_without_opengl_an_import_has_no_sheet(avatar, tmp_path, monkeypatch):
     def refuse(*_: object, **__: object) -> None:
         raise ResourceError("OpenGL: no context (libEGL.so not loaded)")
 
-    monkeypatch.setattr(head_check, "FaceRenderer", refuse)
+    monkeypatch.setattr(head_check, "open_renderer", refuse)
     result = run("head", "import", avatar, "-o", tmp_path / "again")
     last = result.stdout.splitlines()[-1]
     assert "contact sheet: not drawn; OpenGL: no context" in result.stderr
