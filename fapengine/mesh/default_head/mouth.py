@@ -57,7 +57,7 @@ def outer_contour(t: Array, upper: Mask, fullness: float) -> Array:
 
 def line(t: Array) -> Array:
     """(N,) height of the line between the lips: equal in the middle and at the corners, slightly wavy between."""
-    return LINE_Y - 0.16 * np.exp(-((t / 0.16) ** 2)) + 0.26 * np.exp(-(((np.abs(t) - 0.42) / 0.2) ** 2))
+    return LINE_Y - 0.28 * np.exp(-((t / 0.16) ** 2)) + 0.45 * np.exp(-(((np.abs(t) - 0.42) / 0.2) ** 2))
 
 
 def bulge(share: Array, t: Array, upper: Mask, fullness: float) -> Array:
