@@ -155,8 +155,7 @@ class AvatarSession(avatar.AvatarSession):  # type: ignore[misc, unused-ignore]
         self._face: AgentFace | None = None
         self._marks = MarkTimer()
         self._runner: avatar.AvatarRunner | None = None
-        self._listeners: list[tuple[str, Any]] = []
-        self._session: voice.AgentSession | None = None
+        self._listeners: list[tuple[voice.AgentSession, str, Any]] = []
         if self._pool is None:
             self._options = AgentOptions(**options)
             self._face = open_face(self._options)
@@ -213,9 +212,9 @@ class AvatarSession(avatar.AvatarSession):  # type: ignore[misc, unused-ignore]
         def user(event: Any) -> None:
             face.attend("listening", event.new_state == "speaking")
 
-        self._session, self._listeners = session, [("agent_state_changed", agent), ("user_state_changed", user)]
-        for name, listener in self._listeners:
+        for name, listener in (("agent_state_changed", agent), ("user_state_changed", user)):
             session.on(name, listener)
+            self._listeners.append((session, name, listener))
 
     async def _dispatch(self, room: rtc.Room) -> None:
         """Have a worker join the room with a token of its own."""
@@ -240,8 +239,8 @@ class AvatarSession(avatar.AvatarSession):  # type: ignore[misc, unused-ignore]
 
     async def aclose(self) -> None:
         """End it. The agent's own participant stays; a remote one leaves."""
-        for name, listener in self._listeners:
-            self._session.off(name, listener)
+        for session, name, listener in self._listeners:
+            session.off(name, listener)
         self._listeners.clear()
         if self._room is not None and self._pool is None:
             self._room.off("connection_state_changed", self._on_connection_state_changed)
