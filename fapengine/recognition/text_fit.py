@@ -29,7 +29,7 @@ CLEAR = 1.29
 LIMIT, CLEAR_LIMIT, NOISY_LIMIT = 1.09, 0.94, 1.13
 """Largest misfit of a right text: in most sound, in clear sound, in noise. All numbers were chosen on 30 filmed
 sentences, clean, through a telephone, with reverberation, and in pink noise and babble at 5 dB."""
-LEAST = -8.0
+MIN_LOG_LIKELIHOOD = -8.0
 """Least log-likelihood of a phone in a frame: no single frame decides."""
 
 
@@ -75,7 +75,7 @@ def _misplaced(aligned: Sequence[Aligned], likely: NDArray[np.float32]) -> float
     labels = [ipa_of(phone.model.split()[0]) for phone in phones]
     chosen = np.array([numbers[label] for label in labels])
     vowels = np.array([is_vowel(label) for label in labels])
-    bounded = np.maximum(likely, LEAST)
+    bounded = np.maximum(likely, MIN_LOG_LIKELIHOOD)
     scores = np.array([bounded[phone.first : phone.behind].sum(axis=0) for phone in phones])[:, chosen]
     best = sum(float(likely[phone.first : phone.behind].max(axis=1).sum()) for phone in phones)
     own = float(np.trace(scores))
