@@ -30,7 +30,7 @@ HANGS_BELOW_MM, ON_HEAD = 34.0, 0.56
 SHADES = (0.50, 0.85, 1.12, 0.90, 0.55)
 """Shade across a clump: dark where it goes below its neighbours."""
 TAPER_AT, TAPER = (0.0, 0.15, 0.45, 0.75, 0.92, 1.0), (0.62, 0.95, 1.0, 0.78, 0.40, 0.03)
-HANGING_TAPER = (0.5, 0.9, 1.0, 1.0, 0.85, 0.3)
+HANGING_TAPER = (0.5, 0.9, 1.0, 1.0, 0.93, 0.5)
 ARCH, HANGING_ARCH, LINING_ARCH = 0.55, 0.26, 0.20
 """Depth of the edges of a clump below its middle, relative to its half width."""
 TOP_MM = 142.5
