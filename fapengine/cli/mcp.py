@@ -10,6 +10,7 @@ import typer
 
 from fapengine import speaking
 from fapengine._late import Late
+from fapengine.files.moving import is_sequence
 
 if TYPE_CHECKING:
     from mcp.server import mcpserver
@@ -76,8 +77,8 @@ class _Tools:
         if ":" in voice or "/" in voice:
             raise mcp_exceptions.ToolError(f"voice: got {voice!r}, expected a language code such as en-gb")
         return await self._run(
-            "say", [text], output, overwrite, voice=voice or self._voice, expression=expression, head=self._head(head),
-            size=size,
+            "say", ["-"], output, overwrite, said=text, voice=voice or self._voice, expression=expression,
+            head=self._head(head), size=size,
         )  # fmt: skip
 
     async def animate(
@@ -119,13 +120,13 @@ class _Tools:
         One of phones (timings), audio, or reference (captured motion of the same speech) is needed.
         """
         return await self._run(
-            "score", [self._inside(made)], "", True, phones=self._inside(phones), audio=self._inside(audio),
+            "score", [self._inside(made)], None, True, phones=self._inside(phones), audio=self._inside(audio),
             transcript=transcript, reference=self._inside(reference),
         )  # fmt: skip
 
     async def inspect(self, path: str) -> dict[str, Any]:
         """Describe a file: FAPs, streams, weights, phone timings, sound, video, captured markers, avatars, heads."""
-        return await self._run("inspect", [self._inside(path)], "", True)
+        return await self._run("inspect", [self._inside(path)], None, True)
 
     def _head(self, name: str) -> str:
         """Name of a head; files are inside the folder."""
@@ -136,26 +137,48 @@ class _Tools:
         """Path of a file, absolute; empty for none. Raises ToolError if it is not inside the folder."""
         if not name:
             return ""
-        path = (self._folder / name).resolve()
-        if not path.is_relative_to(self._folder):
+        try:
+            path = (self._folder / name).resolve()
+        except (OSError, ValueError) as error:  # too long; a NUL
+            raise mcp_exceptions.ToolError(f"got {name[:60]!r}, expected the name of a file ({error})") from error
+        if not path.is_relative_to(self._folder) or path == self._folder:
             raise mcp_exceptions.ToolError(f"got {name!r}, expected a file inside {self._folder}")
         return str(path)
 
+    def _written(self, name: str) -> str:
+        """Path of an output; its other files are inside the folder, too. Raises ToolError if they are not."""
+        path = self._inside(name)
+        if not path:
+            raise mcp_exceptions.ToolError("output: got '', expected the name of a file")
+        if is_sequence(Path(path)) and Path(path).parent == self._folder:  # the others are named after its folder
+            raise mcp_exceptions.ToolError(
+                f"output: got {name!r}, expected numbered files in a folder: pictures/{name}"
+            )
+        return path
+
     async def _run(
-        self, verb: str, arguments: list[str], output: str, overwrite: bool, **options: str
+        self, verb: str, arguments: list[str], output: str | None, overwrite: bool, *, said: str = "", **options: str
     ) -> dict[str, Any]:
-        """Run a command, and return its result. Raises ToolError with its message if it fails."""
+        """Run a command, and return its result. Raises ToolError with its message if it fails.
+
+        ``said`` is its standard input; ``output`` is None for a command that writes nothing.
+        """
         words = [sys.executable, "-m", "fapengine", verb, "--json"]
-        if output:
-            options["output"] = self._inside(output)
+        if not all(arguments):
+            raise mcp_exceptions.ToolError(f"{verb}: got '', expected the name of a file")
+        if output is not None:
+            options["output"] = self._written(output)
         words += [f"--{name}={value}" for name, value in options.items() if value]
         words += [] if overwrite else ["--no-overwrite"]
-        child = await asyncio.create_subprocess_exec(
-            *words, "--", *arguments, cwd=self._folder, stdin=asyncio.subprocess.DEVNULL,
-            stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
-        )  # fmt: skip
         try:
-            out, errors = await child.communicate()
+            child = await asyncio.create_subprocess_exec(
+                *words, "--", *arguments, cwd=self._folder, stdin=asyncio.subprocess.PIPE,
+                stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
+            )  # fmt: skip
+        except (OSError, ValueError) as error:  # too long a transcript; a NUL in one
+            raise mcp_exceptions.ToolError(f"{verb}: cannot be started ({error})") from error
+        try:
+            out, errors = await child.communicate(said.encode())
         finally:
             if child.returncode is None:  # the agent gave up
                 child.terminate()

@@ -61,6 +61,13 @@ def test_tools_write_files_and_errors_say_what_to_change(tmp_path: Path) -> None
             ("say", {"text": "a", "output": "b.fap", "head": "../head.glb"}, "expected a file inside"),
             ("say", {"text": "a", "output": "b.fap", "voice": "my_module:Voice"}, "expected a language code"),
             ("say", {"text": "a"}, "output"),
+            ("say", {"text": "a", "output": "frame_%04d.png"}, "expected numbered files in a folder"),
+            ("say", {"text": "a", "output": "."}, "expected a file inside"),
+            ("say", {"text": "a", "output": ""}, "expected the name of a file"),
+            ("say", {"text": "a", "output": "a\0.fap"}, "expected the name of a file"),
+            ("inspect", {"path": ""}, "expected the name of a file"),
+            ("animate", {"source": "mam.pho", "output": "b.fap", "transcript": "a\0b"}, "cannot be started"),
+            ("say", {"text": "\n" * 200_000, "output": "b.fap"}, "nothing to speak"),
         ):
             failed, answer = await call(name, **arguments)
             assert failed, (name, arguments)
