@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 
 PICTURES = Path(__file__).resolve().parent.parent / "docs" / "pictures"
 COMMAND = (
-    *("say", "Oh! Hello there. I speak, I listen, and I smile.", "--head", "woman"),
+    *("say", "Oh! Hello there. I speak, I listen, and I smile."),
     *("--expression", "surprise:0.7@0-0.5", "--expression", "joy:0.6@0.9-9"),
 )
 FILES = {
