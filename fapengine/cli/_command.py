@@ -95,8 +95,8 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
 def _signing(files: str | None) -> AbstractContextManager[None]:
     if files is None:
         return nullcontext()
-    certificates, comma, key = files.partition(",")
-    if not comma:
+    certificates, _, key = files.partition(",")
+    if not (certificates and key):
         raise UsageError(f"sign: got {files!r}, expected two files, CERT,KEY")
     return signing(Path(certificates), Path(key))
 

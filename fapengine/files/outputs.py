@@ -81,6 +81,9 @@ def refuse_foreign(paths: Iterable[Path]) -> None:
             continue
         with path.open("rb") as file:
             head = file.read(256)
+            if head[37:41] == b"caBX":  # C2PA's claim, which comes first
+                file.seek(45 + int.from_bytes(head[33:37], "big"))
+                head = file.read(256)
         is_ours = WAV_MARK in head or "\0".join(PNG_MARK).encode() in head
         if not (is_ours or head.split(maxsplit=2)[:2] == [b"2.1", b"fapengine"]):
             raise UsageError(

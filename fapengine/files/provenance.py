@@ -16,6 +16,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
+from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import TYPE_CHECKING, Any
@@ -45,6 +46,8 @@ XMP_BOX = bytes.fromhex("be7acfcb97a942e89c71999491e3afac")
 WEBP_HAS_XMP = 0x04
 """Flag of the chunk ``VP8X``, which comes first in a file with more than a frame (RFC 9649, 2.7)."""
 GIF_END = b"\x3b"
+SMALLEST_GIF = b"GIF89a\1\0\1\0\0\0\0,\0\0\0\0\1\0\1\0\0\2\2D\1\0" + GIF_END
+"""One pixel, which is signed to try a certificate."""
 SIGNABLE = {
     ".png": "image/png", ".webp": "image/webp", ".gif": "image/gif", ".mp4": "video/mp4", ".mov": "video/quicktime",
 }  # fmt: skip
@@ -122,7 +125,10 @@ def _key_of(certificates: Path, key: Path) -> Any:
         plain = secret.private_bytes(
             serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
         )
-        return c2pa.Signer.from_info(c2pa.C2paSignerInfo(ALGORITHMS[kind].encode(), chain, plain, None))
+        signer = c2pa.Signer.from_info(c2pa.C2paSignerInfo(ALGORITHMS[kind].encode(), chain, plain, None))
+        with c2pa.Builder(_claim(SYNTHETIC)) as builder:  # C2PA looks at the certificates when it signs
+            builder.sign(signer, SIGNABLE[".gif"], BytesIO(SMALLEST_GIF), BytesIO())
+        return signer
     except (ValueError, TypeError, KeyError, c2pa.C2paError) as error:
         raise UsageError(f"sign: {certificates} and {key} cannot sign ({error})") from error
 
@@ -138,13 +144,8 @@ def sign(path: Path, suffix: str, source: str = SYNTHETIC) -> None:
     signer = _signer.get()
     if signer is None:
         return
-    created = {"action": "c2pa.created", "digitalSourceType": source}
-    claim = {
-        "claim_generator_info": [{"name": "fapengine"}],
-        "assertions": [{"label": "c2pa.actions.v2", "data": {"actions": [created]}}],
-    }
     try:
-        with c2pa.Builder(json.dumps(claim)) as builder, TemporaryFile() as signed, path.open("r+b") as file:
+        with c2pa.Builder(_claim(source)) as builder, TemporaryFile() as signed, path.open("r+b") as file:
             builder.sign(signer.key, SIGNABLE[suffix], file, signed)
             for each in (signed, file):
                 each.seek(0)
@@ -152,6 +153,14 @@ def sign(path: Path, suffix: str, source: str = SYNTHETIC) -> None:
     except c2pa.C2paError as error:
         raise DataError(f"sign: C2PA does not sign {path.name} ({error})") from error
     signer.count += 1
+
+
+def _claim(source: str) -> str:
+    created = {"action": "c2pa.created", "digitalSourceType": source}
+    return json.dumps({
+        "claim_generator_info": [{"name": "fapengine"}],
+        "assertions": [{"label": "c2pa.actions.v2", "data": {"actions": [created]}}],
+    })  # fmt: skip
 
 
 def mark(source: str = SYNTHETIC) -> dict[str, str]:

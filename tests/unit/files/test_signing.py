@@ -18,6 +18,7 @@ from typer.testing import CliRunner
 from fapengine.cli.main import app
 from fapengine.errors import ResourceError, UsageError
 from fapengine.files.moving import write_moving
+from fapengine.files.outputs import refuse_foreign
 from fapengine.files.pictures import save_png
 from fapengine.files.provenance import COMPOSITE, SIGNABLE, SYNTHETIC, provenance, signing
 
@@ -25,14 +26,16 @@ FRAMES = list(np.random.default_rng(1).integers(0, 255, (3, 64, 64, 3), np.uint8
 NOW = datetime.datetime.now(datetime.UTC)
 
 
-def certificate(name: str, public: object, issuer: str, by: object, *, is_authority: bool) -> x509.Certificate:
+def certificate(
+    name: str, public: object, issuer: str, by: object, *, is_authority: bool, until: datetime.datetime
+) -> x509.Certificate:
     organization = x509.NameAttribute(NameOID.ORGANIZATION_NAME, "test")
     called = [x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, each), organization]) for each in (name, issuer)]
     uses = [not is_authority, *[False] * 4, is_authority, is_authority, False, False]
     build = (
         x509.CertificateBuilder().subject_name(called[0]).issuer_name(called[1]).public_key(public)  # type: ignore[arg-type]
         .serial_number(x509.random_serial_number())
-        .not_valid_before(NOW - datetime.timedelta(1)).not_valid_after(NOW + datetime.timedelta(30))
+        .not_valid_before(until - datetime.timedelta(31)).not_valid_after(until)
         .add_extension(x509.BasicConstraints(is_authority, None), critical=True)
         .add_extension(x509.KeyUsage(*uses), critical=True)
         .add_extension(x509.SubjectKeyIdentifier.from_public_key(public), critical=False)  # type: ignore[arg-type]
@@ -51,12 +54,14 @@ KEYS = {
 }
 
 
-def files(folder: Path, kind: str = "es256") -> tuple[Path, Path]:
+def files(
+    folder: Path, kind: str = "es256", until: datetime.datetime = NOW + datetime.timedelta(30)
+) -> tuple[Path, Path]:
     """Certificates and key, as OpenSSL writes them."""
     authority, own = ec.generate_private_key(ec.SECP256R1()), KEYS[kind]()
     chain = [
-        certificate("signer", own.public_key(), "root", authority, is_authority=False),
-        certificate("root", authority.public_key(), "root", authority, is_authority=True),
+        certificate("signer", own.public_key(), "root", authority, is_authority=False, until=until),
+        certificate("root", authority.public_key(), "root", authority, is_authority=True, until=until),
     ]
     paths = folder / "chain.pem", folder / "key.pem"
     paths[0].write_bytes(b"".join(each.public_bytes(serialization.Encoding.PEM) for each in chain))
@@ -125,6 +130,9 @@ def test_what_cannot_be_signed_is_refused_before_it_is_made(tmp_path: Path, pem:
     for wrong in ((pem[1], pem[1]), (pem[0], pem[0]), (other, pem[1])):
         with pytest.raises(UsageError, match="cannot sign"), signing(*wrong):
             pass
+    expired = files(tmp_path, until=NOW - datetime.timedelta(1))
+    with pytest.raises(UsageError, match=r"cannot sign .*not valid at time of signing"), signing(*expired):
+        pass
     assert not list(tmp_path.glob("a*"))
 
 
@@ -136,6 +144,12 @@ def test_the_command_line_signs(tmp_path: Path, pem: tuple[Path, Path]) -> None:
     assert read(tmp_path / "a.png") == ("Valid", SYNTHETIC, set())
     refused = CliRunner().invoke(app, [*words, "--sign", "chain.pem"])
     assert str(refused.exception) == "--sign: got 'chain.pem', expected two files, CERT,KEY"
+
+
+def test_a_signed_contact_sheet_is_replaced_by_the_next_run(tmp_path: Path, pem: tuple[Path, Path]) -> None:
+    with signing(*pem):
+        save_png(tmp_path / "a.png", FRAMES[0])
+    refuse_foreign([tmp_path / "a.png"])
 
 
 def test_a_missing_library_is_told_with_its_extra(pem: tuple[Path, Path]) -> None:
