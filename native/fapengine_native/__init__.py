@@ -5,6 +5,7 @@ each version.
 """
 
 import ctypes
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -80,7 +81,7 @@ def resized(picture: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uin
 
 
 class Face:
-    """A packed mesh and a picture to draw it into. Stateful; use from one thread at a time.
+    """A packed mesh and a picture to draw it into. Stateful; threads wait for each other.
 
     Parameters
     ----------
@@ -92,46 +93,62 @@ class Face:
     Raises
     ------
     ValueError
-        If a number in the arrays indexes nothing.
+        If an array has the wrong shape, or a number in it indexes nothing; in methods too, also after ``close``.
     MemoryError
         In methods too, if the library gets no memory.
     """
 
     def __init__(self, vertices: Any, displacements: Any, normal_deltas: Any, parts: Any) -> None:
         self._face: int | None = None
+        self._lock = threading.Lock()
         self.size = (0, 0)
         vertices = np.ascontiguousarray(vertices, np.float32)
-        entries = [np.ascontiguousarray(each, np.float32).reshape(-1, 4) for each in (displacements, normal_deltas)]
+        entries = [np.ascontiguousarray(each, np.float32) for each in (displacements, normal_deltas)]
         triangles = [np.ascontiguousarray(parts.get(name, np.zeros((0, 3))), np.uint32) for name in PARTS]
-        if vertices.ndim != 2 or vertices.shape[1] != 21 or entries[0].shape != entries[1].shape:
-            raise ValueError(f"mesh: got vertices of shape {vertices.shape}, expected (V, 21), and as many deltas")
+        if vertices.ndim != 2 or vertices.shape[1] != 21:
+            raise ValueError(f"vertices: got shape {vertices.shape}, expected (V, 21)")
+        if entries[0].shape != entries[1].shape or entries[0].shape[-1:] != (4,):
+            raise ValueError(
+                f"entries: got shapes {entries[0].shape} and {entries[1].shape}, expected (R, 1024, 4) twice"
+            )
+        if unknown := set(parts) - set(PARTS):
+            raise ValueError(f"parts: got {', '.join(sorted(unknown))}, expected of {', '.join(PARTS)}")
+        for name, each in zip(PARTS, triangles, strict=True):
+            if each.ndim != 2 or each.shape[1] != 3:
+                raise ValueError(f"parts: {name}: got shape {each.shape}, expected (F, 3)")
         pointers = (ctypes.c_void_p * len(PARTS))(*(each.ctypes.data for each in triangles))
         counts = (ctypes.c_int * len(PARTS))(*map(len, triangles))
         self._face = _library.fapengine_native_open(
             vertices.ctypes.data, len(vertices), *(each.ctypes.data for each in entries[:1]),
-            entries[1].ctypes.data, len(entries[0]), pointers, counts,
+            entries[1].ctypes.data, entries[0].size // 4, pointers, counts,
         )  # fmt: skip
         if self._face is None:
             raise ValueError("mesh: a vertex, an entry, a bone or a channel does not exist")
 
     def canvas(self, size: tuple[int, int], background: NDArray[np.uint8] | None = None) -> None:
         """Begin pictures of a width and a height, 1 to 4096, over (height, width, 4) sRGB; None: transparent."""
+        if not all(1 <= side <= 4096 for side in size):
+            raise ValueError(f"size: got {size}, expected a width and a height of 1 to 4096")
         if background is not None:
             background = np.ascontiguousarray(background, np.uint8)
             if background.shape != (size[1], size[0], 4):
                 raise ValueError(f"background: got shape {background.shape}, expected {(size[1], size[0], 4)}")
         pixels = None if background is None else background.ctypes.data
-        if not _library.fapengine_native_canvas(self._face, *size, pixels):
-            raise MemoryError(f"canvas of {size}")
-        self.size = size
+        with self._lock:
+            self.size = (0, 0)  # if there is no memory
+            if not _library.fapengine_native_canvas(self._opened(), *size, pixels):
+                raise MemoryError(f"canvas of {size}")
+            self.size = size
 
     def skin(self, texels: NDArray[np.uint8]) -> None:
         """Paint with a texture, (H, W, 4): sRGB, and the coverage or the light of folds."""
         texels = np.ascontiguousarray(texels, np.uint8)
-        if texels.ndim != 3 or texels.shape[2] != 4:
-            raise ValueError(f"skin: got shape {texels.shape}, expected (H, W, 4)")
-        if not _library.fapengine_native_skin(self._face, texels.shape[1], texels.shape[0], texels.ctypes.data):
-            raise MemoryError(f"skin of {texels.shape}")
+        if texels.ndim != 3 or texels.shape[2] != 4 or not 1 <= min(texels.shape) <= max(texels.shape) <= 32768:
+            raise ValueError(f"skin: got shape {texels.shape}, expected (H, W, 4), of 1 to 32768 texels a side")
+        with self._lock:
+            height, width = texels.shape[:2]
+            if not _library.fapengine_native_skin(self._opened(), width, height, texels.ctypes.data):
+                raise MemoryError(f"skin of {texels.shape}")
 
     def draw(
         self, uniforms: NDArray[np.float32], *, at_vertices: bool, soft: bool = True, form: str = "rgb"
@@ -143,20 +160,31 @@ class Face:
         uniforms = np.ascontiguousarray(uniforms, np.float32)
         if uniforms.shape != (UNIFORMS,):
             raise ValueError(f"uniforms: got shape {uniforms.shape}, expected ({UNIFORMS},)")
-        width, height = self.size
-        count = width * height + 2 * ((width + 1) // 2) * ((height + 1) // 2)
-        made = np.empty(count if form == "i420" else (height, width, FORMATS[form] + 3), np.uint8)
-        if not _library.fapengine_native_draw(
-            self._face, uniforms.ctypes.data, at_vertices, soft, FORMATS[form], made.ctypes.data
-        ):
-            raise MemoryError("frame")
+        if form not in FORMATS:
+            raise ValueError(f"form: got {form!r}, expected one of {', '.join(FORMATS)}")
+        with self._lock:
+            face, (width, height) = self._opened(), self.size
+            if not width:
+                raise ValueError("size: got none, expected a canvas first")
+            count = width * height + 2 * ((width + 1) // 2) * ((height + 1) // 2)
+            made = np.empty(count if form == "i420" else (height, width, FORMATS[form] + 3), np.uint8)
+            if not _library.fapengine_native_draw(
+                face, uniforms.ctypes.data, at_vertices, soft, FORMATS[form], made.ctypes.data
+            ):
+                raise MemoryError("frame")
         return made
+
+    def _opened(self) -> int:
+        if self._face is None:
+            raise ValueError("face: it is closed")
+        return self._face
 
     def close(self) -> None:
         """Free the memory; the face cannot be used any more."""
-        if self._face is not None:
-            _library.fapengine_native_close(self._face)
-            self._face, self.size = None, (0, 0)
+        with self._lock:
+            face, self._face = self._face, None
+            if face is not None:
+                _library.fapengine_native_close(face)
 
     def __del__(self) -> None:
         if getattr(self, "_face", None) is not None:

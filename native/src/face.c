@@ -560,6 +560,7 @@ static int add_clipped(const Face *face, Mesh *m, int part, const int32_t *corne
         Corner *to = polygon[!now];
         int kept = 0;
         for (int i = 0; i < count; i++) {
+            if (kept > 8) return 1; /* five planes leave at most eight corners: these numbers overflowed */
             const Corner *p = from + i, *q = from + (i + 1) % count;
             const float before = distance_to(p->clip, plane), after = distance_to(q->clip, plane);
             if (before >= 0) to[kept++] = *p;
@@ -1224,10 +1225,10 @@ static int face_draw(Face *face, const float *u, int at_vertices, int soft, int 
 static void resize(const uint8_t *from, int width, int height, uint8_t *to, int new_width, int new_height) {
     for (int y = 0; y < new_height; y++) {
         const float fy = ((float)y + 0.5f) * (float)height / (float)new_height - 0.5f, whole_y = floorf(fy);
-        const int y0 = higher((int)whole_y, 0), y1 = lower((int)whole_y + 1, height - 1);
+        const int y0 = lower(higher((int)whole_y, 0), height - 1), y1 = lower((int)whole_y + 1, height - 1);
         for (int x = 0; x < new_width; x++) {
             const float fx = ((float)x + 0.5f) * (float)width / (float)new_width - 0.5f, whole_x = floorf(fx);
-            const int x0 = higher((int)whole_x, 0), x1 = lower((int)whole_x + 1, width - 1);
+            const int x0 = lower(higher((int)whole_x, 0), width - 1), x1 = lower((int)whole_x + 1, width - 1);
             const float wx = fx - whole_x, wy = fy - whole_y;
             for (int k = 0; k < 4; k++) {
                 const float a = from[4 * ((size_t)y0 * width + x0) + k], b = from[4 * ((size_t)y0 * width + x1) + k];

@@ -5,9 +5,11 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -138,6 +140,79 @@ def test_a_mesh_with_numbers_that_index_nothing_is_refused(library: ModuleType) 
         library.Face(vertices, entries, entries, {"face": np.array([[0, 1, 3]])})
     with pytest.raises(ValueError, match="does not exist"):
         library.Face(vertices, entries + np.float32(128), entries, {})
+
+
+@pytest.mark.parametrize(
+    ("arrays", "message"),
+    [
+        ({"parts": {"face": np.zeros(3)}}, r"face: got shape \(3,\), expected \(F, 3\)"),
+        ({"parts": {"face": np.zeros((4, 2))}}, r"face: got shape \(4, 2\)"),
+        ({"parts": {"nose": np.zeros((1, 3))}}, "got nose, expected of face"),
+        ({"vertices": np.zeros((3, 20))}, r"vertices: got shape \(3, 20\)"),
+        ({"normal_deltas": np.zeros((2, 1024, 4))}, "entries: got shapes"),
+        ({"displacements": np.zeros((1, 1024, 3)), "normal_deltas": np.zeros((1, 1024, 3))}, "entries: got shapes"),
+    ],
+)
+def test_arrays_of_another_shape_are_refused(library: ModuleType, arrays: dict[str, Any], message: str) -> None:
+    entries = np.zeros((1, 1024, 4))
+    right = {"vertices": np.zeros((3, 21)), "displacements": entries, "normal_deltas": entries, "parts": {}}
+    with pytest.raises(ValueError, match=message):
+        library.Face(**(right | arrays))
+
+
+def test_what_a_face_cannot_do_is_an_error(library: ModuleType) -> None:
+    entries, uniforms = np.zeros((1, 1024, 4)), np.zeros(library.UNIFORMS)
+    face = library.Face(np.zeros((3, 21)), entries, entries, {})
+    with pytest.raises(ValueError, match="expected a canvas first"):
+        face.draw(uniforms, at_vertices=True)
+    for size in ((0, 5), (5, 4097)):
+        with pytest.raises(ValueError, match="expected a width and a height of 1 to 4096"):
+            face.canvas(size)
+    with pytest.raises(ValueError, match="of 1 to 32768 texels"):
+        face.skin(np.zeros((0, 2, 4)))
+    face.canvas((1, 1))
+    assert face.draw(uniforms, at_vertices=True, form="i420").tolist() == [16, 128, 128]
+    with pytest.raises(ValueError, match="got 'bgr', expected one of rgb, rgba, i420"):
+        face.draw(uniforms, at_vertices=True, form="bgr")
+    face.close()
+    face.close()
+    for use in (
+        lambda: face.draw(uniforms, at_vertices=True),
+        lambda: face.canvas((2, 2)),
+        lambda: face.skin(np.zeros((1, 1, 4))),
+    ):
+        with pytest.raises(ValueError, match="closed"):
+            use()
+
+
+def test_a_clipped_triangle_of_huge_numbers_has_few_corners(library: ModuleType) -> None:
+    """Differences of these overflow, so that planes cut the triangle more often than planes can."""
+    clip = [
+        (-8.33625745e-05, 2, 1.59999999e38, -1),
+        (0, -4.02202181e-32, 9.92748496e-40, -1.3476801e-08),
+        (3, 0, 2.64438372e15, 5.02279059e29),
+    ]
+    vertices, entries, uniforms = np.zeros((3, 21)), np.zeros((1, 1024, 4)), np.zeros(library.UNIFORMS)
+    vertices[:, :3] = np.eye(3)
+    uniforms[217:229] = np.ravel(clip)
+    face = library.Face(vertices, entries, entries, {"face": [[0, 1, 2], [0, 2, 1], [1, 2, 0], [2, 0, 1]]})
+    face.canvas((100, 100))
+    assert face.draw(uniforms, at_vertices=True).shape == (100, 100, 3)
+
+
+def test_faces_draw_in_several_threads(library: ModuleType) -> None:
+    """One face in two threads, and closed in a third, is slower or an error; two faces are as alone."""
+    head = head_of("default", 128)
+    poses = [faps_of(name) for name in ("rest", "open", "turned", "joy")] * 5
+    with NativeRenderer(head, SMALL) as one, NativeRenderer(head, SMALL) as two, ThreadPoolExecutor(4) as threads:
+        alone = [one.draw(pose).tobytes() for pose in poses]
+        for renderers in ([one, two], [one, one]):
+            drawn = threads.map(lambda each: [each.draw(pose).tobytes() for pose in poses], renderers)
+            assert list(drawn) == [alone, alone]
+        late = threads.submit(lambda: [one.draw(pose).tobytes() for pose in poses])
+        one.release()
+        error = late.exception()
+        assert isinstance(error, ValueError) or (error is None and late.result() == alone)
 
 
 def test_auto_is_native_where_there_is_no_gpu(
