@@ -37,6 +37,7 @@ export class FapFace extends (globalThis.HTMLElement ?? Object) {
     this.run = 0; // counts beginnings: what an older one fetched is not shown any more
     this.source = null;
     this.muted = false;
+    this.cancels = 0;
   }
 
   connectedCallback() {
@@ -45,6 +46,7 @@ export class FapFace extends (globalThis.HTMLElement ?? Object) {
 
   disconnectedCallback() {
     this.stop();
+    this.beginning = null;
   }
 
   attributeChangedCallback(name, before, now) {
@@ -67,7 +69,7 @@ export class FapFace extends (globalThis.HTMLElement ?? Object) {
   restart() {
     this.stop();
     const run = this.run;
-    this.beginning = Promise.resolve().then(() => (run === this.run ? this.begin(run) : this.beginning));
+    this.beginning = Promise.resolve().then(() => (run === this.run ? this.begin(run) : this.ready));
     this.beginning.catch((error) => run === this.run && this.tell("error", error.message));
   }
 
@@ -109,7 +111,7 @@ export class FapFace extends (globalThis.HTMLElement ?? Object) {
       fetched(this.headAddress(), "arrayBuffer"),
       src ? fetched(new URL(src, document.baseURI), "text") : null,
     ]);
-    if (run !== this.run) return;
+    if (run !== this.run) return this.ready;
     this.source = this.makeSource(text);
     this.follow(this.source);
     this.source.addEventListener?.("message", ({ detail }) => detail.type === "error" && this.tell("error", detail.message));
@@ -191,7 +193,11 @@ export class FapFace extends (globalThis.HTMLElement ?? Object) {
   // A text: the server's voice says it, and this page plays it, unless it is muted or may not; resolves to whether it was
   // sent. Phones with times, { label, start, end }: this page plans them, without a server.
   async say(text, options = {}) {
-    if (Array.isArray(text)) return (await this.local("say")).say(text, options);
+    if (Array.isArray(text)) {
+      const { cancels } = this;
+      const live = await this.local("say");
+      return cancels === this.cancels ? live.say(text, options) : undefined; // else it was ended before it began
+    }
     const session = this.serverSession("say");
     await this.sound(session);
     return session.say(text, options);
@@ -226,9 +232,10 @@ export class FapFace extends (globalThis.HTMLElement ?? Object) {
   }
 
   cancel() {
+    this.cancels += 1;
     if (this.source instanceof Player) this.source.pause();
-    else if (this.living) this.living.then((live) => live.cancel());
-    else this.serverSession("cancel").cancel();
+    else if (this.hasAttribute("server")) this.serverSession("cancel").cancel();
+    else this.living?.then((live) => live.cancel(), () => {}); // who began it is told why it failed
   }
 
   // Of a file.

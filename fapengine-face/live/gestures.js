@@ -107,7 +107,7 @@ export class Gestures {
     const { phrases } = this;
     const least = Math.max(this.movedAt, this.drawnUntil);
     if (this.spokenFrom === null) {
-      const coming = phrases.find(([start]) => start + shift > this.movedAt);
+      const coming = this.comingPhrase(shift);
       return coming ? Math.max(least, coming[0] + shift - ONSET_AHEAD_S) : Infinity;
     }
     let place = phrases.findLastIndex(([start]) => start <= this.spokenFrom + NEAR_S);
@@ -116,9 +116,14 @@ export class Gestures {
     return Math.max(least, phrases[place][1] + shift);
   }
 
+  // The next phrase for which the head has not moved; where the clock of the phones stands still, none that is over.
+  comingPhrase(shift) {
+    return this.phrases.find(([start, end]) => start + shift > this.movedAt && end + shift > this.drawnUntil);
+  }
+
   // Moves on when speech begins, settles when it ends.
   stance(at, shift) {
-    const coming = this.phrases.find(([start]) => start + shift > this.movedAt);
+    const coming = this.comingPhrase(shift);
     this.movedAt = at;
     const isOnset = this.spokenFrom === null && coming !== undefined;
     this.spokenFrom = isOnset ? coming[0] : null;

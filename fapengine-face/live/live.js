@@ -20,7 +20,9 @@ const DELAY_S = 0.25;
 const LOOK_AHEAD_S = 0.3; // age of phones that do not change any more
 const STEPS = 1; // blocks of 20 ms
 const FAR_S = 1e6;
+const MOST_DELAY_S = 60;
 const [NEXT_S, AHEAD_S] = [3, 5]; // the planner knows what is said at least and at most so long before
+const LONG_OVER_S = 2; // what is over by more, and was never seen, is not said any more
 const REPLACED = "hear: something else was begun meanwhile";
 const UNSEEN_S = 0.5; // time without pictures after which phones that come make one
 const ASSETS = {
@@ -97,26 +99,41 @@ export class Live extends EventTarget {
     if (!globalThis.AudioWorkletNode) throw new Error("hear: got no AudioWorklet; browsers have it on https and localhost, elsewhere use push");
     const isStream = input instanceof MediaStream;
     if (!isStream && !(input instanceof AudioNode)) throw new TypeError(`hear: got ${input}, expected a MediaStream or an AudioNode`);
+    if (isStream && !input.getAudioTracks().length) throw new TypeError("hear: got a MediaStream without sound, expected one with an audio track");
+    checkTimes("hear", { delay, lookAhead });
     this.stop();
     const run = (this.run = {});
+    try {
+      return await this.begin(run, input, isStream, context, delay, lookAhead);
+    } catch (error) {
+      if (this.run !== run) throw new Error(REPLACED);
+      this.stop();
+      throw error;
+    }
+  }
+
+  async begin(run, input, isStream, context, delay, lookAhead) {
     if (!context) context = run.context = new AudioContext();
     const { worklet, worker } = this.addresses;
-    const [tables] = await Promise.all([bytesOf(this.addresses.recognizer), context.audioWorklet.addModule(String(worklet))]);
-    if (this.run !== run) throw new Error(REPLACED);
+    const replaced = new Promise((_, reject) => (run.giveUp = () => reject(new Error(REPLACED))));
+    const [tables] = await Promise.race([
+      Promise.all([bytesOf(this.addresses.recognizer), context.audioWorklet.addModule(String(worklet))]), replaced,
+    ]);
     if (isStream) run.element = playUnheard(input);
     const source = isStream ? new MediaStreamAudioSourceNode(context, { mediaStream: input }) : input;
     run.worker = new Worker(trusted(worker));
     const { port1, port2 } = new MessageChannel();
-    await new Promise((resolve, reject) => {
-      run.giveUp = () => reject(new Error(REPLACED));
+    const started = new Promise((resolve, reject) => {
       run.worker.onmessage = resolve;
       run.worker.onerror = ({ message }) => reject(new Error(`hear: the recognizer's worker ${worker} did not start: ${message ?? ""}`));
       run.worker.postMessage({ tables, port: port2, options: { lookAhead, steps: STEPS } }, [tables, port2]);
     });
+    await Promise.race([started, replaced]);
     run.worker.onmessage = ({ data }) => this.run === run && this.take(data);
     run.worker.onerror = ({ message }) => this.tell("error", `the recognizer's worker: ${message}`);
     run.tap = new AudioWorkletNode(context, "fapengine-tap", { numberOfOutputs: 0 });
     run.tap.port.onmessage = ({ data: { begun } }) => {
+      if (this.run !== run) return;
       this.begun = begun; // where positions are 0, by the context's clock
       this.clock = () => heardBy(context) - begun - delay;
     };
@@ -131,8 +148,13 @@ export class Live extends EventTarget {
 
   // Sound without Web Audio, as it comes: samples from -1 to 1, mono. The face is later by delay; its clock is the sound.
   async push(samples, rate, { delay = DELAY_S, lookAhead = LOOK_AHEAD_S } = {}) {
+    if (!(samples instanceof Float32Array)) throw new TypeError(`push: got ${nameOf(samples)}, expected a Float32Array of samples from -1 to 1`);
+    if (!(Number.isInteger(rate) && rate >= 1000)) throw new TypeError(`push: got a rate of ${rate}, expected an integer, 1000 Hz or more`);
+    checkTimes("push", { delay, lookAhead });
+    if (this.opening && rate !== this.rate) throw new Error(`push: got ${rate} Hz after ${this.rate} Hz; call stop() between sounds`);
     if (!this.opening) {
       this.stop();
+      this.rate = rate;
       const run = (this.run = {});
       this.opening = bytesOf(this.addresses.recognizer).then((tables) => {
         if (this.run !== run) return;
@@ -171,6 +193,8 @@ export class Live extends EventTarget {
   // Says phones: { label, start, end, word?, loudness? }, s. clock: gives the position of what is heard now, s; by default
   // it begins now.
   say(phones, { clock } = {}) {
+    if (!Array.isArray(phones)) throw new TypeError(`say: got ${nameOf(phones)}, expected an array of { label, start, end }`);
+    if (clock !== undefined && typeof clock !== "function") throw new TypeError(`say: got the clock ${clock}, expected a function`);
     const checked = phones.map(checkedPhone).sort((one, other) => one.start - other.start);
     this.stop();
     this.coming = checked;
@@ -180,8 +204,9 @@ export class Live extends EventTarget {
 
   // Gives the planner the phones of the next seconds: it keeps a limited number.
   feed(time) {
-    const { coming } = this;
-    if (!coming.length || coming[0].start > time + NEXT_S) return;
+    if (!this.coming.length || this.coming[0].start > time + NEXT_S) return;
+    // After a time without pictures, what is long over would take the place of what is due.
+    const coming = (this.coming = this.coming.filter(({ end }) => end > time - LONG_OVER_S));
     const count = placeAfter(coming, time + AHEAD_S, startOf);
     this.planner.feed(coming.splice(0, count));
   }
@@ -257,6 +282,10 @@ export class Live extends EventTarget {
   }
 
   // Calls a function with 52 ARKit weights and 68 FAPs, 60 times a second, where nobody else asks for frames.
+  get onweights() {
+    return this.taker ?? null;
+  }
+
   set onweights(take) {
     clearInterval(this.timer);
     this.timer = null;
@@ -280,7 +309,7 @@ export class Live extends EventTarget {
     for (const node of run?.source ? [run.tap, run.delayed] : []) disconnect(run.source, node);
     run?.worker?.terminate();
     run?.giveUp?.();
-    run?.context?.close();
+    run?.context?.close().catch(() => {}); // the page may have closed it
     if (run?.element) run.element.srcObject = null;
     if (this.isSpeaking) this.tell("cancelled");
     this.reset();
@@ -292,10 +321,19 @@ export class Live extends EventTarget {
   }
 }
 
-// Time of the context that is heard now, s.
+const nameOf = (value) => value?.constructor?.name ?? String(value);
+
+function checkTimes(method, { delay, lookAhead }) {
+  if (!(delay >= 0 && delay <= MOST_DELAY_S)) throw new TypeError(`${method}: got a delay of ${delay}, expected 0 to ${MOST_DELAY_S} s`);
+  if (!(lookAhead >= 0 && lookAhead < Infinity)) throw new TypeError(`${method}: got lookAhead ${lookAhead}, expected s, 0 or more`);
+}
+
+// Time of the context that is heard now, s; while it is suspended, it stands still.
 function heardBy(context) {
   const stamp = context.getOutputTimestamp?.();
-  if (stamp?.performanceTime) return stamp.contextTime + (performance.now() - stamp.performanceTime) / 1000;
+  if (stamp?.performanceTime) {
+    return Math.min(stamp.contextTime + (performance.now() - stamp.performanceTime) / 1000, context.currentTime);
+  }
   return context.currentTime - (context.outputLatency ?? 0);
 }
 

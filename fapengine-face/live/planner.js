@@ -23,13 +23,13 @@ const rounded = (value) => {
 };
 
 // A phone as the planner keeps it; says what is wrong.
-export function checkedPhone({ label, start, end, word = "", loudness = 0 }) {
+export function checkedPhone(phone) {
+  const { label, start, end, word = "", loudness = 0 } = phone ?? {};
   const isRight =
-    typeof label === "string" && label && typeof word === "string" && start >= 0 && start < end && end < Infinity &&
-    loudness >= LOUDNESS_DB[0] && loudness <= LOUDNESS_DB[1];
+    typeof label === "string" && label && typeof word === "string" && Number.isFinite(start) && start >= 0 && Number.isFinite(end) &&
+    start < end && Number.isFinite(loudness) && loudness >= LOUDNESS_DB[0] && loudness <= LOUDNESS_DB[1];
   if (!isRight) {
-    const got = JSON.stringify({ label, start, end, word, loudness });
-    throw new TypeError(`phone: got ${got}, expected a label, 0 <= start < end in s, and a loudness of ${LOUDNESS_DB.join(" to ")} dB`);
+    throw new TypeError(`phone: got ${JSON.stringify(phone)}, expected { label, start, end }, 0 <= start < end in s, and a loudness of ${LOUDNESS_DB.join(" to ")} dB`);
   }
   return { label, start, end, word, loudness };
 }
@@ -178,6 +178,7 @@ export class Planner {
 
   // Ends speech: what is after a time is not said, and the face is neutral a fade later, s.
   cancel(at, fade = 0.2) {
+    if (Number.isNaN(at)) throw new TypeError("cancel: got NaN, expected a time in s");
     if (!(fade > 0)) throw new TypeError(`fade: must be a positive time, got ${fade}`);
     const edge = (this.cancelledAt = Math.max(at, this.edge));
     this.counts.cancelled += this.phones.filter(({ end }) => end > edge).length;
@@ -281,6 +282,7 @@ export class Planner {
 
   // Writes the 68 FAPs of a frame, FAPU, and settles what is before it. Times that go back show the last frame again.
   frame(time, out = new Float32Array(FAP_COUNT), expression = null, gestures = null) {
+    if (Number.isNaN(time)) throw new TypeError("frame: got NaN, expected a time in s"); // it would stay
     this.plan();
     const now = (this.shown = Math.max(time, this.shown));
     const plan = this.plans[Math.max(placeAfter(this.plans, now, startOf) - 1, 0)];
@@ -297,6 +299,7 @@ const size = ([values, velocities]) => {
 
 // FAPs of each frame of a finished list of phones, and the labels that are not IPA.
 export function planAll(profile, phones, { rate = 30, ...style } = {}) {
+  if (!(rate > 0 && rate < Infinity)) throw new TypeError(`rate: got ${rate}, expected frames per second`);
   const spoken = phones.map(checkedPhone).filter(({ label }) => label !== SILENCE);
   const { path, said, unknown } = speechPath(profile, spoken);
   const holds = said.filter(([, contact]) => contact !== "none").map(([phone, contact]) => holdOf(phone, contact));

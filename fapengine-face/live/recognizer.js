@@ -69,6 +69,8 @@ export class Recognizer {
   // buffer: the package's assets/recognizer.bin. lookAhead: age at which a phone is final, s. steps: blocks of so many
   // times 20 ms; with 2, phones are those of Python.
   constructor(buffer, { lookAhead = LOOK_AHEAD_S, steps = STEPS } = {}) {
+    if (!(lookAhead >= 0)) throw new TypeError(`lookAhead: got ${lookAhead}, expected s, 0 or more`);
+    if (!(Number.isInteger(steps) && steps > 0)) throw new TypeError(`steps: got ${steps}, expected an integer, 1 or more`);
     Object.assign(this, { tables: readTables(buffer), lookAhead, steps, block: 2 * steps * HOP });
     this.net = new SmallNet(this.tables, steps);
     this.reset();
@@ -86,6 +88,7 @@ export class Recognizer {
 
   // samples: Int16Array, 16 kHz, mono. Returns the phones that are final now: { label, start, end }, s, without gaps.
   push(samples) {
+    if (!(samples instanceof Int16Array)) throw new TypeError(`push: got ${samples?.constructor?.name}, expected an Int16Array at 16 kHz`);
     this.came += samples.length;
     this.waiting = joined(this.waiting, samples);
     const phones = [];

@@ -263,7 +263,9 @@ PIXELS = """async (face) => {
 }"""
 
 
-@pytest.mark.parametrize(("edges", "count"), [("soft", 50), ("fine", 18)])
+@pytest.mark.parametrize(
+    ("edges", "count"), [("soft", 18), ("fine", 8), pytest.param("soft", 50, marks=pytest.mark.nightly)]
+)
 def test_many_faces_share_a_context_and_look_the_same(shop: Page, edges: str, count: int) -> None:
     """Browsers keep 16 contexts. One that is lost comes back, and the element tells both."""
     shop.run(f"""(async () => {{

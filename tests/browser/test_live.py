@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.signal import resample_poly
 
 from design import face_package, live_tables
 from fapengine.files.profiles import load_profile
@@ -194,7 +195,7 @@ def check_plans(package: Path, profile: Profile, seed: int, streams: int, tracks
 
 
 def test_plans_are_pythons(package: Path, profile: Profile) -> None:
-    check_plans(package, profile, seed=1, streams=100, tracks=50, end_s=1.8)
+    check_plans(package, profile, seed=1, streams=60, tracks=30, end_s=1.8)
 
 
 def digest(module: str) -> str:
@@ -231,6 +232,59 @@ def as_shipped() -> small_net.Weights:
     count = len(small_net.OFFSETS)
     mix, out = (tuple(layer(f"{name}{number}") for number in range(count)) for name in ("mix", "out"))
     return replace(weights, front=layer("front"), head=layer("head"), mix=mix, out=out)
+
+
+WRONG = """
+import { readFile, writeFile } from "node:fs/promises";
+const [folder, , output] = process.argv.slice(2);
+const { Live, Planner, Recognizer, planAll } = await import(`${folder}/live/index.js`);
+const live = await Live.make({ seed: 5 });
+const weights = await readFile(`${folder}/assets/recognizer.bin`);
+const table = weights.buffer.slice(weights.byteOffset, weights.byteOffset + weights.byteLength);
+const [m, faps, said] = [{ label: "m", start: 1.2, end: 1.3 }, new Float32Array(68), []];
+await live.push(new Float32Array(160), 16000);
+for (const wrong of [
+  () => live.say("hello"), () => live.say([null]), () => live.say([["m", 1.2, 1.3]]), () => live.say([m], { clock: 5 }),
+  () => live.say([{ ...m, start: "1.2" }]), () => live.say([{ ...m, loudness: NaN }]), () => live.express("happy"),
+  () => live.express("joy", NaN), () => live.push(new Int16Array(160), 16000),
+  () => live.push(new Float32Array(160), 0),
+  () => live.push(new Float32Array(160), 8000), () => live.push(new Float32Array(160), 16000, { delay: NaN }),
+  () => live.hear({}), () => new Planner(live.profile).frame(NaN), () => new Planner(live.profile).cancel(NaN),
+  () => planAll(live.profile, [m], { rate: 0 }), () => new Recognizer(table, { steps: 0 }),
+  () => new Recognizer(table).push(new Float32Array(160)),
+]) {
+  try {
+    await wrong();
+    said.push("nothing");
+  } catch (error) {
+    said.push(error.message);
+  }
+}
+live.cancel(); // nothing is said, nothing happens
+let now = 0;
+live.say([m], { clock: () => Math.min(now, 1.5) }); // a sound that ends before its face
+const frames = (until) => {
+  for (; now < until; now += 1 / 30) live.sample(now, faps);
+  return live.gestures.random[1].drawn; // numbers drawn for the head
+};
+await writeFile(output, JSON.stringify({ said, drawn: [frames(0.1), frames(3), frames(13)] }));
+live.close();
+"""
+REASONS = (
+    "say: got String", "phone: got null", 'phone: got ["m",1.2,1.3]', "say: got the clock 5", '"start":"1.2"',
+    "loudness", "express: got happy, expected joy", "got level NaN", "push: got Int16Array, expected a Float32Array",
+    "a rate of 0", "push: got 8000 Hz after 16000 Hz", "a delay of NaN", "hear: got no AudioWorklet", "frame: got NaN",
+    "cancel: got NaN", "rate: got 0", "steps: got 0", "push: got Float32Array, expected an Int16Array",
+)  # fmt: skip
+
+
+def test_who_uses_it_wrongly_is_told_what_is_wrong(package: Path) -> None:
+    (script := package / "wrong.mjs").write_text(WRONG)
+    found = node(package, script, None)
+    for told, reason in zip(found["said"], REASONS, strict=True):
+        assert reason in told
+    before, after, later = found["drawn"]
+    assert before < after == later  # the head moved when it spoke, and rests while its clock stands still
 
 
 def check_phones(package: Path, sounds: list[np.ndarray]) -> int:
@@ -295,6 +349,10 @@ def test_a_long_speech_is_said_as_it_is_planned(package: Path, profile: Profile)
     (found,) = node(package, RUNNER, {"said": [given]})["said"]
     assert times_s[-1] > 25
     assert np.array_equal(found, track.values)
+    seen_s = [*times_s[:10], *times_s[200:]]  # no picture in between, as in a tab that is not seen
+    (found,) = node(package, RUNNER, {"said": [given | {"times": seen_s}]})["said"]
+    assert np.array_equal(found[20:], track.values[210:])
+    assert np.array(found)[20:].any(axis=1).mean() > 0.5
 
 
 class CounterGenerator:
@@ -354,11 +412,15 @@ def test_a_face_without_a_page_follows_sound(package: Path) -> None:
     speech = spoken_by_espeak("en-us", BABY)
     pause = np.zeros(RATE_HZ, np.int16)
     given = {"samples": [*speech.samples.tolist(), *pause.tolist()], "rate": RATE_HZ}
-    found, stopped = node(package, RUNNER, {"followed": [given, given | {"cancelAt": 1}]})["followed"]
+    samples = resample_poly(given["samples"], 441, 160).clip(-32768, 32767)
+    other = {"samples": samples.astype(int).tolist(), "rate": 44_100}
+    followed = {"followed": [given, given | {"cancelAt": 1}, other]}
+    found, stopped, again = node(package, RUNNER, followed)["followed"]
     kinds = [kind for kind, _, _ in found["told"]]
     assert (kinds[0], kinds[-1], kinds.count("started")) == ("started", "finished", 1)
     labels = [label for kind, label, _ in found["told"] if kind == "phone"]
     assert sum(label in ("b", "m", "p") for label in labels) >= 6
+    assert [label for kind, label, _ in again["told"] if kind == "phone"] == labels  # also of another rate
     openings = -np.array(found["frames"])[:, 1:].sum(axis=1)
     assert openings.max() > 200
     assert openings[-1] == 0
