@@ -119,7 +119,7 @@ def hear(
         listed = "; ".join(notes[:3])
         raise DataError(
             f"text: {100 * recording.unheard:.0f} % of the words are not in the recording ({listed});"
-            " --trust-transcript (trust_transcript=True) aligns them unchecked",
+            " trust_transcript=True aligns them unchecked",
             where=str(path),
         )
     if recording.doubted:

@@ -135,6 +135,11 @@ class Item:
             raise self.fail(key, "a string")
         return value
 
+    def text(self, key: str) -> str:
+        """Text under a key that nothing depends on; empty if it is missing or, as exporters write, null."""
+        value = self._values.get(key)
+        return value if isinstance(value, str) else ""
+
     def flag(self, key: str) -> bool:
         """Return the boolean under a key; false if it is missing."""
         value = self._values.get(key, False)
@@ -427,14 +432,14 @@ def stated_licences(root: Item) -> list[str]:
     extensions, asset = root.item("extensions"), root.item("asset")
     new, old = extensions.item("VRMC_vrm").item("meta"), extensions.item("VRM").item("meta")
     stated = (
-        new.string("otherLicenseUrl", ""),
-        new.string("copyrightInformation", ""),
-        new.string("licenseUrl", ""),  # the same in each valid file
-        old.string("licenseName", ""),
-        old.string("otherLicenseUrl", ""),
-        asset.string("copyright", ""),
+        new.text("otherLicenseUrl"),
+        new.text("copyrightInformation"),
+        new.text("licenseUrl"),  # the same in each valid file
+        old.text("licenseName"),
+        old.text("otherLicenseUrl"),
+        asset.text("copyright"),
         *new.strings("authors"),
-        old.string("author", ""),
+        old.text("author"),
     )
     return [text for text in dict.fromkeys(stated) if text] or [""]
 

@@ -188,7 +188,7 @@ def test_refusals(talk: Path, tmp_path: Path) -> None:
         (
             ["align", talk, "--transcript", "The weather forecast for tomorrow is probably wrong."],
             DataError,
-            "are not in the recording",
+            r"\); --trust-transcript aligns them unchecked",
         ),
         (["align", talk, "--transcript", "ja", "--language", "xx"], UsageError, "xx"),
         (["align", talk, "--trust-transcript"], UsageError, "--trust-transcript: requires a transcript"),

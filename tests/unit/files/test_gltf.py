@@ -15,7 +15,7 @@ from PIL import EpsImagePlugin, Image
 
 from fapengine.errors import DataError, TruncatedError, UnsupportedError
 from fapengine.files.gltf import document, scene, textures
-from fapengine.files.gltf.document import parse_gltf
+from fapengine.files.gltf.document import parse_gltf, parse_json, stated_licences
 from fapengine.files.gltf.scene import read_scene
 from fapengine.files.gltf.textures import MAX_TEXTURE_PX, pack_tiles
 from fapengine.mesh.rig.blendshape_mesh import BlendshapeMesh
@@ -35,6 +35,11 @@ def plain(**more: Any) -> Builder:
     builder = Builder()
     builder.node(mesh=square(builder, **more))
     return builder
+
+
+def test_a_licence_that_is_null_states_nothing() -> None:
+    root = {"extensions": {"VRM": {"meta": {"author": None, "otherLicenseUrl": None, "licenseName": "CC0"}}}}
+    assert stated_licences(parse_json(json.dumps(root).encode(), "glTF")) == ["CC0"]
 
 
 def test_three_ways_to_keep_the_bytes_are_one() -> None:
