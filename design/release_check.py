@@ -197,6 +197,12 @@ def main(words: list[str]) -> int:
     """Print every fault; 1 if there is one."""
     stated = addresses()
     if words[:1] == ["--address"]:
+        if len(words) != 2 or not re.fullmatch(r"https://github\.com/[\w.-]+/[\w-][\w.-]*(?<!\.git)", words[1]):
+            print(
+                f"release-check: got {' '.join(words)}, expected --address https://github.com/OWNER/NAME",
+                file=sys.stderr,
+            )
+            return 2
         print("\n".join(move(words[1])))
         return 0
     if words == ["--links"]:

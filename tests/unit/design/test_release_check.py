@@ -152,3 +152,11 @@ def test_the_address_is_changed_everywhere(tmp_path: Path, monkeypatch: pytest.M
     assert set(addresses(tmp_path).values()) == {"https://github.com/some/body"}
     assert "raw.githubusercontent.com/some/body/v" in (tmp_path / "pyproject.toml").read_text()
     assert not any(before.partition(b"/")[2] in path.read_bytes() for path in release_check.tracked(tmp_path))
+
+
+@pytest.mark.parametrize(
+    "address", [[], ["https://github.com/a/b/"], ["https://github.com/a/b.git"], ["gitlab.com/a/b"]]
+)
+def test_a_bad_address_changes_nothing(address: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(release_check, "move", pytest.fail)
+    assert release_check.main(["--address", *address]) == 2
