@@ -188,6 +188,7 @@ class BatchGestures:
     def draw(self, row: int, now_s: float) -> None:
         """Draw the gestures that have become due; after a sleep of the machine, the last ones."""
         generator = self._generators[row]
+        generator.skip_to(now_s - PAST_S)
         self._ramps.send(row, [ramp for ramp in generator.draw(now_s) if ramp.at_s > now_s - PAST_S])
         self._due_s[row] = generator.due_s
 

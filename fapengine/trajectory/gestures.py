@@ -313,6 +313,10 @@ class GestureGenerator:
         self._phrases.forget_from(now_s)
         return [Ramp(now_s, Channel.NOD, 0.0, NOD_FALL_S, takes_over=True)]
 
+    def skip_to(self, at_s: float) -> None:
+        """Leave out blinks and glances before a time."""
+        self._blink_s, self._glance_s = max(self._blink_s, at_s), max(self._glance_s, at_s)
+
     def draw(self, until_s: float) -> list[Ramp]:
         """Draw the gestures that begin up to a time."""
         ramps: list[Ramp] = []
