@@ -28,7 +28,8 @@ export interface TimedFields {
 }
 
 export interface PhoneDetail {
-  utterance: number;
+  /** With a server. */
+  utterance?: number;
   label: string;
   word: string | null;
   position_s: number;
@@ -46,7 +47,7 @@ export interface FapFaceEventMap extends Omit<HTMLElementEventMap, "error"> {
   started: CustomEvent<UtteranceDetail | undefined>;
   phone: CustomEvent<PhoneDetail>;
   finished: CustomEvent<UtteranceDetail | undefined>;
-  cancelled: CustomEvent<UtteranceDetail>;
+  cancelled: CustomEvent<UtteranceDetail | undefined>;
   picture: CustomEvent<undefined>;
   /** The graphics card stopped: nothing is drawn until `contextrestored`, and the face follows unseen. */
   contextlost: CustomEvent<undefined>;
@@ -56,7 +57,7 @@ export interface FapFaceEventMap extends Omit<HTMLElementEventMap, "error"> {
 
 /** The element `<fap-face>`. */
 export class FapFace extends HTMLElement {
-  /** Resolves when the face is there; rejects with what is wrong. */
+  /** Resolves when the face is there; rejects with what is wrong, or where it is not in a document. */
   readonly ready: Promise<void>;
   /** What is shown now. */
   readonly faps: Faps;
@@ -136,6 +137,48 @@ export class Session extends EventTarget implements Source {
   play(wanted: boolean): Promise<boolean>;
   close(): void;
   sample(now: number, faps: Faps): { time: number } | null;
+}
+
+/** A head as `head.bin` has it. */
+export interface Head {
+  parts: Record<string, Uint32Array>;
+  [name: string]: unknown;
+}
+
+/** Read a `head.bin`. */
+export function parseHead(buffer: ArrayBuffer): Head;
+
+/** Content of a `setup.json`: shaders, cameras by name, colour of the wall (linear RGB). */
+export interface Setup {
+  cameras: Record<string, object>;
+  wall: number[];
+  [name: string]: unknown;
+}
+
+/** Where one looks from. */
+export class Steering {
+  /** @param moved Called with the name of a camera that is flown to, or null. */
+  constructor(cameras: Setup["cameras"], moved?: (name: string | null) => void);
+  /** To a camera by its name or number. */
+  fly(which: string | number, options?: { atOnce?: boolean }): void;
+  /** A hand, wheel and keys on the canvas turn the camera. */
+  listen(canvas: HTMLCanvasElement): void;
+}
+
+/** A canvas that shows a face, as often as there is something new to see. */
+export class Picture {
+  /** @param sample As of a Source. @param options.wall Linear RGB; null, by default, is transparent. */
+  constructor(
+    canvas: HTMLCanvasElement, setup: Setup, head: Head, sample: Source["sample"], steering: Steering,
+    options?: {
+      wall?: number[] | null; edges?: "fine" | "soft" | null; rest?: number | string | null; isBusy?: () => boolean; shown?: () => void;
+    },
+  );
+  readonly faps: Faps;
+  /** Why nothing can be drawn. */
+  readonly trouble?: string;
+  wear(head: Head): void;
+  close(): void;
 }
 
 /** Attributes of `<fap-face>`. */

@@ -35,7 +35,7 @@ export class Planner {
   feed(phones: TimedPhone[]): void;
   /** End speech: the face is neutral `fade` s (by default 0.2) after `at`. */
   cancel(at: number, fade?: number): void;
-  /** Write a frame's 68 FAPs, FAPU; times that go back show the last frame again. */
+  /** Write a frame's 68 FAPs, FAPU; times (s) that go back show the last frame again. */
   frame(time: number, out?: Float32Array, expression?: ArrayLike<number> | null, gestures?: ArrayLike<number> | null): Float32Array;
 }
 
@@ -60,7 +60,7 @@ export class Recognizer {
 export interface HearOptions {
   /** By default that of the node; for a stream a new one. */
   context?: AudioContext;
-  /** Delay of the face and of the sound that is returned, s; by default 0.25. */
+  /** Delay of the face and of the sound that is returned, 0 to 60 s; by default 0.25. */
   delay?: number;
   /** Age at which phones do not change any more, s; by default 0.3. */
   lookAhead?: number;
@@ -71,7 +71,16 @@ export interface LiveSayOptions {
   clock?: () => number;
 }
 
-/** A face without a server, DOM or WebGL. Events: `started`, `phone`, `finished`, `cancelled`, `error`. */
+export interface LiveEventMap {
+  started: Event;
+  phone: Event & { readonly detail: { label: string; word: string | null; position_s: number } };
+  finished: Event;
+  cancelled: Event;
+  /** What is wrong. */
+  error: Event & { readonly detail: string };
+}
+
+/** A face without a server, DOM or WebGL. */
 export class Live extends EventTarget {
   static make(
     options?: LiveStyle & {
@@ -86,7 +95,7 @@ export class Live extends EventTarget {
   readonly isSpeaking: boolean;
   /** Follow sound; resolves to the delayed sound. */
   hear(input: MediaStream | AudioNode, options?: HearOptions): Promise<AudioNode>;
-  /** Follow sound without Web Audio, as it comes. @param samples -1 to 1, mono. */
+  /** Follow sound without Web Audio, as it comes. @param samples -1 to 1, mono. @param rate Hz, the same until `stop()`. */
   push(samples: Float32Array, rate: number, options?: { delay?: number; lookAhead?: number }): Promise<void>;
   say(phones: TimedPhone[], options?: LiveSayOptions): void;
   /** @param level 0 to 2. */
@@ -95,6 +104,12 @@ export class Live extends EventTarget {
   cancel(): void;
   /** Called 60 times a second with 52 ARKit weights and 68 FAPs, where nobody else asks for frames. */
   onweights: ((weights: Float64Array, faps: Float32Array) => void) | null;
+  addEventListener<K extends keyof LiveEventMap>(
+    type: K, listener: (this: Live, event: LiveEventMap[K]) => unknown, options?: boolean | AddEventListenerOptions,
+  ): void;
+  addEventListener(
+    type: string, listener: EventListenerOrEventListenerObject | null, options?: boolean | AddEventListenerOptions,
+  ): void;
   /** Write the 68 FAPs of now. @param now The page's clock, s. */
   sample(now: number, faps: Float32Array): { time: number };
   stop(): void;

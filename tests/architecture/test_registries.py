@@ -131,6 +131,16 @@ def test_the_types_of_the_web_component_are_the_expressions() -> None:
     assert re.findall(r'"(\w+)"', union) == list(EXPRESSION_NAMES)
 
 
+@pytest.mark.parametrize("module", ["index", "arkit", "live/index"])
+def test_the_types_of_the_web_component_are_what_there_is(module: str) -> None:
+    text, types = (
+        (ROOT / "fapengine-face" / f"{module}{ending}").read_text(encoding="utf-8") for ending in (".js", ".d.ts")
+    )
+    listed = [name.strip() for names in re.findall(r"^export \{(.*?)\}", text, re.M) for name in names.split(",")]
+    own = re.findall(r"^export (?:class|function|const) (\w+)", text, re.M)
+    assert sorted(listed + own) == sorted(re.findall(r"^export (?:class|function|const) (\w+)", types, re.M))
+
+
 @pytest.mark.parametrize("kind", SINK_KINDS, ids=lambda kind: kind.name)
 def test_a_page_has_a_row_for_every_sink_and_names_its_options(kind: SinkKind) -> None:
     pages = [text for name, text in _texts().items() if f"| `{kind.spelled}` |" in text]
