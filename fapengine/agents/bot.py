@@ -173,6 +173,8 @@ class Bot:
         self._voices, self._words = VoiceProcess(), WordRecognizer()
         self._connections: dict[str, SmallWebRTCConnection] = {}
         self._talks: set[asyncio.Task[None]] = set()
+        self._offers = 0
+        """Offers of new visitors that are being answered."""
 
     async def start(self) -> None:
         """Start the processes, so that the first answer takes no longer than others; raises the voice's errors."""
@@ -181,7 +183,7 @@ class Bot:
 
     def may_talk(self, connection: str | None) -> bool:
         """Whether there is room for a visitor; there is for one who has a connection."""
-        return connection in self._connections or len(self._talks) < MAX_VISITORS
+        return connection in self._connections or len(self._talks) + self._offers < MAX_VISITORS
 
     async def offer(self, sdp: str, connection: str | None, *, restarts: bool) -> dict[str, str]:
         """Answer an offer of a new visitor, or of one whose connection is changed.
@@ -192,15 +194,21 @@ class Bot:
             If it cannot be read.
         """
         known = self._connections.get(connection or "")
-        if known is not None:
-            await known.renegotiate(sdp=sdp, type="offer", restart_pc=restarts)
-        else:
-            known = SmallWebRTCConnection()
-            try:
+        is_new = known is None
+        known = known or SmallWebRTCConnection()
+        self._offers += is_new
+        try:
+            if is_new:
                 await known.initialize(sdp=sdp, type="offer")
-            except Exception as error:  # aiortc has many for bad offers
+            else:
+                await known.renegotiate(sdp=sdp, type="offer", restart_pc=restarts)
+        except Exception as error:  # aiortc has many for bad offers
+            if is_new or restarts:
                 await known.disconnect()
-                raise ValueError(f"offer: {error}") from error
+            raise ValueError(f"offer: {error}") from error
+        finally:
+            self._offers -= is_new
+        if is_new:
             talk = asyncio.create_task(self._talk(known))
             self._talks.add(talk)
             talk.add_done_callback(self._talks.discard)

@@ -207,8 +207,8 @@ class AgentFace:
         """
         if not is_so:
             self.attention.end(state)
-        elif not self.host.is_speaking or state == "listening":
-            self.attention.attend(state)
+        else:
+            self.attention.attend(state if state == "listening" or not self.host.is_speaking else "speaking")
 
     def end(self) -> None:
         """End the utterance."""

@@ -24,12 +24,12 @@ Words with times make better lip motion than audio alone, and inline cues such a
 
 The face can be a participant of its own, shown by another machine: workers wait there, and leave with their agent::
 
-    FAPENGINE_TOKEN=secret python -m fapengine.agents.livekit --serve 0.0.0.0:9120 --head woman
+    FAPENGINE_TOKEN=... python -m fapengine.agents.livekit --serve 0.0.0.0:9120 --head woman
     avatar = AvatarSession(remote="http://that-machine:9120")  # in the agent; remote=True: on this machine
 
 A single worker joins a room with a token and answers the agent's ``DataStreamAudioOutput``::
 
-    python -m fapengine.agents.livekit wss://host TOKEN --head woman
+    LIVEKIT_TOKEN=... python -m fapengine.agents.livekit wss://host --head woman
 
 While the user speaks the face looks at them and nods, while the agent thinks it looks aside.
 """
@@ -39,6 +39,7 @@ import asyncio
 import logging
 import os
 import re
+import sys
 import time
 from collections import deque
 from collections.abc import AsyncIterable, AsyncIterator
@@ -55,10 +56,11 @@ from livekit.agents.voice import avatar
 from fapengine.agents.face import AgentFace, AgentOptions
 from fapengine.agents.pool import MAX_FACES, TOKEN, Pool
 from fapengine.agents.warm import open_face, prewarm
-from fapengine.errors import ResourceError, UsageError
-from fapengine.host.words import MarkTimer
+from fapengine.errors import FapEngineError, ResourceError, UsageError
 from fapengine.render.drawing import EDGES
+from fapengine.server.config import Listen
 from fapengine.server.web.access import Access
+from fapengine.speech.marks import read_marks
 
 log = logging.getLogger("fapengine.agents")
 SAMPLE_RATE_HZ = 24_000
@@ -151,15 +153,13 @@ class AvatarSession(avatar.AvatarSession):  # type: ignore[misc, unused-ignore]
     ) -> None:
         super().__init__()
         self._room: rtc.Room | None = None
-        self._pool = POOL if remote is True else remote or None
+        self._pool = POOL if remote is True else (remote or "").rstrip("/") or None
         self._face: AgentFace | None = None
-        self._marks = MarkTimer()
         self._runner: avatar.AvatarRunner | None = None
         self._listeners: list[tuple[voice.AgentSession, str, Any]] = []
         if self._pool is None:
             self._options = AgentOptions(**options)
             self._face = open_face(self._options)
-            self._marks = self._face.marks
             return
         if options:
             raise UsageError(f"{next(iter(options))}: a remote face has the options of its workers; give it to them")
@@ -234,7 +234,7 @@ class AvatarSession(avatar.AvatarSession):  # type: ignore[misc, unused-ignore]
                     raise ResourceError(f"remote: {self._pool} answered {answer.status}: {await answer.text():.200}")
         except (aiohttp.ClientError, TimeoutError) as error:
             raise ResourceError(
-                f"remote: no workers at {self._pool} ({error or 'no answer'}); start them with --serve"
+                f"remote: no workers at {self._pool} ({str(error) or 'no answer'}); start them with --serve"
             ) from error
 
     async def aclose(self) -> None:
@@ -269,15 +269,16 @@ class AvatarSession(avatar.AvatarSession):  # type: ignore[misc, unused-ignore]
 
         A remote face does not get them.
         """
+        taken = self._face.marks.expect if self._face is not None else lambda given: read_marks(given).text
         waiting = ""
         async for piece in text:
             waiting += piece
             ends = [match.end() for match in _SENTENCE.finditer(waiting)]
             if ends:
                 ready, waiting = waiting[: ends[-1]], waiting[ends[-1] :]
-                yield self._marks.expect(ready).rstrip() + " "
+                yield taken(ready).rstrip() + " "
         if waiting.strip():
-            yield self._marks.expect(waiting)
+            yield taken(waiting)
 
 
 def prewarm_fnc(_: object, **options: Any) -> None:
@@ -312,6 +313,11 @@ async def work(url: str, token: str, options: AgentOptions) -> None:
     url, token : str
         Address of the LiveKit server, and access token of the room.
     options : AgentOptions
+
+    Raises
+    ------
+    ResourceError
+        If the face cannot be rendered, or the room cannot be joined.
     """
     face, room = open_face(options), rtc.Room()
     left = asyncio.Event()
@@ -327,11 +333,15 @@ async def work(url: str, token: str, options: AgentOptions) -> None:
         runner = runner_of(room, sound, face, options)
         await runner.start()
         if agent is not None:  # it may have left meanwhile
-            async with asyncio.timeout(JOINS_S):
-                await wait_for_participant(room, identity=agent)
+            try:
+                async with asyncio.timeout(JOINS_S):
+                    await wait_for_participant(room, identity=agent)
+            except TimeoutError:
+                log.warning("the agent %s is not in the room: its face leaves", agent)
+                return
         await left.wait()
-    except TimeoutError:
-        log.warning("the agent %s is not in the room: its face leaves", agent)
+    except rtc.ConnectError as error:
+        raise ResourceError(f"url: the room cannot be joined ({error})") from error
     finally:
         if runner is not None:
             await runner.aclose()
@@ -368,7 +378,11 @@ def main() -> None:
     """Run the worker's command line."""
     parser = argparse.ArgumentParser(prog="python -m fapengine.agents.livekit", description="An avatar worker.")
     parser.add_argument("url", nargs="?", help="LiveKit server, as wss://host")
-    parser.add_argument("token", nargs="?", help="access token of the avatar's participant")
+    parser.add_argument(
+        "token",
+        nargs="?",
+        help="access token of the avatar's participant (default: LIVEKIT_TOKEN, which process lists do not show)",
+    )
     parser.add_argument(
         "--serve", metavar="[HOST:]PORT", help=f"wait for agents (AvatarSession(remote=...)) that present {TOKEN}"
     )
@@ -378,12 +392,21 @@ def main() -> None:
     parser.add_argument("--antialias", choices=EDGES, default="soft", help="antialiasing")
     parser.add_argument("--rate", type=float, default=25.0, help="frames per second")
     given = parser.parse_args()
+    try:
+        _run(parser, given)
+    except (FapEngineError, OSError) as error:
+        sys.exit(f"error: {error}")
+
+
+def _run(parser: argparse.ArgumentParser, given: argparse.Namespace) -> None:
+    """Run one worker, or a pool of them."""
     looks = {"head": given.head, "size": tuple(given.size), "edges": given.antialias, "frame_rate_hz": given.rate}
     options = AgentOptions(**looks)
     if given.serve is None:
-        if given.token is None:
+        token = given.token or os.environ.get("LIVEKIT_TOKEN")
+        if given.url is None or not token:
             parser.error("give the address of a LiveKit server and a token, or --serve PORT")
-        asyncio.run(work(given.url, given.token, options))
+        asyncio.run(work(given.url, token, options))
         return
     host, _, port = given.serve.rpartition(":")
     secret, host = os.environ.get(TOKEN) or None, host or "127.0.0.1"
@@ -391,9 +414,12 @@ def main() -> None:
         parser.error(f"--serve: got {given.serve!r}, expected PORT or HOST:PORT")
     if secret is None and host not in ("127.0.0.1", "localhost"):
         parser.error(f"--serve: set {TOKEN}, or anyone on the network can send the face to a room")
+    if given.most < 1:
+        parser.error(f"--most: got {given.most}, expected 1 or more")
+    listen = Listen(host, int(port), token=secret)
     prewarm(1, **looks)
-    pool = Pool(lambda url, token: work(url, token, options), given.most, Access(secret))
-    web.run_app(pool.application(), host=host, port=int(port), access_log=None)
+    pool = Pool(lambda url, token: work(url, token, options), given.most, Access(listen.token))
+    web.run_app(pool.application(), host=listen.host, port=listen.port, access_log=None)
 
 
 if __name__ == "__main__":

@@ -6,6 +6,8 @@ from collections.abc import Awaitable, Callable
 
 from aiohttp import web
 
+from fapengine.agents.web import object_of
+from fapengine.errors import FapEngineError
 from fapengine.server.web.access import Access
 from fapengine.server.web.site import harden
 
@@ -37,11 +39,10 @@ class Pool:
     async def take(self, request: web.Request) -> web.StreamResponse:
         """Answer 201 if a worker joins the room, 503 if all are busy."""
         self._access.admit(request)
-        try:
-            job = await request.json()
-            url, token = str(job["url"]), str(job["token"])
-        except (ValueError, KeyError, TypeError) as error:
-            raise web.HTTPBadRequest(text="Expected a JSON object with url and token.") from error
+        job = await object_of(request)
+        url, token = job.get("url"), job.get("token")
+        if not isinstance(url, str) or not isinstance(token, str):
+            raise web.HTTPBadRequest(text="Expected a JSON object with url and token.")
         if len(self._faces) >= self.most:
             raise web.HTTPServiceUnavailable(text=f"faces: got one more than {self.most}")
         face = asyncio.create_task(self._show(url, token))
@@ -66,5 +67,7 @@ class Pool:
     async def _show(self, url: str, token: str) -> None:
         try:
             await self._work(url, token)
+        except FapEngineError as error:
+            log.error("a face ended: %s", error)
         except Exception:  # of one room: the others continue
             log.exception("a face ended")

@@ -4,6 +4,7 @@
 Pipecat's ``SmallWebRTCTransport``.
 """
 
+import json
 from collections.abc import Awaitable, Callable
 from typing import Any, Protocol
 
@@ -47,7 +48,7 @@ def application(visitors: Visitors, access: Access) -> web.Application:
 
     async def offer(request: web.Request) -> web.StreamResponse:
         access.admit(request)
-        given = await _json(request)
+        given = await object_of(request)
         connection = given.get("pc_id")
         if (
             given.get("type") != "offer"
@@ -65,7 +66,7 @@ def application(visitors: Visitors, access: Access) -> web.Application:
 
     async def candidates(request: web.Request) -> web.StreamResponse:
         access.admit(request)
-        given = await _json(request)
+        given = await object_of(request)
         try:
             connection = str(given["pc_id"])
             late = [(one["candidate"], one.get("sdp_mid"), one.get("sdp_mline_index")) for one in given["candidates"]]
@@ -91,10 +92,17 @@ def application(visitors: Visitors, access: Access) -> web.Application:
     return app
 
 
-async def _json(request: web.Request) -> dict[str, Any]:
+async def object_of(request: web.Request) -> dict[str, Any]:
+    """Return the JSON object of a request.
+
+    Raises
+    ------
+    HTTPBadRequest
+        If there is none.
+    """
     try:
-        given = await request.json()
-    except ValueError as error:
+        given = json.loads(await request.read())
+    except (ValueError, RecursionError) as error:
         raise web.HTTPBadRequest(text="Expected JSON.") from error
     if not isinstance(given, dict):
         raise web.HTTPBadRequest(text="Expected a JSON object.")

@@ -78,6 +78,7 @@ def agent(
     from fapengine.agents.face import AgentOptions
     from fapengine.errors import UsageError
     from fapengine.render.drawing import parse_size
+    from fapengine.server.config import Listen
     from fapengine.voices.choice import VoiceChoice
 
     for name, needs in (("llm", {"llm_model": llm_model, "system": system}), ("stt", {"stt_model": stt_model})):
@@ -86,6 +87,7 @@ def agent(
             raise UsageError(f"{unused}: requires --{name} URL")
     model = Endpoint("llm", llm, llm_model, llm_key) if llm is not None else None
     hears = Endpoint("stt", stt, stt_model, stt_key) if stt is not None and "://" in stt else stt
+    listen = Listen(host, token=token, origins=tuple(origin))
     face = AgentOptions(head=head, size=parse_size(size), voice=voice)
     choice = VoiceChoice(voice, wpm)
     require("agent", pipecat="pipecat-ai", aiortc="aiortc", cv2="pipecat-ai", aiohttp="aiohttp")
@@ -109,7 +111,7 @@ def agent(
             stt=await hears.checked() if isinstance(hears, Endpoint) else hears,
         )
 
-    asyncio.run(_run(asyncio.run(checked()), Access(token, tuple(origin)), host, port))
+    asyncio.run(_run(asyncio.run(checked()), Access(listen.token, listen.origins), host, port))
 
 
 def _quiet(verbose: bool) -> None:

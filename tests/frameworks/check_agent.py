@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from aiohttp import web
+from aiortc import RTCPeerConnection
 
 from fapengine.agents import bot
 from fapengine.agents.face import AgentOptions
@@ -177,9 +178,34 @@ def test_a_visitor_that_never_connects_frees_its_place(monkeypatch: pytest.Monke
         assert not agent.may_talk(None)
         with pytest.raises(ValueError, match="offer"):
             await agent.offer("v=0\r\nm=audio x y z\r\n", None, restarts=False)
+        for restarts in (False, True):
+            with pytest.raises(ValueError, match="offer"):
+                await agent.offer("v=0\r\nm=audio x y z\r\n", next(iter(agent._connections)), restarts=restarts)
         async with asyncio.timeout(LIMIT_S):
             while not agent.may_talk(None):
                 await asyncio.sleep(0.1)
         await agent.close()
 
     asyncio.run(offered())
+
+
+@pytest.mark.timeout(300)
+def test_visitors_who_come_at_once_are_counted() -> None:
+    async def offered() -> int:
+        agent = bot.Bot(bot.BotOptions(face=AgentOptions(size=(64, 64)), voice=VoiceChoice()))
+        browser = RTCPeerConnection()
+        browser.addTransceiver("audio")
+        await browser.setLocalDescription(await browser.createOffer())
+
+        async def come() -> bool:
+            may = agent.may_talk(None)
+            if may:
+                await agent.offer(browser.localDescription.sdp, None, restarts=False)
+            return may
+
+        came = await asyncio.gather(*(come() for _ in range(bot.MAX_VISITORS + 2)))
+        await agent.close()
+        await browser.close()
+        return sum(came)
+
+    assert asyncio.run(offered()) == bot.MAX_VISITORS

@@ -71,6 +71,10 @@ def test_the_eyes_of_the_face_follow_the_conversation() -> None:
     face.attend("thinking")  # its own words come first
     face.attend("listening", False)  # it did not listen
     assert face.attention.state == "speaking"
+    face.attend("listening")  # a user whom it goes on speaking to, such as one who says "yes"
+    assert face.attention.state == "listening"
+    face.attend("thinking")
+    assert face.attention.state == "speaking"
     face.interrupt(now_s)
     face.attend("listening")
     now_s, *_ = run(face, now_s + 1.0, now_s)

@@ -64,6 +64,6 @@ def test_a_face_that_fails_frees_its_place(caplog: pytest.LogCaptureFixture) -> 
 
 
 def test_what_is_wrong_is_refused() -> None:
-    assert asked({"url": "wss://host"}, [], 3)[0] == [400, 400, 400]
+    assert asked({"url": "wss://host"}, [], 3, JOB | {"url": None})[0] == [400] * 4
     assert asked(JOB, secret="secret")[0] == [403]
     assert asked(JOB, secret="secret", given="secret")[0] == [201]

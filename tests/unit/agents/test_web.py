@@ -4,9 +4,12 @@ import asyncio
 import json
 from typing import Any
 
+import pytest
 from aiohttp import ClientSession, web
 
 from fapengine.agents.web import application
+from fapengine.cli.agent import agent
+from fapengine.errors import UsageError
 from fapengine.server.web.access import Access
 
 OFFER = {"type": "offer", "sdp": "v=0"}
@@ -89,9 +92,10 @@ def test_others_are_refused() -> None:
         ("PATCH", "/api/offer", {"pc_id": "one", "candidates": 3}, {}),
         ("PATCH", "/api/offer", {"pc_id": "one"}, {}),
         ("PATCH", "/api/offer", {"pc_id": "one", "candidates": [{"candidate": "broken"}]}, {}),
-        ("POST", "/api/offer", OFFER | {"pc_id": {}}, {}),
+        ("POST", "/api/offer", OFFER | {"pc_id": {}}, {}), ("POST", "/api/offer", "[" * 100_000, {}),
+        ("POST", "/api/offer", "{", {"Content-Type": "application/json; charset=none"}),
     )  # fmt: skip
-    assert [status for status, _ in found] == [403, 403, 400, 400, 400, 400, 404, 400, 400, 400, 400]
+    assert [status for status, _ in found] == [403, 403, 400, 400, 400, 400, 404, *[400] * 6]
     token = {"Authorization": "Bearer secret"}
     found = answers(("POST", "/api/offer", OFFER, {}), ("POST", "/api/offer", OFFER, token), token="secret")
     assert [status for status, _ in found] == [403, 200]
@@ -111,3 +115,10 @@ def test_pages_of_a_site_that_is_named_are_answered() -> None:
     requests = [(method, "/api/offer", body, who) for who in (there, elsewhere) for method, body in ASKED]
     found = answers(*requests, origins=("https://example.org",))
     assert [status for status, _ in found] == [204, 200, 204, 403]
+
+
+def test_the_command_refuses_sites_and_tokens_as_the_server_does() -> None:
+    with pytest.raises(UsageError, match="origins: got 'https://example.org/'"):
+        agent(origin=["https://example.org/"])
+    with pytest.raises(UsageError, match="token: got 3 characters"):
+        agent(token="abc", host="0.0.0.0")
