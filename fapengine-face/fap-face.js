@@ -18,6 +18,7 @@ const SHAPE = `
   :host([hidden]) { display: none; }
   canvas { position: absolute; inset: 0; width: 100%; height: 100%; display: block; touch-action: none; }
 `;
+const AWAY = "fap-face: it was taken away, or begun again, meanwhile";
 let sheet = null; // that all elements share; made by the first
 
 async function fetched(url, read) {
@@ -166,6 +167,7 @@ export class FapFace extends (globalThis.HTMLElement ?? Object) {
   // The source that needs no server (live/live.js), for an element without server and src; it is fetched at the first call.
   async local(method) {
     await this.ready;
+    if (!this.source) throw new Error(AWAY);
     if (this.hasAttribute("server") || this.hasAttribute("src")) throw new Error(`fap-face: ${method} needs an element without server and src`);
     if (!this.living) {
       const living = (this.living = this.live(this.run));
@@ -177,7 +179,7 @@ export class FapFace extends (globalThis.HTMLElement ?? Object) {
   async live(run) {
     const { Live } = await import("./live/index.js");
     const live = await Live.make({ still: this.hasAttribute("still") });
-    if (run !== this.run) throw new Error("fap-face: it was taken away, or begun again, meanwhile");
+    if (run !== this.run) throw new Error(AWAY);
     this.source.close();
     this.follow((this.source = live));
     live.addEventListener("error", ({ detail }) => this.tell("error", detail));

@@ -153,4 +153,6 @@ def test_what_does_not_begin_leaves_nothing(static: Page) -> None:
     static.run("face.source.addresses.worklet = new URL('absent.js', location)")
     assert static.run("why(face.hear(stream))") != "nothing"
     assert static.run("alive") == {"workers": 0, "contexts": 2}
+    away = "(() => { const heard = why(face.hear(stream)); face.remove(); return heard; })()"
+    assert static.run(away) == "fap-face: it was taken away, or begun again, meanwhile"
     static.complaints[:] = [one for one in static.complaints if "404" not in one]
