@@ -51,7 +51,10 @@ help:
 	@echo "make fuzz   search for bytes that break a reader, for 10 minutes or SECONDS=n, or until INPUTS=n and COMMANDS=n are tried"
 
 demo: $(VENV)/.ready
+	@[ -z "$$(command -v cc || command -v gcc || command -v clang)" ] || $(MAKE) --no-print-directory $(VENV)/.ready-native || \
+	    echo "renderer in C absent: it does not build here, so OpenGL draws" >&2
 	$(BIN)/fapengine say "$(SENTENCE)" --expression joy:0.4 -o out/demo.mp4
+	@$(BIN)/fapengine doctor | grep renderer
 
 # The others take one processor, one after the other, while the tests wait for clocks and sound cards.
 test: $(VENV)/.ready-dev detector
@@ -175,10 +178,13 @@ pyodide: $(VENV)/.ready-dev
 	$(BIN)/python -m tests.oracles.pyodide out/oracles
 
 # The renderer in C; a C compiler builds it, or Zig from the Python package index.
-native: $(VENV)/.ready
+native: $(VENV)/.ready-native
+	$(BIN)/fapengine doctor | grep renderer
+
+$(VENV)/.ready-native: $(VENV)/.ready $(wildcard native/*.* native/src/* native/fapengine_native/*.py)
 	$(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir out/native ./native
 	$(BIN)/python -m pip install --quiet --force-reinstall --no-deps out/native/fapengine_native-*.whl
-	$(BIN)/fapengine doctor | grep renderer
+	@touch $@
 
 # Not published; npm only packs it.
 npm: $(VENV)/.ready

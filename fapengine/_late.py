@@ -33,6 +33,7 @@ EXTRAS = {
     "prometheus_client": '"fapengine[live]"',
     "msgspec": '"fapengine[live]"',
     "glfw": '"fapengine[window]"',
+    "fapengine-native": "fapengine-native (in a checkout: make native)",
 }
 """Extra that contains each package, as pip spells it."""
 

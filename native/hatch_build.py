@@ -100,6 +100,14 @@ class CompiledLibrary(BuildHookInterface):
         if version != "editable":
             build_data["force_include"][str(library)] = f"fapengine_native/{library.name}"
 
+    def dependencies(self) -> list[str]:
+        """What pip installs for the build: Zig, if it is asked for or there is no other compiler."""
+        try:
+            compiler(os.environ.get("FAPENGINE_NATIVE_TARGET", ""))
+        except RuntimeError:
+            return ["ziglang"]
+        return []
+
     def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
         """Remove what was compiled outside of the wheel."""
         shutil.rmtree(self._scratch, ignore_errors=True)

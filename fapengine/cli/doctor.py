@@ -46,7 +46,7 @@ def doctor(
         ("Python", "", _python),
         ("profile", "pip install --force-reinstall fapengine", _profile),
         ("OpenGL", "sudo apt-get install -y libegl1 libgl1", _opengl),
-        ("renderer", "sudo apt-get install -y libegl1 libgl1; or pip install fapengine-native", _renderer),
+        ("renderer", "sudo apt-get install -y libegl1 libgl1; or make native, in a checkout", _renderer),
         ("window", 'pip install "fapengine[window]"', live.window),
         ("voices", 'pip install "fapengine[voice]"', _voices),
         ("video", 'pip install --upgrade "fapengine[video]"', _video),

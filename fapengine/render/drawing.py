@@ -205,10 +205,10 @@ def parse_edges(text: str) -> int:
     return EDGES[text]
 
 
-def check_renderer(name: str) -> None:
-    """Raise UsageError for a name that is not in :data:`RENDERERS`."""
+def check_renderer(name: str, source: str = "renderer") -> None:
+    """Raise UsageError for a name from an option or variable that is not in :data:`RENDERERS`."""
     if name not in RENDERERS:
-        raise UsageError(f"renderer: got {name!r}, expected one of {', '.join(RENDERERS)}")
+        raise UsageError(f"{source}: got {name!r}, expected one of {', '.join(RENDERERS)}")
 
 
 def _checked_background(background: Any) -> Background:

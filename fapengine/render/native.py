@@ -193,7 +193,7 @@ def asked_renderer(drawing: RenderOptions) -> str:
     if drawing.renderer != "auto":
         return drawing.renderer
     asked = os.environ.get(VARIABLE) or "auto"
-    check_renderer(asked)
+    check_renderer(asked, VARIABLE)
     return asked
 
 
@@ -225,12 +225,12 @@ def by_renderer(drawing: RenderOptions, *, native: Callable[[], N], gl: Callable
         if not has_gpu():
             log.warning("renderer: OpenGL draws this image, because native does not draw %s", lacking)
         return gl()
-    if not has_gpu():
-        return native()
+    first, second = (gl, native) if has_gpu() else (native, gl)
     try:
-        return gl()
-    except ResourceError:  # a GPU without its driver
-        return native()
+        return first()
+    except ResourceError as error:  # a GPU without its driver; a library for another system
+        log.warning("%s; %s draws instead", error, "native" if first is gl else "OpenGL")
+        return second()
 
 
 def native_build() -> str:

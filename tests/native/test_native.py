@@ -251,6 +251,23 @@ def test_a_gpu_draws_by_opengl_unless_its_driver_is_missing(
         open_renderer(head, replace(SMALL, renderer="gl"))
 
 
+def test_auto_draws_by_opengl_where_the_library_cannot_be_loaded(
+    library: ModuleType, without_gpu: None, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def broken(*_: object) -> None:
+        raise ResourceError("renderer native: fapengine-native cannot be loaded")
+
+    monkeypatch.setattr(native, "NativeRenderer", broken)
+    head = head_of("default", 128)
+    with caplog.at_level(logging.WARNING), open_renderer(head, SMALL) as renderer:
+        assert isinstance(renderer, FaceRenderer)
+    assert [record.getMessage() for record in caplog.records] == [
+        "renderer native: fapengine-native cannot be loaded; OpenGL draws instead"
+    ]
+    with pytest.raises(ResourceError, match="cannot be loaded"):
+        open_renderer(head, replace(SMALL, renderer="native"))
+
+
 def test_what_native_cannot_draw_is_said(
     library: ModuleType, without_gpu: None, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -273,7 +290,7 @@ def test_without_the_package_opengl_draws_and_native_says_what_to_install(
     head = head_of("default", 128)
     with open_renderer(head, SMALL) as renderer:
         assert isinstance(renderer, FaceRenderer)
-    with pytest.raises(ResourceError, match="pip install fapengine-native"):
+    with pytest.raises(ResourceError, match=r"pip install fapengine-native \(in a checkout: make native\)"):
         open_renderer(head, replace(SMALL, renderer="native"))
 
 
@@ -283,7 +300,7 @@ def test_renderers_have_names(name: str, monkeypatch: pytest.MonkeyPatch) -> Non
         RenderOptions(renderer=name)
     if name:
         monkeypatch.setenv(native.VARIABLE, name)
-        with pytest.raises(UsageError, match="expected one of auto, native, gl"):
+        with pytest.raises(UsageError, match="FAPENGINE_RENDERER: got 'cpu', expected one of auto, native, gl"):
             native.asked_renderer(RenderOptions())
 
 

@@ -38,6 +38,7 @@ class Fresh:
 
     def __enter__(self) -> "Fresh":
         environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
+        environment["FAPENGINE_RENDERER"] = "gl"  # as in tests/conftest.py
         environment.setdefault("FAPENGINE_CACHE", str(ROOT / "out" / "cache"))
         self._folder = tempfile.TemporaryDirectory()
         self._process = start(
