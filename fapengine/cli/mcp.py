@@ -87,17 +87,19 @@ class _Tools:
         output: str,
         audio: str = "",
         transcript: str = "",
+        language: str = "",
         head: str = "default",
         size: str = "",
         overwrite: bool = False,
     ) -> dict[str, Any]:
         """Animate a recording (its phones are recognized), or phone timings of any of 53 formats.
 
-        audio: sound of timings, for a video. transcript: what a recording says, for better lips.
+        audio: sound of timings, for a video. transcript: what a recording says, for better lips; language: its language
+        if it is not English, such as de.
         """
         return await self._run(
             "animate", [self._inside(source)], output, overwrite, audio=self._inside(audio), transcript=transcript,
-            head=self._head(head), size=size,
+            language=language, head=self._head(head), size=size,
         )  # fmt: skip
 
     async def convert(
@@ -113,15 +115,22 @@ class _Tools:
         )
 
     async def score(
-        self, made: str, phones: str = "", audio: str = "", transcript: str = "", reference: str = ""
+        self,
+        made: str,
+        phones: str = "",
+        audio: str = "",
+        transcript: str = "",
+        language: str = "",
+        reference: str = "",
     ) -> dict[str, Any]:
         """Judge any lip sync (.fap, .csv, .json, .glb, .vrma, a video): closures of p b m, teeth of f v, delay.
 
-        One of phones (timings), audio, or reference (captured motion of the same speech) is needed.
+        One of phones (timings), audio, or reference (captured motion of the same speech) is needed. language: that of
+        the transcript, if it is not English.
         """
         return await self._run(
             "score", [self._inside(made)], None, True, phones=self._inside(phones), audio=self._inside(audio),
-            transcript=transcript, reference=self._inside(reference),
+            transcript=transcript, language=language, reference=self._inside(reference),
         )  # fmt: skip
 
     async def inspect(self, path: str) -> dict[str, Any]:
@@ -185,8 +194,7 @@ class _Tools:
         if child.returncode:
             raise mcp_exceptions.ToolError(errors.decode().strip() or f"{verb}: ended with code {child.returncode}")
         result: dict[str, Any] = json.loads(out)
-        if remarks := errors.decode().strip():
-            result["remarks"] = remarks
+        result["remarks"] = list(dict.fromkeys([*result.get("remarks", []), *errors.decode().splitlines()]))
         return result
 
 

@@ -47,6 +47,11 @@ def test_tools_write_files_and_errors_say_what_to_change(tmp_path: Path) -> None
         failed, answer = await call("convert", motion="mam.fap", output="mam.csv")
         assert not failed, answer
         assert (folder / "mam.csv").read_text().startswith("Time,EyeBlinkLeft")
+        failed, answer = await call("say", text="Hallo 你.", output="hallo.fap", voice="de")
+        assert "does not read Han" in answer["remarks"][0], answer
+        failed, answer = await call("animate", source="hallo.wav", output="b.fap", transcript="Hallo", language="xx")
+        assert failed
+        assert "got 'xx', expected a language code" in answer
         failed, judged = await call("score", made="mam.csv", phones="mam.pho")
         assert not failed, judged
         assert "closures" in str(judged)
