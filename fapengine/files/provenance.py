@@ -46,7 +46,7 @@ XMP_BOX = bytes.fromhex("be7acfcb97a942e89c71999491e3afac")
 WEBP_HAS_XMP = 0x04
 """Flag of the chunk ``VP8X``, which comes first in a file with more than a frame (RFC 9649, 2.7)."""
 GIF_END = b"\x3b"
-SMALLEST_GIF = b"GIF89a\1\0\1\0\0\0\0,\0\0\0\0\1\0\1\0\0\2\2D\1\0" + GIF_END
+ONE_PIXEL_GIF = b"GIF89a\1\0\1\0\0\0\0,\0\0\0\0\1\0\1\0\0\2\2D\1\0" + GIF_END
 """One pixel, which is signed to try a certificate."""
 SIGNABLE = {
     ".png": "image/png", ".webp": "image/webp", ".gif": "image/gif", ".mp4": "video/mp4", ".mov": "video/quicktime",
@@ -127,7 +127,7 @@ def _key_of(certificates: Path, key: Path) -> Any:
         )
         signer = c2pa.Signer.from_info(c2pa.C2paSignerInfo(ALGORITHMS[kind].encode(), chain, plain, None))
         with c2pa.Builder(_claim(SYNTHETIC)) as builder:  # C2PA looks at the certificates when it signs
-            builder.sign(signer, SIGNABLE[".gif"], BytesIO(SMALLEST_GIF), BytesIO())
+            builder.sign(signer, SIGNABLE[".gif"], BytesIO(ONE_PIXEL_GIF), BytesIO())
         return signer
     except (ValueError, TypeError, KeyError, c2pa.C2paError) as error:
         raise UsageError(f"sign: {certificates} and {key} cannot sign ({error})") from error
