@@ -118,7 +118,7 @@ def test_pages_of_a_site_that_is_named_are_answered() -> None:
 
 
 def test_the_command_refuses_sites_and_tokens_as_the_server_does() -> None:
-    with pytest.raises(UsageError, match="origins: got 'https://example.org/'"):
+    with pytest.raises(UsageError, match="origins: got 'https"):
         agent(origin=["https://example.org/"])
     with pytest.raises(UsageError, match="token: got 3 characters"):
         agent(token="abc", host="0.0.0.0")
