@@ -2,6 +2,9 @@
 #include "face.h"
 
 #include <string.h>
+#ifdef __x86_64__
+#include <cpuid.h>
+#endif
 
 #ifdef _WIN32
 #define PUBLIC __declspec(dllexport)
@@ -16,18 +19,23 @@ extern const Build face_v3, face_v4;
 
 static const Build *chosen;
 
+/* Whether the processor and the system have a version of x86-64. Asked of the processor: in what Zig builds,
+   __builtin_cpu_supports says no to everything. */
 static int runs(int version) {
+    if (version == 1) return 1;
 #ifdef __x86_64__
-    __builtin_cpu_init();
-    if (version == 4)
-        return __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw")
-            && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl")
-            && __builtin_cpu_supports("avx512cd") && runs(3);
-    if (version == 3)
-        return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("bmi") && __builtin_cpu_supports("bmi2")
-            && __builtin_cpu_supports("fma");
+    unsigned a, b, c, d, saved, high;
+    const unsigned fma_movbe_osxsave_avx_f16c = 1u << 12 | 1u << 22 | 1u << 27 | 1u << 28 | 1u << 29;
+    const unsigned bmi_avx2_bmi2 = 1u << 3 | 1u << 5 | 1u << 8, lzcnt = 1u << 5;
+    const unsigned avx512_f_dq_cd_bw_vl = 1u << 16 | 1u << 17 | 1u << 28 | 1u << 30 | 1u << 31;
+    if (!__get_cpuid(1, &a, &b, &c, &d) || ~c & fma_movbe_osxsave_avx_f16c) return 0;
+    if (!__get_cpuid(0x80000001, &a, &b, &c, &d) || ~c & lzcnt) return 0;
+    if (!__get_cpuid_count(7, 0, &a, &b, &c, &d) || ~b & bmi_avx2_bmi2) return 0;
+    __asm__("xgetbv" : "=a"(saved), "=d"(high) : "c"(0)); /* registers that the system saves: 2, 4 AVX; 0xe0 AVX-512 */
+    if (version == 3) return !(~saved & 6);
+    if (version == 4) return !(~saved & 0xe6) && !(~b & avx512_f_dq_cd_bw_vl);
 #endif
-    return version == 1;
+    return 0;
 }
 
 /* Selects a build by name, "" the fastest that this processor runs; returns its name, or NULL if it cannot run here. */

@@ -2,6 +2,7 @@
 
 import logging
 import os
+import platform
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -82,6 +83,17 @@ def test_all_instructions_draw_the_same_bytes(library: ModuleType, name: str) ->
     library.select()
     assert chosen
     assert len(drawn) == 1
+
+
+def test_the_fastest_instructions_of_the_processor_are_chosen(library: ModuleType) -> None:
+    lines = Path("/proc/cpuinfo").read_text().splitlines()
+    flags = set(next((line for line in lines if line.startswith("flags")), "").split())
+    name = platform.machine().replace("x86_64", "x86-64")
+    if {"avx2", "bmi1", "bmi2", "fma", "f16c", "movbe", "abm"} <= flags:
+        name = "x86-64-v3"
+        if {"avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl"} <= flags:
+            name = "x86-64-v4"
+    assert library.select() == name
 
 
 def test_a_frame_does_not_depend_on_those_before(library: ModuleType) -> None:
