@@ -148,7 +148,7 @@ def test_a_text_is_right_or_wrong_in_noise_too() -> None:
 
 
 def test_loud_noise_hides_no_text_and_lets_no_other_through() -> None:
-    """The aligner alone would refuse it: .86 of the words in another order, and the loop agrees in .14 of the frames."""
+    """The aligner alone would refuse it: .86 of the words in another order; the loop agrees in .14 of the frames."""
     clean = spoken("rms", BABY)
     speech = Spoken(clean.text, in_noise(clean.samples, 3.0), clean.phones)
     assert aligned(speech).unheard == 0.0
