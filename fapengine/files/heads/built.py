@@ -135,13 +135,18 @@ def _folder() -> Path | None:
 
 def _digest(style: HeadStyle, level: str) -> str:
     """Digest of everything that a head depends on."""
+    return hashlib.sha256(f"{_program()} {style} {level}".encode()).hexdigest()[:32]
+
+
+@cache
+def _program() -> str:
+    """Digest of code and tables as this process found them first: later ones are not those that it runs."""
     import scipy  # not needed before
 
     digest = hashlib.sha256(f"{SCHEMA} {numpy.__version__} {scipy.__version__}".encode())
-    digest.update(f"{style} {level}".encode())
     package = Path(fapengine.mesh.__path__[0]).parent
     for folder in MADE_BY:
         for source in sorted((package / folder).rglob("*")):
             if source.suffix in MADE_OF:
                 digest.update(source.read_bytes())
-    return digest.hexdigest()[:32]
+    return digest.hexdigest()
