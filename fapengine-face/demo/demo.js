@@ -2,7 +2,7 @@
 
 import "../index.js";
 
-const [face, told, mood] = ["face", "told", "mood"].map((id) => document.getElementById(id));
+const [face, status, mood] = ["face", "status", "mood"].map((id) => document.getElementById(id));
 const player = new Audio();
 let [context, source, stream] = [null, null, null];
 let said = [];
@@ -10,15 +10,15 @@ let said = [];
 face.addEventListener("started", () => (said = []));
 face.addEventListener("phone", ({ detail: { label } }) => {
   said = [...said, label].slice(-24);
-  told.textContent = said.join(" ");
+  status.textContent = said.join(" ");
 });
-face.addEventListener("error", ({ detail }) => (told.textContent = detail));
+face.addEventListener("error", ({ detail }) => (status.textContent = detail));
 const attempt = (action) => async (event) => {
   event.preventDefault?.();
   try {
     await action(event);
   } catch (error) {
-    told.textContent = error.message;
+    status.textContent = error.message;
   }
 };
 
