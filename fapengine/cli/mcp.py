@@ -38,7 +38,7 @@ def mcp(
         fapengine mcp --folder out
         claude mcp add fapengine -- fapengine mcp --folder "$PWD"
 
-    In a configuration: {"mcpServers": {"fapengine": {"command": "fapengine", "args": ["mcp", "--folder", "/work"]}}}
+    In a configuration: {"mcpServers": {"fapengine": {"command": "fapengine", "args": ["mcp", "--folder", "out"]}}}
 
     Tools: say, animate, convert, score, inspect. Each runs the command of that name and returns what it prints with
     --json; an error is its message. Files outside the folder are refused.
