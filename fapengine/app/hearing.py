@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.files.paths import read_bytes, write_bytes
 from fapengine.files.sound import inspect_sound, stream_sound
+from fapengine.speaking import DEFAULT_VOICE
 from fapengine.speech.formats.documents import decode_text
 from fapengine.speech.formats.writing import WRITERS, check_writable, format_phone_json
 from fapengine.speech.phone_track import Phone, PhoneTrack
@@ -60,7 +61,7 @@ def hear(
     path: Path,
     *,
     transcript: str | None = None,
-    language: str = "en-us",
+    language: str | None = None,
     channel: int | None = None,
     recognizer: Path | None = None,
     trust_transcript: bool = False,
@@ -74,9 +75,9 @@ def hear(
         Audio or video.
     transcript : str, optional
         By default, phones are recognized without a transcript.
-    language : str
-        Language of the transcript: a voice of espeak-ng, which pronounces words that are not in the dictionary of
-        American English, and all words of other languages.
+    language : str, optional
+        Language of the transcript, by default American English: a voice of espeak-ng, which pronounces words that are
+        not in the dictionary of American English, and all words of other languages.
     channel : int, optional
         Channel of the file, 1 for the first; by default the mean of all.
     recognizer : Path, optional
@@ -110,8 +111,9 @@ def hear(
             recording = listen(sound(), on_heard=on_heard)
         else:
             recording = listen_by(new_recognizer(recognizer), sound(), on_heard=on_heard)
-        return Hearing(recording.phones, recording.soundings, (), ())
-    pronouncer = _Pronouncer(language)
+        unused = () if language is None else (f"language: {language!r} is used only with a transcript",)
+        return Hearing(recording.phones, recording.soundings, unused, ())
+    pronouncer = _Pronouncer(language or DEFAULT_VOICE)
     aligner = _aligner(transcript, pronouncer)
     recording = follow(sound(), aligner, is_trusted=trust_transcript, on_heard=on_heard)
     notes = [str(mismatch) for mismatch in recording.mismatches]
@@ -211,6 +213,8 @@ class _Pronouncer:
         try:
             name = self.language if _is_english(self.language) else language_voice(self.language)
             self._voice = VoiceChoice(name).load()
+        except UsageError as error:
+            raise UsageError("language" + str(error).removeprefix("voice")) from error
         except ResourceError:
             from fapengine.recognition.sphinx import Neighbours, dictionary
 

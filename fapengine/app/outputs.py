@@ -20,6 +20,7 @@ from fapengine.app.drawing import resized
 from fapengine.app.heads import load_head
 from fapengine.app.report import Report
 from fapengine.errors import UsageError
+from fapengine.files.heads.load import check_head_name
 from fapengine.files.motion import as_visemes, save_fap, shown
 from fapengine.files.moving import FOLDER_PATTERN, check_moving, is_sequence, write_moving
 from fapengine.files.paths import write_bytes
@@ -189,6 +190,8 @@ def check_output(path: Path, options: SaveOptions, *, rate_hz: float) -> OutputK
         from fapengine.app.scene_files import check_avatar
 
         check_avatar(path, options.into)
+    if isinstance(options.head, str | Path):
+        check_head_name(str(options.head))
     if kind.is_image:
         drawing = options.drawing
         check_moving(path, rate_hz=rate_hz, size=drawing.size, alpha=drawing.components == 4)

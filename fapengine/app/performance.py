@@ -418,7 +418,7 @@ def animated(
         assert isinstance(source, Path)
         with report.stage("listen"):
             heard = (hears or hear)(
-                source, transcript=transcript, language=language or DEFAULT_VOICE, channel=channel,
+                source, transcript=transcript, language=language, channel=channel,
                 recognizer=recognizer, trust_transcript=trust_transcript,
             )  # fmt: skip
         phones = replace(heard.phones, reading=replace(heard.phones.reading, notes=heard.notes))

@@ -27,7 +27,7 @@ from fapengine.scoring.thresholds import LIP_THRESHOLDS, MESH_THRESHOLDS, Thresh
 from fapengine.scoring.timing import GRID_HZ
 from fapengine.scoring.verdict import MEASURES, VERTEX_MEASURES, Verdict, judge
 from fapengine.scoring.vertices import VertexErrors, vertex_errors
-from fapengine.speaking import DEFAULT_PROFILE, DEFAULT_VOICE
+from fapengine.speaking import DEFAULT_PROFILE
 from fapengine.speech.phone_track import PhoneTrack
 from fapengine.trajectory.style import Style
 
@@ -279,7 +279,7 @@ def _phones(job: ScoreJob, sound: Path | None) -> tuple[PhoneTrack | None, bool]
     if sound is None or (transcript is None and job.against is not None and job.recognizer is None):
         return None, False
     recognizer = None if transcript is not None else job.recognizer or Path(RECOGNIZER)
-    found = hear(sound, transcript=transcript, language=job.language or DEFAULT_VOICE, recognizer=recognizer)
+    found = hear(sound, transcript=transcript, language=job.language, recognizer=recognizer)
     return found.phones, transcript is None
 
 

@@ -5,8 +5,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fapengine.speaking import DEFAULT_VOICE
-
 if TYPE_CHECKING:
     from fapengine.app.hearing import Hearing
 
@@ -124,6 +122,6 @@ def hear_with_bar(
 
     with progress("listening, s", round(inspect_sound(path).duration_s)) as advance:
         return hear(
-            path, transcript=transcript, language=language or DEFAULT_VOICE, channel=channel, recognizer=recognizer,
+            path, transcript=transcript, language=language, channel=channel, recognizer=recognizer,
             trust_transcript=trust_transcript, on_heard=advance,
         )  # fmt: skip

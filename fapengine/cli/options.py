@@ -201,8 +201,10 @@ class WriteOptions:
         """
         from fapengine.cli._command import running
         from fapengine.files.outputs import check_outputs, listed, marks_of, refuse_foreign
+        from fapengine.files.provenance import check_signable
 
-        beside = list(beside)
+        outputs, beside = list(outputs), list(beside)
+        check_signable(*outputs, *beside)
         read = [Path(path) for path in inputs if path is not None]
         before = marks_of(check_outputs([*outputs, *beside], read, overwrite=not self.no_overwrite))
         refuse_foreign(beside)

@@ -133,10 +133,10 @@ def _key_of(certificates: Path, key: Path) -> Any:
         raise UsageError(f"sign: {certificates} and {key} cannot sign ({error})") from error
 
 
-def check_signable(path: Path) -> None:
-    """Refuse a file that cannot be signed, before it is made."""
-    if _signer.get() and path.suffix not in SIGNABLE:
-        raise UsageError(f"sign: got {path.name}, expected a name that ends with {', '.join(SIGNABLE)}")
+def check_signable(*paths: Path) -> None:
+    """Refuse files of which none can be signed, before they are made; a name without an ending is a folder."""
+    if paths and _signer.get() and not any(path.suffix in SIGNABLE or not path.suffix for path in paths):
+        raise UsageError(f"sign: got {paths[0].name}, expected a name that ends with {', '.join(SIGNABLE)}")
 
 
 def sign(path: Path, suffix: str, source: str = SYNTHETIC) -> None:

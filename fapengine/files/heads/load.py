@@ -48,6 +48,18 @@ def load_head(name: str) -> FaceMesh:
     return load_dense_head(folder)[0].mesh if is_profile(folder) else load_folder(folder)[1]
 
 
+def check_head_name(name: str) -> None:
+    """Refuse a name that :func:`load_head` would refuse, without loading anything but a small file.
+
+    Raises
+    ------
+    UsageError
+        If there is no such folder or person.
+    """
+    if not parse_person(name) and not Path(name).exists():
+        load_folder(Path(name))
+
+
 def load_head_for_calls(name: str, size: tuple[int, int]) -> FaceMesh:
     """Load a head for live images of a size in pixels: a built-in one at level ``calls``.
 

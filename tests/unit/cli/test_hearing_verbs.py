@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import fapengine
+from fapengine.app.hearing import hear
 from fapengine.cli._hearing import transcript_of
 from fapengine.cli.main import app
 from fapengine.errors import DataError, FapEngineError, ResourceError, UsageError
@@ -31,6 +32,10 @@ def talk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("talk") / "talk.wav"
     save_wav(path, spoken("slt", BABY).samples, RATE_HZ)
     return path
+
+
+def test_a_language_without_a_transcript_is_remarked(talk: Path) -> None:
+    assert hear(talk, language="de").notes == ("language: 'de' is used only with a transcript",)
 
 
 @pytest.mark.parametrize("words", [BABY, None])
@@ -190,7 +195,8 @@ def test_refusals(talk: Path, tmp_path: Path) -> None:
             DataError,
             r"\); --trust-transcript aligns them unchecked",
         ),
-        (["align", talk, "--transcript", "ja", "--language", "xx"], UsageError, "xx"),
+        (["align", talk, "--transcript", "ja", "--language", "xx"], UsageError, "--language: got 'xx', expected a"),
+        (["animate", talk, "--head", "nobody", "-o", tmp_path / "a.fap"], UsageError, "--head: got 'nobody', expected"),
         (["align", talk, "--trust-transcript"], UsageError, "--trust-transcript: requires a transcript"),
         (["animate", pho, "--trust-transcript"], UsageError, "--trust-transcript: cannot be used with phone timings"),
     ]

@@ -161,3 +161,11 @@ def test_a_missing_library_is_told_with_its_extra(pem: tuple[Path, Path]) -> Non
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert 'pip install "fapengine[sign]"' in done.stdout
+
+
+def test_the_command_line_refuses_to_sign_what_has_no_place_for_it(tmp_path: Path, pem: tuple[Path, Path]) -> None:
+    (tmp_path / "a.pho").write_text("m 80\na 120\nm 80\n")
+    words = ["animate", str(tmp_path / "a.pho"), "-o", str(tmp_path / "a.fap"), "--sign", ",".join(map(str, pem))]
+    refused = CliRunner().invoke(app, words)
+    assert "got a.fap, expected a name that ends with .png" in str(refused.exception)
+    assert [path.name for path in tmp_path.iterdir() if path not in pem] == ["a.pho"]
