@@ -15,6 +15,8 @@ from fapengine.errors import ResourceError, UsageError
 _lock = Lock()
 _warm: list[tuple[int, AgentOptions, AgentFace]] = []
 """Faces that nobody has taken, with their process, because a fork shares the pipes of its parent."""
+_closed = 0
+"""How often they were all closed: a face that was started before is not kept after."""
 log = logging.getLogger("fapengine.agents")
 
 
@@ -40,7 +42,7 @@ def prewarm(n: int = 1, **options: Any) -> None:
     """
     if n < 1:
         raise UsageError(f"n: got {n}, expected 1 or more faces")
-    chosen = AgentOptions(**options)
+    chosen, closed = AgentOptions(**options), _closed
     faces: list[AgentFace] = []
     try:
         faces.extend(AgentFace.open(chosen) for _ in range(n))
@@ -50,7 +52,7 @@ def prewarm(n: int = 1, **options: Any) -> None:
         for face in faces:
             face.close()
         raise
-    _keep(chosen, faces)
+    _keep(chosen, faces, closed)
 
 
 def open_face(options: AgentOptions) -> AgentFace:
@@ -61,13 +63,15 @@ def open_face(options: AgentOptions) -> AgentFace:
             _warm.remove(entry)
     if entry is None:
         return AgentFace.open(options)
-    Thread(target=_replace, args=(options,), daemon=True).start()
+    Thread(target=_replace, args=(options, _closed), daemon=True).start()
     return entry[2]
 
 
 def close_warm() -> None:
     """End all faces that nobody has taken."""
+    global _closed
     with _lock:
+        _closed += 1
         faces = [face for process, _, face in _warm if process == os.getpid()]
         _warm.clear()
     for face in faces:
@@ -78,14 +82,19 @@ async def _ready(faces: Sequence[AgentFace]) -> None:
     await asyncio.gather(*(face.ready() for face in faces))
 
 
-def _keep(options: AgentOptions, faces: Sequence[AgentFace]) -> None:
+def _keep(options: AgentOptions, faces: Sequence[AgentFace], closed: int) -> None:
     with _lock:
-        _warm.extend((os.getpid(), options, face) for face in faces)
+        is_late = closed != _closed
+        if not is_late:
+            _warm.extend((os.getpid(), options, face) for face in faces)
+    if is_late:
+        for face in faces:
+            face.close()
 
 
-def _replace(options: AgentOptions) -> None:
+def _replace(options: AgentOptions, closed: int) -> None:
     try:
-        _keep(options, [AgentFace.open(options)])
+        _keep(options, [AgentFace.open(options)], closed)
     except ResourceError as error:
         log.warning("no face is kept warm: %s", error)
 

@@ -41,7 +41,7 @@ class Heads:
         """End the process that makes a head."""
         self._is_closed = True
         if self._child is not None:
-            self._child.kill()
+            self._child.close()
 
 
 def main(parent: Parent, name: str) -> None:

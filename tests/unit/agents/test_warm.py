@@ -42,7 +42,10 @@ class AtOnce:
     """Stand-in for a thread: it has ended when it has started."""
 
     def __init__(self, target: object, args: tuple[object, ...], daemon: bool) -> None:
-        self.start = lambda: target(*args)  # type: ignore[operator]
+        self.run = lambda: target(*args)  # type: ignore[operator]
+
+    def start(self) -> None:
+        self.run()
 
 
 def test_an_agent_takes_a_warm_face_and_another_one_replaces_it(made: list[StandInFace]) -> None:
@@ -53,6 +56,19 @@ def test_an_agent_takes_a_warm_face_and_another_one_replaces_it(made: list[Stand
     assert len(made) == 5
     warm.close_warm()
     assert [face.is_closed for face in made] == [False, False, False, True, True]
+
+
+def test_a_face_that_is_started_while_all_are_closed_is_closed_too(
+    made: list[StandInFace], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    prewarm()
+    later: list[object] = []
+    monkeypatch.setattr(AtOnce, "start", lambda self: later.append(self.run))
+    warm.open_face(AgentOptions())
+    warm.close_warm()
+    for run in later:
+        run()  # type: ignore[operator]
+    assert [face.is_closed for face in made] == [False, True]
 
 
 def test_other_options_and_other_processes_get_faces_of_their_own(
