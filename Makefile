@@ -152,20 +152,30 @@ BUNDLERS := vite@8.3.8 @vitejs/plugin-react@6.3.0 react@19.3.1 react-dom@19.3.1 
 # Foreign programs that ours is compared with; they need Node and a network, and no test needs them. Avatars of others
 # are tried too, as far as they lie in out/oracles/avatars; Blender (with python3-numpy), coturn, nginx, godot3, godot3-server and mono-mcs of Debian, where they are
 # installed. axe-core, TypeScript and, where it is installed, Firefox judge the page and the npm package. Ten minutes.
-oracles:
+oracles: $(VENV)/.ready-dev
 	.ci/system-packages $(PYTHON) oracles
 	mkdir -p out/oracles
 	npm install --prefix out/oracles --no-save --no-audit --no-fund rhubarb-lip-sync-wasm@0.1.8 @met4citizen/headaudio@0.1.0 \
 	    gltf-validator@2.0.0-dev.3.10 three@0.187 @pixiv/three-vrm@3.5.5 @met4citizen/talkinghead@1.7.0 axe-core@4.10.3 typescript@5.9.3 $(PYODIDE) $(BUNDLERS)
+	$(MAKE) --no-print-directory --keep-going $(ORACLES)
+
+# Each can be made again alone, and the others go on where one fails.
+ORACLES := oracles-programs oracles-pages oracles-bus oracles-agents oracles-voices
+.PHONY: $(ORACLES)
+oracles-programs:
 	$(BIN)/python -m tests.oracles out/oracles
+oracles-pages:
 	$(BIN)/python -m tests.browser.oracles
+oracles-bus:
 	$(BIN)/python -m tests.oracles.bus
+oracles-agents:
 	$(PYTHON) -m venv out/oracles/frameworks
 	out/oracles/frameworks/bin/python -m pip install --quiet --upgrade "pip>=25.1"
 	out/oracles/frameworks/bin/python -m pip install --quiet --group frameworks --editable ".[voice,recognizer]"
 	out/oracles/frameworks/bin/python -m pytest -q -s -p no:cacheprovider -c tests/frameworks/pytest.ini --rootdir=. \
 	    tests/frameworks/check_pipecat.py tests/frameworks/check_livekit.py tests/frameworks/check_examples.py tests/frameworks/check_agent.py \
 	    tests/frameworks/check_rtvi.py tests/frameworks/check_livekit_server.py
+oracles-voices:
 	$(PYTHON) -m venv out/oracles/piper-plus
 	out/oracles/piper-plus/bin/python -m pip install --quiet --editable ".[piper-plus]" "onnx>=1.16" "pytest>=8.3"
 	out/oracles/piper-plus/bin/python -m pytest -q -p no:cacheprovider -c tests/frameworks/pytest.ini --rootdir=. \
