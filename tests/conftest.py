@@ -1,8 +1,6 @@
 """Fixtures, hypothesis profiles, and the guard against a suite that passes by not running."""
 
 import os
-import subprocess
-import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -10,8 +8,7 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, settings
 
-from tests import queues, slow_tests
-from tests.processes import start
+from tests import queues, slow_tests, sound_card
 
 SHARED = Path(os.environ.get("FAPENGINE_SHARED", Path(__file__).resolve().parent.parent.parent / "shared"))
 """Folder of measurement data; a name that does not exist shows what a clone without them runs."""
@@ -22,7 +19,6 @@ NO_DETECTOR, NO_LLVMPIPE = "face detector absent", "pictures are drawn by someth
 NO_COMPILER = "no C compiler on this machine"
 LEAVE = (NO_SHARED, NO_BROWSER, NO_DETECTOR, NO_LLVMPIPE, NO_COMPILER)
 """The only reasons for which a test may be skipped."""
-ALSA = "</usr/share/alsa/alsa.conf>\npcm.!default { type pulse }\nctl.!default { type pulse }\n"
 
 NIGHTLY = {"nightly": 0}
 """Number of tests with the marker ``nightly`` among those that were collected."""
@@ -47,38 +43,9 @@ def shared() -> Path:
 
 @pytest.fixture(scope="session")
 def null_sink(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Mapping[str, str]]:
-    """A sound card of software, PulseAudio's null sink: environment of a process that plays there, to nobody.
-
-    ALSA's own null device will not do: it fetches sound 600 times faster than it would be heard, so no clock can be
-    made of it. Without ``norewinds`` the sink may sleep for 2 s before the first buffer.
-    """
-    folder = tmp_path_factory.mktemp("pulse")
-    (folder / "run").mkdir(mode=0o700)
-    (folder / "alsa.conf").write_text(ALSA)
-    environment = {
-        **os.environ, "HOME": str(folder), "XDG_RUNTIME_DIR": str(folder / "run"),
-        "PULSE_RUNTIME_PATH": str(folder / "run"), "PULSE_SERVER": f"unix:{folder / 'socket'}",
-        "ALSA_CONFIG_PATH": str(folder / "alsa.conf"),
-    }  # fmt: skip
-    command = [
-        "pulseaudio", "-n", "--daemonize=no", "--exit-idle-time=-1", "--disallow-exit", "--use-pid-file=no",
-        "--log-level=error", "-L", f"module-native-protocol-unix socket={folder / 'socket'} auth-anonymous=1",
-        "-L", "module-null-sink rate=48000 norewinds=1",
-    ]  # fmt: skip
-    with start(command, env=environment, stderr=subprocess.DEVNULL) as server:
-        try:
-            _wait_for(folder / "socket", server)
-            yield environment
-        finally:
-            server.terminate()
-
-
-def _wait_for(socket: Path, server: subprocess.Popen[bytes]) -> None:
-    until = time.monotonic() + 300
-    while not socket.exists():
-        if server.poll() is not None or time.monotonic() > until:
-            pytest.fail(f"pulseaudio does not start (code {server.poll()}); .ci/system-packages installs it")
-        time.sleep(0.05)
+    """Environment of a process that plays to nobody."""
+    with sound_card.null_sink(tmp_path_factory.mktemp("pulse")) as environment:
+        yield environment
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -1,6 +1,7 @@
 // A face without a server: it hears sound, or takes phones with times. A source of FAPs for <fap-face>, or for a rig of
 // one's own; needs neither DOM nor WebGL. Nothing is fetched before make, and the recognizer's weights not before hear.
 
+import { bytesOf } from "./bytes.js";
 import { changing, expression, hearing, phone_track, protocol } from "./constants.js";
 import { Gestures } from "./gestures.js";
 import { placeAfter } from "./path.js";
@@ -9,6 +10,7 @@ import { Profile } from "./profile.js";
 import { Ramp } from "./ramp.js";
 import { Recognizer } from "./recognizer.js";
 import { Pieces } from "./tap-worklet.js";
+import { phonesOf } from "./words.js";
 
 const { ATTACK_S, MAX_WEIGHT, RELEASE_S } = expression;
 const { OPEN_S } = changing;
@@ -33,18 +35,6 @@ const ASSETS = {
   worklet: new URL("./tap-worklet.js", import.meta.url),
 };
 
-async function bytesOf(address) {
-  const url = new URL(address, globalThis.document?.baseURI);
-  if (url.protocol === "file:" && globalThis.process) {
-    const files = "node:fs/promises"; // a name that bundlers for pages do not look for
-    const data = await (await import(/* @vite-ignore */ /* webpackIgnore: true */ files)).readFile(url);
-    return data.buffer.slice(data.byteOffset, data.byteOffset + data.byteLength);
-  }
-  const answer = await fetch(url);
-  if (!answer.ok) throw new Error(`${url}: got ${answer.status}`);
-  return answer.arrayBuffer();
-}
-
 // Where a page demands trusted types, its policy may name ours.
 function trusted(url) {
   policy ??= globalThis.trustedTypes?.createPolicy("fapengine-face", { createScriptURL: (address) => address });
@@ -59,7 +49,8 @@ const isAs = (one, other) => one.label === other.label && one.start === other.st
 // Events: started, phone, finished, cancelled, error. Stateful.
 export class Live extends EventTarget {
   // style: see Planner. still: no blinks, glances, head motion and drifts. seed: of these, an integer; by default it is
-  // drawn. assets: addresses of planner.bin, recognizer.bin, worker.js and tap-worklet.js elsewhere.
+  // drawn. assets: addresses of planner.bin, recognizer.bin, words-en.bin,
+  // worker.js and tap-worklet.js elsewhere.
   static async make({ assets = {}, ...options } = {}) {
     const addresses = { ...ASSETS, ...assets };
     return new Live(new Profile(await bytesOf(addresses.planner)), options, addresses);
@@ -173,8 +164,8 @@ export class Live extends EventTarget {
   }
 
   // Phones of the recognizer: final ones, and those after them that may still change.
-  take({ final, partial, heard, busy }) {
-    Object.assign(this, { heard, busy });
+  take({ final, partial, heard }) {
+    this.heard = heard;
     const phones = [...final, ...partial].filter(({ start }) => start >= this.deaf);
     const last = phones.at(-1);
     if (partial.length && last && last.label !== SILENCE) phones[phones.length - 1] = { ...last, end: last.end + OPEN_S };
@@ -190,16 +181,46 @@ export class Live extends EventTarget {
     if (seconds() - this.sampled > UNSEEN_S) this.sample(seconds(), this.faps); // a tab in the background draws nothing
   }
 
-  // Says phones: { label, start, end, word?, loudness? }, s. clock: gives the position of what is heard now, s; by default
-  // it begins now.
-  say(phones, { clock } = {}) {
-    if (!Array.isArray(phones)) throw new TypeError(`say: got ${nameOf(phones)}, expected an array of { label, start, end }`);
-    if (clock !== undefined && typeof clock !== "function") throw new TypeError(`say: got the clock ${clock}, expected a function`);
-    const checked = phones.map(checkedPhone).sort((one, other) => one.start - other.start);
-    this.stop();
-    this.coming = checked;
-    const begun = seconds();
-    this.clock = clock ?? (() => seconds() - begun);
+  // Says phones, { label, start, end, word?, loudness? }, s; or, later, a text, or words, { text, start, end? }. clock: gives
+  // the position of what is heard now, s; by default it begins now. add: what is said before goes on, with its clock.
+  // pronounce: gives the phones of a word, a list or a text with spaces, or a promise of them; by default words-en does.
+  // Of words it resolves to { words, unread }: their times, and those without phones; null if something else was begun.
+  say(said, { clock, add = false, pronounce } = {}) {
+    const isPhones = Array.isArray(said) && said.every((one) => one?.label !== undefined || one?.text === undefined);
+    if (!Array.isArray(said) && typeof said !== "string") throw new TypeError(`say: got ${nameOf(said)}, expected a text, or an array of { label, start, end } or of { text, start, end }`);
+    for (const [name, given] of Object.entries({ clock, pronounce })) {
+      if (given !== undefined && typeof given !== "function") throw new TypeError(`say: got the ${name} ${given}, expected a function`);
+    }
+    if (!isPhones) return this.sayWords(typeof said === "string" ? said : said.map(checkedWord), clock, add, pronounce);
+    const checked = said.map(checkedPhone);
+    if (!add || !this.clock || this.run) {
+      this.stop();
+      const begun = seconds();
+      this.clock = clock ?? (() => seconds() - begun);
+    }
+    this.coming = [...this.coming, ...checked].sort((one, other) => one.start - other.start);
+  }
+
+  async sayWords(said, clock, add, pronounce) {
+    const turn = (this.turn = (add && this.turn) || {});
+    const voice = pronounce
+      ? { pronounce: (words) => Promise.all(words.map((word, index) => pronounce(word, index, words))) }
+      : await this.english();
+    const { phones, words, unread } = await phonesOf(said, voice);
+    if (this.turn !== turn) return null;
+    this.say(phones, { clock, add });
+    this.turn = turn; // whoever adds to these goes on
+    return { words, unread };
+  }
+
+  async english() {
+    this.voice ??= import("../words-en/index.js").then(({ English }) => English.make({ assets: this.addresses }));
+    try {
+      return await this.voice;
+    } catch (error) {
+      this.voice = null; // the next words try again
+      throw error;
+    }
   }
 
   // Gives the planner the phones of the next seconds: it keeps a limited number.
@@ -218,6 +239,7 @@ export class Live extends EventTarget {
     this.deaf = this.heard ?? 0;
     this.fed = [];
     this.coming = [];
+    this.turn = null;
     if (this.isSpeaking) this.tell("cancelled");
     this.isSpeaking = false;
   }
@@ -304,7 +326,7 @@ export class Live extends EventTarget {
   // Ends what is heard or said.
   stop() {
     const { run } = this;
-    this.run = this.opening = this.heard = null;
+    this.run = this.opening = this.heard = this.turn = null;
     run?.tap?.port.postMessage({ isOver: true });
     for (const node of run?.source ? [run.tap, run.delayed] : []) disconnect(run.source, node);
     run?.worker?.terminate();
@@ -319,6 +341,13 @@ export class Live extends EventTarget {
     this.stop();
     this.onweights = null;
   }
+}
+
+function checkedWord(word) {
+  const { text, start, end } = word ?? {};
+  const isEnd = end === undefined || (Number.isFinite(end) && end >= start);
+  if (typeof text === "string" && Number.isFinite(start) && start >= 0 && isEnd) return { text, start, end };
+  throw new TypeError(`say: got ${JSON.stringify(word)}, expected a word { text, start, end } with times in s`);
 }
 
 const nameOf = (value) => value?.constructor?.name ?? String(value);

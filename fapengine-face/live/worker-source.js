@@ -8,13 +8,11 @@ globalThis.onmessage = ({ data: { tables, port, options } }) => {
   const recognizer = new Recognizer(tables, options);
   recognizer.push(new Int16Array(protocol.RATE_HZ)); // so that the browser has compiled it when sound comes
   recognizer.reset();
-  let busy = 0; // ms of computing so far
   port.onmessage = ({ data }) => {
-    const [before, since] = [recognizer.scores.seen, performance.now()];
+    const before = recognizer.scores.seen;
     const final = recognizer.push(data);
-    busy += performance.now() - since;
     if (recognizer.scores.seen === before) return;
-    postMessage({ final, partial: recognizer.partial, heard: recognizer.came / protocol.RATE_HZ, busy });
+    postMessage({ final, partial: recognizer.partial, heard: recognizer.came / protocol.RATE_HZ });
   };
   postMessage({ isReady: true });
 };

@@ -1,4 +1,6 @@
-"""Firefox on a virtual display by WebDriver BiDi: as little as ``python -m tests.browser.oracles`` needs."""
+"""Firefox on a virtual display, with a virtual sound card, by WebDriver BiDi: as little as
+``python -m tests.browser.oracles`` needs. Without a card, no time passes for an AudioContext.
+"""
 
 import asyncio
 import contextlib
@@ -14,19 +16,22 @@ from typing import Any
 import aiohttp
 
 from tests.processes import end_with_parent
+from tests.sound_card import null_sink
 
 NAMES = ("firefox-esr", "firefox")
 PREFERENCES = {
     "media.autoplay.default": 0, "media.autoplay.blocking_policy": 0, "webgl.force-enabled": True,
-    "media.cubeb.backend": "", "datareporting.policy.dataSubmissionEnabled": False, "app.update.enabled": False,
-    "browser.shell.checkDefaultBrowser": False, "toolkit.telemetry.enabled": False,
+    "datareporting.policy.dataSubmissionEnabled": False, "app.update.enabled": False,
+    "browser.shell.checkDefaultBrowser": False, "toolkit.telemetry.enabled": False, "dom.ipc.forkserver.enable": False,
 }  # fmt: skip
-START_LIMIT_S, CALL_LIMIT_S = 60.0, 60.0
+START_LIMIT_S, CALL_LIMIT_S = 120.0, 120.0
 
 
 def find_firefox() -> str | None:
-    """Path of a browser, if there is one, and a display for it."""
-    return next((path for name in NAMES if (path := shutil.which(name))), None) if shutil.which("Xvfb") else None
+    """Path of a browser, if there is one, and a display for it. The variable FIREFOX names one elsewhere."""
+    asked = os.environ.get("FIREFOX")
+    found = asked or next((path for name in NAMES if (path := shutil.which(name))), None)
+    return found if shutil.which("Xvfb") else None
 
 
 class Firefox:
@@ -38,13 +43,21 @@ class Firefox:
         self.complaints: list[str] = []
         """Errors of the console, and exceptions nobody caught."""
 
+    @property
+    def pid(self) -> int:
+        """Number of the process that started the others."""
+        return self._process.pid
+
     async def __aenter__(self) -> "Firefox":
         path = find_firefox()
         assert path is not None
         self._folder = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
         lines = (f'user_pref("{name}", {json.dumps(value)});' for name, value in PREFERENCES.items())
         (Path(self._folder.name) / "user.js").write_text("\n".join(lines))
-        surroundings = {**os.environ, "LIBGL_ALWAYS_SOFTWARE": "1", "DISPLAY": await self._display()}
+        self._card = contextlib.ExitStack()
+        (sound := Path(self._folder.name) / "sound").mkdir()
+        card = self._card.enter_context(null_sink(sound))
+        surroundings = {**card, "LIBGL_ALWAYS_SOFTWARE": "1", "DISPLAY": await self._display()}
         self._process = await asyncio.create_subprocess_exec(
             path, "--no-remote", "--remote-debugging-port=0", "--profile", self._folder.name,
             stdout=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE, preexec_fn=end_with_parent,
@@ -72,6 +85,7 @@ class Firefox:
         await self._process.wait()
         self._screen.kill()
         await self._screen.wait()
+        self._card.close()
         self._folder.cleanup()
 
     async def call(self, method: str, **params: object) -> dict[str, Any]:
@@ -79,8 +93,12 @@ class Firefox:
         number = next(self._numbers)
         self._answers[number] = asyncio.get_running_loop().create_future()
         await self._socket.send_json({"id": number, "method": method, "params": params})
-        async with asyncio.timeout(CALL_LIMIT_S):
-            answer = await self._answers[number]
+        try:
+            async with asyncio.timeout(CALL_LIMIT_S):
+                answer = await self._answers[number]
+        except TimeoutError:
+            self._answers.pop(number).cancel()
+            raise AssertionError(f"{method}: no answer within {CALL_LIMIT_S:g} s; {self.complaints}") from None
         assert answer["type"] == "success", f"{method}: {answer}"
         return answer["result"]
 
@@ -138,8 +156,7 @@ class Firefox:
         async for message in self._socket:
             said = message.json()
             if "id" in said and said["id"] is not None:
-                waiting = self._answers.pop(said["id"])
-                if not waiting.done():
+                if waiting := self._answers.pop(said["id"], None):
                     waiting.set_result(said)
             elif said.get("method") == "log.entryAdded" and said["params"]["level"] == "error":
                 self.complaints.append(said["params"]["text"])

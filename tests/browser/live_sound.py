@@ -6,7 +6,7 @@ Two sentences in each of flite's four voices. First they are pushed into ``Live`
 is taken to answer within 10 ms. Then they are played in real time to ``hear`` of a ``<fap-face>`` that draws itself,
 under ``default-src 'self'`` with trusted types: that needs a machine with nothing else to do. Figures: correlation of
 the opening of the lips that are shown with that of the plan, mean and worst of the eight; p b m met as in
-``bench/ear_delays.py``; share of a core that the recognizer's worker takes.
+``bench/ear_delays.py``; share of a core that the recognizer's worker takes, by processor time.
 """
 
 import asyncio
@@ -25,12 +25,16 @@ from fapengine.files.sound import save_wav
 from fapengine.recognition.protocol import RATE_HZ
 from tests.browser.bundlers import opened
 from tests.browser.chromium import Browser
+from tests.browser.consumption import worker_seconds
 from tests.browser.firefox import Firefox, find_firefox
 from tests.browser.test_live import RUNNER, node
 from tests.unit.recognition.speech import BABY, FAPU_MM, POPPIES, VOICES, Spoken, closures, opening_mm, spoken
 
 DELAYS_S = (0.2, 0.25, 0.3)
+RATES_HZ = (44_100, 48_000)
 ANSWER_S = 0.01
+LEAST_R, TRIES = 0.92, 3
+BUSY = "this is measured in real time, on a machine with nothing else to do"
 POLICY = "default-src 'self'; require-trusted-types-for 'script'"
 PAGE = f"""<!doctype html><html lang="en"><title>Hear</title><link rel="icon" href="package/icon.svg" />
 <meta http-equiv="Content-Security-Policy" content="{POLICY}" />
@@ -44,26 +48,30 @@ for (const type of ["started", "phone", "finished", "cancelled", "error"])
 await face.ready;
 window.fetched = () => performance.getEntriesByType("resource").map(({ name }) => name.split("/").at(-1));
 window.before = fetched();
-let context = null;
+let context, source, buffer;
 window.hear = async (name, sampleRate, delay) => {
   await context?.close();
   told.length = 0;
   context = new AudioContext({ sampleRate });
-  const buffer = await context.decodeAudioData(await (await fetch(name)).arrayBuffer());
-  const source = new AudioBufferSourceNode(context, { buffer });
+  buffer = await context.decodeAudioData(await (await fetch(name)).arrayBuffer());
+  source = new AudioBufferSourceNode(context, { buffer });
   const heard = await face.hear(source, { delay });
   heard.connect(context.destination);
+};
+window.play = async () => {
+  const since = face.source.heard ?? 0;
   const frames = [];
   const end = new AbortController();
   face.addEventListener("picture", () => frames.push([face.source.position, face.faps[3], face.faps[4]]), end);
   const at = context.currentTime + 0.2;
   source.start(at);
-  await new Promise((done) => (source.onended = done));
+  while (context.currentTime < at + buffer.duration) await new Promise((done) => setTimeout(done, 50));
   const shift = at - face.source.begun;
   while (face.source.position < shift + buffer.duration + 0.2) await new Promise((done) => setTimeout(done, 50));
   end.abort();
-  const { busy, heard: until } = face.source;
-  return { frames: frames.map(([position, ...faps]) => [position - shift, ...faps]), share: busy / until / 1000 };
+  return JSON.stringify({
+    frames: frames.map(([position, ...faps]) => [position - shift, ...faps]), heard: face.source.heard - since,
+  });
 };
 window.isReady = true;
 """
@@ -71,6 +79,9 @@ window.isReady = true;
 
 class Page(Protocol):
     """A browser with one page."""
+
+    @property
+    def pid(self) -> int: ...
 
     async def run(self, code: str) -> object: ...
 
@@ -106,27 +117,44 @@ def judged(found: dict[str, list[list[float]]], speech: Spoken) -> tuple[float, 
     return float(np.corrcoef(lips_mm[inside], expected)[0, 1]), int(met), len(middles)
 
 
-async def measure(browser: Page, sentences: dict[str, Spoken], rate_hz: int, delay_s: float) -> str:
-    """Play all sentences; the figures."""
-    rows, shares, frames = [], [], 0
+async def measure(browser: Page, sentences: dict[str, Spoken], rate_hz: int, delay_s: float) -> tuple[float, str]:
+    """Play all sentences; the mean correlation, and all figures."""
+    rows, worked_s, heard_s, frames = [], 0.0, 0.0, 0
     for name, speech in sentences.items():
-        found = json.loads(str(await browser.run(f"hear('{name}.wav', {rate_hz}, {delay_s}).then(JSON.stringify)")))
+        await browser.run(f"hear('{name}.wav', {rate_hz}, {delay_s})")
+        before_s = worker_seconds(browser.pid)
+        found = json.loads(str(await browser.run("play()")))
+        worked_s += worker_seconds(browser.pid) - before_s
         rows.append(judged(found, speech))
-        shares.append(found["share"])
+        heard_s += found["heard"]
         frames += len(found["frames"])
-    share = f"worker {100 * np.mean(shares):.1f} % of a core, {frames} pictures"
-    return f"{rate_hz} Hz, {delay_s:.2f} s: {figures(rows)}, {share}"
+    share = f"worker {100 * worked_s / heard_s:.1f} % of a core, {frames} pictures"
+    return float(np.mean([r for r, *_ in rows])), f"{rate_hz} Hz, {delay_s:.2f} s: {figures(rows)}, {share}"
 
 
-async def in_firefox() -> str:
-    """Play all sentences in Firefox; the figures."""
+async def in_firefox() -> None:
+    """Play all sentences in Firefox, at two rates, and print the figures; tried again where a busy machine is late.
+
+    Raises
+    ------
+    AssertionError
+        If the lips of no try follow by 0.25 s as well as asked, or the page complains.
+    """
     with tempfile.TemporaryDirectory() as folder:
         make_site(Path(folder), sentences := all_sentences())
         with opened(Path(folder)) as url:
             async with Firefox() as browser:
                 await browser.open(url)
                 await browser.until("window.isReady")
-                return await measure(browser, sentences, 48_000, 0.25)
+                for rate_hz in RATES_HZ:
+                    for _ in range(TRIES):
+                        r, found = await measure(browser, sentences, rate_hz, 0.25)
+                        print("Firefox, without a server,", found, flush=True)
+                        if r >= LEAST_R:
+                            break
+                    else:
+                        raise AssertionError(f"{rate_hz} Hz: r {r:.3f}, expected {LEAST_R}: {BUSY}")
+                assert browser.complaints == [], browser.complaints
 
 
 def all_sentences() -> dict[str, Spoken]:
@@ -161,12 +189,12 @@ async def main() -> None:
             async with Browser((400, 400)) as browser:
                 await browser.open(url)
                 await browser.until("window.isReady")
-                for rate_hz in (44_100, 48_000):
+                for rate_hz in RATES_HZ:
                     for delay_s in DELAYS_S:
-                        print("Chromium,", await measure(browser, sentences, rate_hz, delay_s), flush=True)
+                        print("Chromium,", (await measure(browser, sentences, rate_hz, delay_s))[1], flush=True)
                 assert browser.complaints == [], browser.complaints
     if find_firefox():
-        print("Firefox,", await in_firefox())
+        await in_firefox()
 
 
 if __name__ == "__main__":

@@ -153,8 +153,8 @@ async def firefox_call(server: Server) -> None:
 
 
 async def firefox_live(_: Server) -> None:
-    """It follows sound in Firefox without a server; how well."""
-    print(f"Firefox, without a server: {await in_firefox()}")
+    """It follows sound in Firefox without a server."""
+    await in_firefox()
 
 
 def typescript(folder: Path) -> None:
@@ -181,7 +181,7 @@ async def main() -> int:
             judges |= {"Firefox": firefox_page, "Firefox, package": firefox_package, "Firefox, a call": firefox_call}
             judges |= {"Firefox, without a server": firefox_live}
         else:
-            print("Firefox or Xvfb: not on this machine; Debian has them as firefox-esr and xvfb")
+            print("Nothing was tried in Firefox: it, or Xvfb, is absent; Debian has them as firefox-esr and xvfb")
         failed = 0
         for what, judge in judges.items():
             try:
