@@ -5,18 +5,25 @@ in its pixels, so that a picture that was received says when it was meant; where
 Printed are, in ms, how much earlier a picture comes than its sound: by arrival at the caller (what a player without a
 buffer of its own shows), and by the sender's reports (what a browser plays by); the mouth's dark pixels in phones that
 shut the lips and in open ones; pictures a second, and the processor's share. ``--json`` for programs.
+
+``python -m bench.calls --viewers 1,2,4`` counts instead what viewers of one face cost: images that were encoded and
+sent, and the server's processor time. The viewers are another process. The last of several viewers joins late.
 """
 
 import argparse
 import asyncio
 import json
 import resource
+import sys
 import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
 import aiohttp
 import numpy as np
+from aiortc.codecs.vpx import Vp8Encoder
 from aiortc.rtp import RtcpSrPacket
 
 from fapengine.files.profiles import load_profile
@@ -33,6 +40,10 @@ TEXT = "My mama bought a big pumpkin, and Bob made plum jam for me. People may b
 SIZE_PX, CODE_BITS, CODE_PX = 256, 16, 16
 SHUT, OPEN = ("m", "p", "b"), ("ɑː", "ʌ", "æ", "ɔː", "eɪ", "aɪ")
 LIMIT_S = 0.04
+WATCHED_S, JOIN_S = 10.0, 2.0
+"""Time for which viewers are counted, and time between the first ones and the late one."""
+WATCHED_HZ = 10.0
+"""Images per second for viewers, few enough that a busy machine draws all, so that counts compare."""
 
 
 @dataclass(eq=False)
@@ -118,18 +129,9 @@ class Seen:
 async def call(text: str, size: int = SIZE_PX, rate_hz: float = 30.0) -> Seen:
     """Call a server of one's own, let it speak, and hang up."""
     number_pictures()
-    config = ServerConfig(
-        listen=Listen(port=0, web_port=0),
-        style=Style.speech_only(),
-        calls=CallChoice(on=True, size=size, rate_hz=rate_hz),
-    )
-    server = Server(config, load_profile("grid_s1_en"), build_head())
-    await server.start()
-    running = asyncio.create_task(server.run())
-    (host, port), *_ = server.sites
     wires = {"audio": Wire(), "video": Wire()}
-    async with aiohttp.ClientSession() as http:
-        caller = await watch(http, f"http://{host}:{port}/whep?session=anna", read_picture)
+    async with _serving(size, rate_hz, Style.speech_only()) as (server, url), aiohttp.ClientSession() as http:
+        caller = await watch(http, url, read_picture)
         for transceiver in caller.peer.getTransceivers():
             wires[transceiver.kind].tap(transceiver.receiver)
         while len(caller.pictures) < 5:
@@ -148,8 +150,6 @@ async def call(text: str, size: int = SIZE_PX, rate_hz: float = 30.0) -> Seen:
         await asyncio.sleep(0.5)
         await caller.end()
         await caller.close()
-    server.stop()
-    await running
     return Seen(caller, wires, spoken, zero_s, wall_s, cpu_s)
 
 
@@ -198,6 +198,76 @@ def measured(seen: Seen) -> dict[str, Any]:
     }
 
 
+@asynccontextmanager
+async def _serving(size: int, rate_hz: float, style: Style) -> AsyncIterator[tuple[Server, str]]:
+    """Run a server with calls; yield it and the URL of a face."""
+    config = ServerConfig(
+        listen=Listen(port=0, web_port=0), style=style, calls=CallChoice(on=True, size=size, rate_hz=rate_hz)
+    )
+    server = Server(config, load_profile("grid_s1_en"), build_head())
+    await server.start()
+    running = asyncio.create_task(server.run())
+    host, port = server.sites[0]
+    try:
+        yield server, f"http://{host}:{port}/whep?session=anna"
+    finally:
+        server.stop()
+        await running
+
+
+async def count_viewers(viewers: int, size: int = 512) -> dict[str, float]:
+    """Count what viewers of one face cost a server, in :data:`WATCHED_S`."""
+    encode, encoded = Vp8Encoder.encode, [0]
+
+    def counted(self: Vp8Encoder, frame: Any, force_keyframe: bool = False) -> Any:
+        encoded[0] += 1
+        return encode(self, frame, force_keyframe)
+
+    Vp8Encoder.encode = counted  # type: ignore[method-assign]
+    try:
+        async with _serving(size, WATCHED_HZ, Style()) as (server, url):
+            watching = await asyncio.create_subprocess_exec(
+                sys.executable, "-m", __spec__.name, "--watch", url, str(viewers),
+                stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE,
+            )  # fmt: skip
+            assert watching.stdout is not None
+            await watching.stdout.readline()  # all see the face
+            first, used_s, drawn = encoded[0], _cpu_s(), server.studio.counts.drawn
+            await asyncio.sleep(WATCHED_S)
+            told = {
+                "viewers": viewers,
+                "drawn": server.studio.counts.drawn - drawn,
+                "encoded": encoded[0] - first,
+                "server_cpu_s": round(_cpu_s() - used_s, 2),
+            }
+            shown, _ = await watching.communicate(b"\n")
+    finally:
+        Vp8Encoder.encode = encode  # type: ignore[method-assign]
+    return told | json.loads(shown)
+
+
+async def _watch(url: str, viewers: int) -> None:
+    """Watch as several viewers, of whom the last comes late, until a line comes; the other process."""
+    async with aiohttp.ClientSession() as http:
+        callers, late_s = [], 0.0
+        for number in range(viewers):
+            if number and number == viewers - 1:
+                await asyncio.sleep(JOIN_S)
+            joined_s = time.monotonic()
+            callers.append(await watch(http, url, np.mean))
+            while not callers[-1].pictures:
+                await asyncio.sleep(0.01)
+            late_s = time.monotonic() - joined_s
+        print("seen", flush=True)
+        before = [len(one.pictures) for one in callers]
+        await asyncio.to_thread(sys.stdin.readline)
+        shown = [len(one.pictures) - first for one, first in zip(callers, before, strict=True)]
+        print(json.dumps({"shown": shown, "last_joined_s": round(late_s, 2)}))
+        for one in callers:
+            await one.end()
+            await one.close()
+
+
 def _cpu_s() -> float:
     """Seconds of processor of this process: server, encoder, caller; the drawing is another."""
     used = resource.getrusage(resource.RUSAGE_SELF)
@@ -208,8 +278,18 @@ def main() -> None:
     """Measure once, and say whether the goal is met."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", action="store_true")
+    parser.add_argument("--viewers", metavar="N,N,...", help="count what viewers of one face cost")
+    parser.add_argument("--watch", nargs=2, help=argparse.SUPPRESS)
+    given = parser.parse_args()
+    if given.watch:
+        asyncio.run(_watch(given.watch[0], int(given.watch[1])))
+        return
+    if given.viewers:
+        for viewers in given.viewers.split(","):
+            print(json.dumps(asyncio.run(count_viewers(int(viewers)))), flush=True)
+        return
     told = measured(asyncio.run(call(TEXT)))
-    if parser.parse_args().json:
+    if given.json:
         print(json.dumps(told))
         return
     for name, value in told.items():

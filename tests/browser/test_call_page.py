@@ -10,6 +10,23 @@ FACE = "document.getElementById('face')"
 LIMIT_S = 300.0
 TROUBLE = "document.getElementById('trouble')"
 
+VIEWER = """async () => {
+    window.peer = new RTCPeerConnection();
+    window.late = document.createElement("video");
+    document.body.append(late);
+    peer.ontrack = ({ track }) => {
+        late.srcObject = new MediaStream([track]);
+        late.play();
+    };
+    peer.addTransceiver("video", { direction: "recvonly" });
+    await peer.setLocalDescription();
+    const headers = { "Content-Type": "application/sdp" };
+    const body = peer.localDescription.sdp;
+    const answer = await fetch(`/whep${location.search}`, { method: "POST", headers, body });
+    await peer.setRemoteDescription({ type: "answer", sdp: await answer.text() });
+}"""
+"""Another viewer of the page's session."""
+
 
 def dial(page: Page, session: str) -> None:
     page.go(f"{page.server.url}call.html?session={session}")
@@ -51,6 +68,29 @@ def test_a_face_is_called_and_says_what_the_microphone_hears(page: Page) -> None
     press(page, "call")
     page.until("document.body.dataset.watching === 'false'")
     assert page.run(f"{TROUBLE}.hidden")
+
+
+def test_two_viewers_see_the_same_face_and_one_comes_late(page: Page) -> None:
+    dial(page, "tina")
+    press(page, "call")
+    page.until("document.getElementById('state').textContent === 'You see the face.'")
+    page.until(f"{FACE}.currentTime > 1.5")  # the first keyframe is over
+    page.run(f"({VIEWER})()")
+    seen = []
+    for face in (FACE, "late"):
+        page.until(f"{face}.videoWidth === 256 && {face}.currentTime > 0.5")
+        page.run(
+            "window.still = new OffscreenCanvas(64, 64).getContext('2d', { willReadFrequently: true });"
+            f"window.still.drawImage({face}, 0, 0, 64, 64)"
+        )
+        pixels = page.run("[...window.still.getImageData(0, 0, 64, 64).data]")
+        seen.append(np.array(pixels).reshape(64, 64, 4)[..., :3].astype(float))
+    assert np.std(seen[0]) > 20
+    assert np.abs(seen[0] - seen[1]).mean() < 6  # of 255: a still face, with other bits of the same stream
+    page.run("peer.close()")
+    page.until(f"(window.before ??= {FACE}.currentTime) < {FACE}.currentTime - 0.5")  # the other one still sees it
+    press(page, "call")
+    page.until("document.body.dataset.watching === 'false'")
 
 
 def test_what_goes_wrong_is_told_in_words(page: Page) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fapengine.server.calls.tracks import MAX_BLOCKS, MAX_LATE_S, SEEN_S, FilmTracks
+from fapengine.server.calls.tracks import MAX_BLOCKS, MAX_LATE_S, SEEN_S, VIDEO_HZ, FilmTracks, PictureEncoder
 from fapengine.server.film.film import SHOW_AFTER_S
 from fapengine.server.film.soundtrack import BLOCK_S
 from tests.leaping import LeapingLoop
@@ -42,7 +42,19 @@ def run(work: Coroutine[Any, Any, Seen]) -> Seen:
 async def talk(draw_s: float, encode_s: float, seed: int) -> Seen:
     """One picture is drawn at a time and one encoded, each for a time of that mean; sound comes in time."""
     clock, rng = asyncio.get_running_loop().time, np.random.default_rng(seed)
-    tracks, seen = FilmTracks(SIZE, clock, lambda _: None), Seen()
+    seen = Seen()
+
+    class Encoder(PictureEncoder):
+        """Takes a time of that mean, and sends the pixels as they are."""
+
+        async def _encode(self, pixels: bytes, stamp: int, is_key: bool) -> list[bytes]:
+            seen.pictures.append((stamp / VIDEO_HZ, clock(), int.from_bytes(pixels[:3], "big") / 60))
+            await asyncio.sleep(rng.gamma(4.0, encode_s / 4.0))
+            return [pixels]
+
+    encoder = Encoder(SIZE, clock)
+    viewer = encoder.join()
+    tracks = FilmTracks(encoder, clock, lambda _: None)
 
     async def draw() -> None:
         while True:
@@ -58,10 +70,7 @@ async def talk(draw_s: float, encode_s: float, seed: int) -> Seen:
 
     async def show() -> None:
         while True:
-            frame = await tracks.video.recv()
-            made_s = int.from_bytes(frame.to_ndarray(format="rgb24")[0, 0].tobytes(), "big") / 60
-            seen.pictures.append((float(frame.pts * frame.time_base), clock(), made_s))
-            await asyncio.sleep(rng.gamma(4.0, encode_s / 4.0))
+            await viewer.recv()
 
     async def play() -> None:
         while True:
@@ -74,7 +83,9 @@ async def talk(draw_s: float, encode_s: float, seed: int) -> Seen:
     for task in tasks:
         task.cancel()
     await asyncio.gather(*tasks, return_exceptions=True)
-    seen.dropped = tracks.video.dropped
+    encoder.leave(viewer)
+    assert viewer.sent >= len(seen.pictures) - 1  # the last one may not have been encoded yet
+    seen.dropped = encoder.dropped
     return seen
 
 
@@ -109,7 +120,7 @@ def test_what_is_in_time_is_shown() -> None:
 def test_a_call_that_takes_long_to_connect_does_not_begin_with_a_burst() -> None:
     async def connect() -> Seen:
         clock = asyncio.get_running_loop().time
-        tracks, seen = FilmTracks(SIZE, clock, lambda _: None), Seen()
+        tracks, seen = FilmTracks(None, clock, lambda _: None), Seen()
         for number in range(40):
             tracks.sound(number * BLOCK_S, np.zeros(960, np.int16))
         await asyncio.sleep(0.71)

@@ -28,7 +28,7 @@ from collections import OrderedDict
 from collections.abc import Awaitable, Callable, Coroutine
 from dataclasses import dataclass, field
 from math import inf
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import urlencode
 
 from aiohttp import web
@@ -39,8 +39,8 @@ from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.files.provenance import NAME, mark
 from fapengine.host.hearing import Hearing
 from fapengine.host.hub import Hub
-from fapengine.server.calls.offer import MAX_OFFER, Kind, Offer, answer_offer, read_offer
-from fapengine.server.film.film import FilmForm, Studio, Watcher
+from fapengine.server.calls.offer import MAX_OFFER, Offer, answer_offer, read_offer
+from fapengine.server.film.film import FilmForm, Studio
 from fapengine.server.film.soundtrack import RATE_HZ, Samples
 from fapengine.server.intake.rates import TokenBucket
 from fapengine.server.web.access import Access
@@ -65,6 +65,9 @@ MARK_HEADER = "Digital-Source-Type"
 OPEN = "calls", "Open calls by WebRTC, by what they do."
 MAX_REASONS = 64
 """Number of ended calls whose reason is kept."""
+
+if TYPE_CHECKING:
+    from fapengine.server.calls.tracks import PictureEncoder, SoundTrack
 
 log = logging.getLogger("fapengine.web")
 Begin = Callable[[str, bytes, str, str], Awaitable[tuple[str, str]]]
@@ -149,6 +152,8 @@ class Calls:
         self._offers: OrderedDict[str, TokenBucket] = OrderedDict()
         self._started_s: dict[str, float] = {}
         """When the last rendering process started for an address."""
+        self._encoders: dict[tuple[str, str], PictureEncoder] = {}
+        """One for all viewers of a session with the same codec."""
         self._ending: set[asyncio.Future[Any]] = set()
         self._turn = asyncio.Lock()
 
@@ -265,28 +270,21 @@ class Calls:
         self._lose(oldest, "another call needed its place before it was connected")
 
     def _show(self, call: Call, offer: Offer) -> None:
-        from fapengine.server.calls.tracks import FilmTracks
-
-        tracks = FilmTracks(self.form.size, self.hub.clock, functools.partial(self._end, call))
-        own: dict[Kind, Any] = {"audio": tracks.audio, "video": tracks.video}
         for transceiver in call.peer.getTransceivers():
-            if transceiver.direction not in ("sendonly", "sendrecv", "recvonly"):
-                continue
-            transceiver.sender.replaceTrack(own[transceiver.kind])
-            transceiver.direction = "sendonly"
+            if transceiver.direction in ("sendonly", "sendrecv", "recvonly"):
+                transceiver.direction = "sendonly"
 
         def leave() -> None:
             self.counts.watching -= 1
-            for track in own.values():
-                self.counts.dropped += track.dropped
-                track.stop()
 
         call.leave.callback(self.hub.hold(call.session))
         self.counts.watching += 1
         call.leave.callback(leave)
-        call.begin = functools.partial(self._draw, call, tracks)
+        call.begin = functools.partial(self._draw, call)
 
-    async def _draw(self, call: Call, tracks: Watcher) -> None:
+    async def _draw(self, call: Call) -> None:
+        from fapengine.server.calls.tracks import FilmTracks
+
         now_s, film = asyncio.get_running_loop().time, (call.session, self.form)
         while film not in self._studio:
             wait_s = self._started_s.get(call.caller, -inf) + START_EVERY_S - now_s()
@@ -295,10 +293,44 @@ class Calls:
                 self._started_s = recent | {call.caller: now_s()}
                 break
             await asyncio.sleep(wait_s)
+        senders = [one for one in call.peer.getTransceivers() if one.direction == "sendonly"]
+        encoder = None
+        for transceiver in senders:
+            if transceiver.kind == "video":
+                encoder = self._join(call, transceiver)
+        tracks = FilmTracks(encoder, self.hub.clock, functools.partial(self._end, call))
+        for transceiver in senders:
+            if transceiver.kind == "audio":
+                transceiver.sender.replaceTrack(tracks.audio)
+        call.leave.callback(self._drop, tracks.audio)
         try:
             call.leave.callback(self._studio.watch(*film, tracks))
         except (UsageError, ResourceError) as error:
             self._end(call, str(error))
+
+    def _join(self, call: Call, transceiver: Any) -> "PictureEncoder":
+        """Send a call the images of the encoder that all viewers of its session share."""
+        from fapengine.server.calls.tracks import PictureEncoder
+
+        codec = transceiver._codecs[0]
+        key = (call.session, codec.mimeType)
+        encoder = self._encoders.get(key)
+        if encoder is None:
+            encoder = self._encoders[key] = PictureEncoder(self.form.size, self.hub.clock, codec)
+        track = encoder.join()
+        track.send_by(transceiver.sender)
+
+        def leave() -> None:
+            if encoder.leave(track):
+                self.counts.dropped += encoder.dropped
+                del self._encoders[key]
+
+        call.leave.callback(leave)
+        return encoder
+
+    def _drop(self, audio: "SoundTrack") -> None:
+        self.counts.dropped += audio.dropped
+        audio.stop()
 
     def _listen(self, call: Call, offer: Offer) -> None:
         from fapengine.server.calls.tracks import listen

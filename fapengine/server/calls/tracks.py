@@ -1,14 +1,18 @@
-"""The video and audio track of a call."""
+"""The video and audio tracks of calls."""
 
 import asyncio
+import logging
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from fractions import Fraction
 from math import inf
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import av
 import numpy as np
+from aiortc import RTCRtpCodecParameters
+from aiortc.codecs import get_encoder
 from aiortc.mediastreams import MediaStreamError, MediaStreamTrack
 
 from fapengine.server.film.film import SHOW_AFTER_S
@@ -24,7 +28,15 @@ MAX_LATE_S = 0.06
 SEEN_S = 0.5
 """Time without an image after which a late one is shown."""
 MAX_WAITING = 8
+MAX_ENCODED = 30
+"""Encoded images that may wait for one viewer."""
+KEY_EVERY_S = 1.0
+"""Time between two keyframes that viewers ask for. A keyframe takes as many bits as ten other images."""
+SAME_RATE = 0.1
+"""Relative change of the bit rate for which the library does not begin a new encoder."""
+VP8 = RTCRtpCodecParameters(mimeType="video/VP8", clockRate=VIDEO_HZ)
 
+log = logging.getLogger("fapengine.web")
 Shown = TypeVar("Shown")
 
 
@@ -137,66 +149,209 @@ class SoundTrack(FilmTrack):
         return frame
 
 
-class PictureTrack(FilmTrack):
-    """Images without those that come too late (:class:`Latest`). Stateful.
+@dataclass(frozen=True, slots=True)
+class Encoded:
+    """An encoded image."""
 
-    An image that is shown late is stamped with the time at which it is shown; otherwise browsers would delay the audio.
+    payloads: list[bytes]
+    """Payloads of its RTP packets."""
+    stamp: int
+    """Time of the image, in 1/:data:`VIDEO_HZ` s."""
+    is_key: bool
+
+
+class PictureTrack(FilmTrack):
+    """Encoded images for one viewer, from the first keyframe on. Stateful.
+
+    For its sender it is also the encoder, because nothing is left to encode.
     """
 
-    def __init__(self, clock: Callable[[], float]) -> None:
-        super().__init__("video", clock)
-        self._stamp = -1
-        self._pictures = Latest[av.VideoFrame]()
+    def __init__(self, encoder: "PictureEncoder") -> None:
+        super().__init__("video", encoder.clock)
+        self._encoder = encoder
+        self._queued: deque[Encoded] = deque()
+        self._needs_key = True
+        self.target_bitrate: int | None = None
+        """Bits per second that the viewer can receive; set by the sender."""
+
+    def put(self, image: Encoded) -> None:
+        """Add an image. If too many wait, all are dropped up to the next keyframe."""
+        if len(self._queued) >= MAX_ENCODED:
+            self._queued.clear()
+            self._needs_key = True
+        if self._needs_key and not image.is_key:
+            return
+        self._needs_key = False
+        self._queued.append(image)
+        self._came.set()
+
+    async def recv(self) -> Any:
+        """Return the next image; called by the library."""
+        if self._needs_key:
+            self._encoder.ask_key()
+        await self._wait(lambda: bool(self._queued))
+        self.sent += 1
+        return self._queued.popleft()
+
+    @staticmethod
+    def pack(image: Encoded) -> tuple[list[bytes], int]:
+        """Return payloads and timestamp of an image; called by the library."""
+        return image.payloads, image.stamp
+
+    def send_by(self, sender: Any) -> None:
+        """Have a sender of the library send these images as they are, and pass on what its viewer asks for."""
+        sender._RTCRtpSender__encoder, sender._send_keyframe = self, self._encoder.ask_key
+        sender.replaceTrack(self)
+
+
+class PictureEncoder:
+    """Encodes the images of one session once for all its viewers, without those that come too late (:class:`Latest`).
+
+    An image that is shown late is stamped with the time at which it is shown; otherwise browsers would delay the audio.
+    A keyframe comes when a viewer joins or has lost something, and where the bit rate changes, but at most one each
+    :data:`KEY_EVERY_S`, so that no viewer spoils the images of the others. The viewer that can receive least decides
+    the bit rate, within the limits of the library. Stateful.
+
+    Parameters
+    ----------
+    size : (int, int)
+    clock : callable
+        Clock of the engine.
+    codec : RTCRtpCodecParameters, optional
+        By default VP8.
+    """
+
+    def __init__(self, size: tuple[int, int], clock: Callable[[], float], codec: RTCRtpCodecParameters = VP8) -> None:
+        self._size, self.clock, self.zero_s = size, clock, clock()
+        self._codec = codec
+        self._encoder: Any = None
+        self._viewers: set[PictureTrack] = set()
+        self._pictures = Latest[bytes]()
+        self._came = asyncio.Event()
+        self._newest_s, self._key_s, self._stamp = -inf, -inf, -1
+        self._wants_key = True
+        self._encoding: asyncio.Task[None] | None = None
 
     @property
     def dropped(self) -> int:
-        """Number of images that were not shown."""
+        """Number of images that were not encoded."""
         return self._pictures.dropped
 
-    def put(self, time_s: float, frame: av.VideoFrame) -> None:
-        """Add an image of an engine time."""
-        self._pictures.put(time_s + SHOW_AFTER_S, frame)
-        self._came.set()
+    def ask_key(self) -> None:
+        """Make one of the next images a keyframe."""
+        self._wants_key = True
 
-    async def recv(self) -> av.VideoFrame:
-        """Return the newest image whose time has come; the library calls this after it has sent the one before."""
-        while (taken := self._pictures.take(self._clock())) is None:
-            await self._wait(lambda: self._pictures.wait_s(0.0) is not None)
-            await asyncio.sleep(self._pictures.wait_s(self._clock()) or 0.0)
-        due_s, frame = taken
-        late_s = self._clock() - due_s
-        shift = round(late_s * VIDEO_HZ) if late_s > MAX_LATE_S else 0
-        frame.pts = self._stamp = max((frame.pts or 0) + shift, self._stamp + 1)
-        self.sent += 1
-        return frame
+    def join(self) -> PictureTrack:
+        """Return a track for one more viewer."""
+        track = PictureTrack(self)
+        self._viewers.add(track)
+        if self._encoding is None or self._encoding.done():
+            self._encoding = asyncio.get_running_loop().create_task(self._run())
+        return track
+
+    def leave(self, track: PictureTrack) -> bool:
+        """Remove a viewer; return whether it was the last one, so that nothing more is encoded."""
+        track.stop()
+        self._viewers.discard(track)
+        if self._viewers or self._encoding is None:
+            return False
+        self._encoding.cancel()
+        return True
+
+    def picture(self, time_s: float, pixels: bytes) -> None:
+        """Add an image of an engine time; each viewer's film brings it, and the first counts."""
+        if time_s > self._newest_s:
+            self._newest_s = time_s
+            self._pictures.put(time_s + SHOW_AFTER_S, pixels)
+            self._came.set()
+
+    async def _run(self) -> None:
+        self._encoder, self._key_s = get_encoder(self._codec), -inf
+        try:
+            while True:
+                image = await self._encoded(*await self._next())
+                for viewer in self._viewers:
+                    viewer.put(image)
+        except av.FFmpegError:
+            log.exception("video cannot be encoded")
+        finally:
+            for viewer in self._viewers:
+                viewer.stop()
+
+    async def _next(self) -> tuple[float, bytes]:
+        """Wait until an image is due."""
+        while (taken := self._pictures.take(self.clock())) is None:
+            wait_s = self._pictures.wait_s(self.clock())
+            if wait_s is None:
+                self._came.clear()
+                await self._came.wait()
+            else:
+                await asyncio.sleep(wait_s)
+        return taken
+
+    async def _encoded(self, due_s: float, pixels: bytes) -> Encoded:
+        now_s = self.clock()
+        shown_s = now_s if now_s - due_s > MAX_LATE_S else due_s
+        self._stamp = max(round((shown_s - SHOW_AFTER_S - self.zero_s) * VIDEO_HZ), self._stamp + 1)
+        is_key = now_s - self._key_s >= KEY_EVERY_S and (self._changes_rate() or self._wants_key)
+        if is_key:
+            self._key_s, self._wants_key = now_s, False
+        return Encoded(await self._encode(pixels, self._stamp, is_key), self._stamp, is_key)
+
+    def _changes_rate(self) -> bool:
+        """Set the bit rate of the viewers; return whether it differs so much that the encoder begins again."""
+        wanted = min((one.target_bitrate for one in self._viewers if one.target_bitrate is not None), default=None)
+        before = self._encoder.target_bitrate
+        if wanted is None or abs(wanted - before) <= SAME_RATE * before:
+            return False
+        self._encoder.target_bitrate = wanted
+        return bool(self._encoder.target_bitrate != before)
+
+    async def _encode(self, pixels: bytes, stamp: int, is_key: bool) -> list[bytes]:
+        width, height = self._size
+
+        def encode() -> list[bytes]:
+            image = np.frombuffer(pixels, np.uint8).reshape(height, width, 3)
+            frame = av.VideoFrame.from_ndarray(image, format="rgb24")
+            frame.pts, frame.time_base = stamp, Fraction(1, VIDEO_HZ)
+            payloads: list[bytes] = self._encoder.encode(frame, is_key)[0]
+            return payloads
+
+        return await asyncio.get_running_loop().run_in_executor(None, encode)
 
 
 class FilmTracks:
-    """A watcher of a film (:class:`fapengine.server.film.film.Watcher`) that fills two tracks. Stateful."""
+    """A watcher of a film (:class:`fapengine.server.film.film.Watcher`) that fills the tracks of one call. Stateful.
 
-    def __init__(self, size: tuple[int, int], clock: Callable[[], float], over: Callable[[str], None]) -> None:
-        self._size, self._zero_s, self.over = size, clock(), over
-        self.video = PictureTrack(clock)
+    Parameters
+    ----------
+    encoder : PictureEncoder, optional
+        Encodes the images; None for a call without video.
+    clock : callable
+        Clock of the engine.
+    over : callable
+        Called with the reason when no more images come.
+    """
+
+    def __init__(self, encoder: PictureEncoder | None, clock: Callable[[], float], over: Callable[[str], None]) -> None:
+        self._encoder, self._clock, self.over = encoder, clock, over
+        self._begun_s = clock()
+        self._zero_s = self._begun_s if encoder is None else encoder.zero_s
         self.audio = SoundTrack(clock)
 
     def picture(self, time_s: float, pixels: bytes) -> None:
-        """Add an image to the video track."""
-        width, height = self._size
-        frame = av.VideoFrame.from_ndarray(np.frombuffer(pixels, np.uint8).reshape(height, width, 3), format="rgb24")
-        if self._stamp(frame, time_s, VIDEO_HZ):
-            self.video.put(time_s, frame)
+        """Pass an image to the encoder."""
+        if self._encoder is not None:
+            self._encoder.picture(time_s, pixels)
 
     def sound(self, time_s: float, samples: Samples) -> None:
-        """Add a block to the audio track."""
+        """Add a block to the audio track, unless it is from before the call."""
+        if time_s < self._begun_s:
+            return
         frame = av.AudioFrame.from_ndarray(samples.reshape(1, -1), format="s16", layout="mono")
-        frame.sample_rate = RATE_HZ
-        if self._stamp(frame, time_s, RATE_HZ):
-            self.audio.put(time_s, frame)
-
-    def _stamp(self, frame: av.VideoFrame | av.AudioFrame, time_s: float, rate_hz: int) -> bool:
-        """Set a frame's time in the call; False if it is from before the call."""
-        frame.pts, frame.time_base = round((time_s - self._zero_s) * rate_hz), Fraction(1, rate_hz)
-        return time_s >= self._zero_s
+        frame.sample_rate, frame.time_base = RATE_HZ, Fraction(1, RATE_HZ)
+        frame.pts = round((time_s - self._zero_s) * RATE_HZ)
+        self.audio.put(time_s, frame)
 
 
 async def listen(track: MediaStreamTrack, take: Callable[[Samples], None]) -> None:
