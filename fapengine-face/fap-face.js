@@ -262,6 +262,7 @@ export class FapFace extends (globalThis.HTMLElement ?? Object) {
 
   channel(method) {
     if (this.source instanceof Channel) return this.source;
+    if (this.living) throw new Error(`fap-face: ${method} needs an element that neither hears nor says; use another one`);
     throw new Error(`fap-face: ${method} needs an element without server and src; wait for the event "ready"`);
   }
 }

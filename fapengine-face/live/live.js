@@ -104,7 +104,12 @@ export class Live extends EventTarget {
   }
 
   async begin(run, input, isStream, context, delay, lookAhead) {
-    if (!context) context = run.context = new AudioContext();
+    if (!context) {
+      context = run.context = new AudioContext();
+      run.over = new AbortController();
+      const wake = () => context.state !== "running" && context.resume().catch(() => {});
+      for (const type of ["pointerdown", "keydown"]) globalThis.document?.addEventListener(type, wake, run.over); // before one of them, browsers let no sound begin
+    }
     const { worklet, worker } = this.addresses;
     const replaced = new Promise((_, reject) => (run.giveUp = () => reject(new Error(REPLACED))));
     const [tables] = await Promise.race([
@@ -133,7 +138,7 @@ export class Live extends EventTarget {
     run.source = source;
     for (const node of [run.tap, run.delayed]) source.connect(node);
     this.pause = PAUSE_S;
-    if (context.state === "suspended") context.resume().catch(() => {}); // only after a click or a key
+    if (context.state === "suspended") context.resume().catch(() => {});
     return run.delayed;
   }
 
@@ -331,6 +336,7 @@ export class Live extends EventTarget {
     for (const node of run?.source ? [run.tap, run.delayed] : []) disconnect(run.source, node);
     run?.worker?.terminate();
     run?.giveUp?.();
+    run?.over?.abort();
     run?.context?.close().catch(() => {}); // the page may have closed it
     if (run?.element) run.element.srcObject = null;
     if (this.isSpeaking) this.tell("cancelled");

@@ -50,6 +50,13 @@ class Browser:
         self._reader: asyncio.Task[None] | None = None
         self.complaints: list[str] = []
         """Errors and warnings of the console, and exceptions nobody caught."""
+        self.workers: dict[str, str] = {}
+        """Kinds of the page's workers by their sessions, after a call of ``Target.setAutoAttach`` with ``flatten``."""
+
+    @property
+    def pid(self) -> int:
+        """Number of the process that started the others."""
+        return self._process.pid
 
     async def __aenter__(self) -> "Browser":
         path = find_chromium()
@@ -102,12 +109,13 @@ class Browser:
         self._log.close()
         self._folder.cleanup()
 
-    async def call(self, method: str, **params: object) -> dict[str, Any]:
-        """Call a method of the protocol."""
+    async def call(self, method: str, session: str | None = None, **params: object) -> dict[str, Any]:
+        """Call a method of the protocol; the session of a worker, if not of the page: :attr:`workers`."""
         number = next(self._numbers)
         self._answers[number] = asyncio.get_running_loop().create_future()
         assert self._socket is not None
-        await self._socket.send_json({"id": number, "method": method, "params": params})
+        of_worker = {"sessionId": session} if session else {}
+        await self._socket.send_json({"id": number, "method": method, "params": params, **of_worker})
         async with asyncio.timeout(CALL_LIMIT_S):
             answer = await self._answers[number]
         assert "error" not in answer, f"{method}: {answer['error']}"
@@ -167,5 +175,9 @@ class Browser:
                     self.complaints.append(str(params["exceptionDetails"]))
                 case "Runtime.consoleAPICalled", {"type": "error" | "warning" | "assert"} as params:
                     self.complaints.append(str([one.get("value", one.get("description")) for one in params["args"]]))
+                case "Target.attachedToTarget", params:
+                    self.workers[params["sessionId"]] = params["targetInfo"]["type"]
+                case "Target.detachedFromTarget", params:
+                    self.workers.pop(params["sessionId"], None)
                 case "Log.entryAdded", {"entry": {"level": "error" | "warning"} as entry}:
                     self.complaints.append(f"{entry['text']} {entry.get('url', '')}")

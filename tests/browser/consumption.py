@@ -29,12 +29,12 @@ def family(pid: int) -> set[int]:
 
 
 def memory(pid: int) -> float:
-    """Memory of a process and of all that it started, bytes; what several share counts once."""
+    """Memory of their own that a process and all that it started have, swapped out or not, bytes; no files."""
     return 1024.0 * sum(
         int(line.split()[1])
         for lines in _read(f"/proc/{member}/smaps_rollup" for member in family(pid))
         for line in lines
-        if line.startswith("Pss:")
+        if line.startswith(("Private_Dirty:", "Swap:"))
     )
 
 

@@ -156,3 +156,95 @@ def test_what_does_not_begin_leaves_nothing(static: Page) -> None:
     away = "(() => { const heard = why(face.hear(stream)); face.remove(); return heard; })()"
     assert static.run(away) == "fap-face: it was taken away, or begun again, meanwhile"
     static.complaints[:] = [one for one in static.complaints if "404" not in one]
+
+
+LOOP = """(async () => {
+  window.context = new AudioContext();
+  const spoken = await context.decodeAudioData(await (await fetch("baby.wav")).arrayBuffer());
+  const loop = new AudioBuffer({ length: spoken.length + context.sampleRate, sampleRate: context.sampleRate });
+  loop.copyToChannel(spoken.getChannelData(0), 0);
+  window.sound = new AudioBufferSourceNode(context, { buffer: loop, loop: true });
+  sound.start();
+})()"""
+CALLED = """
+window.call = async () => {
+  const out = new MediaStreamAudioDestinationNode(context);
+  sound.connect(out);
+  const [here, there] = (window.pair = [new RTCPeerConnection(), new RTCPeerConnection()]);
+  here.onicecandidate = ({ candidate }) => there.addIceCandidate(candidate);
+  there.onicecandidate = ({ candidate }) => here.addIceCandidate(candidate);
+  const track = new Promise((done) => (there.ontrack = done));
+  here.addTrack(out.stream.getAudioTracks()[0], out.stream);
+  await here.setLocalDescription();
+  await there.setRemoteDescription(here.localDescription);
+  await there.setLocalDescription();
+  await here.setRemoteDescription(there.localDescription);
+  await face.hear((await track).streams[0], { context });
+};
+window.hangUp = () => pair.forEach((end) => end.close());
+"""
+PHONE = "told.some(([type]) => type === 'phone')"
+
+
+def test_it_follows_a_remote_track_and_another_after_it(static: Page) -> None:
+    """Chromium gives no sound of a remote track that no element plays."""
+    static.run(LOOP)
+    static.run(CALLED + "0")
+    static.run("call()")
+    static.until(PHONE)
+    static.run("hangUp()")
+    static.run("call().then(() => (told.length = 0))")
+    static.until(PHONE)
+    static.run("hangUp(), face.remove(), context.close()")
+
+
+def test_it_goes_on_in_a_tab_that_is_not_seen(static: Page) -> None:
+    static.run(LOOP)
+    static.run("face.hear(sound).then(() => 0)")
+    static.until(PHONE)
+    other = static.call("Target.createTarget", url="about:blank")["targetId"]
+    static.until("document.visibilityState === 'hidden'")
+    static.run("told.length = 0, window.seen = face.picture.count")
+    static.until(PHONE)  # events do not wait for pictures
+    assert static.run("face.picture.count - seen") <= 1
+    static.call("Target.closeTarget", targetId=other)
+    static.call("Page.bringToFront")
+    static.until("document.visibilityState === 'visible' && face.picture.count > seen + 2")
+    assert static.run("face.source.position <= face.source.heard")
+    static.run("face.remove(), context.close()")
+
+
+def test_a_context_of_its_own_wakes_when_the_page_is_touched(static: Page) -> None:
+    """As where browsers let no sound begin before; a context of the page's is the page's."""
+    static.run(LOOP)
+    static.run("window.stream = new MediaStreamAudioDestinationNode(context), sound.connect(stream), 0")
+    static.run("face.hear(stream.stream).then(() => 0)")
+    static.until("face.source.clock")
+    static.run("window.own = face.source.run.context, own.suspend()")
+    assert static.run("own.state") == "suspended"
+    static.key("a")
+    static.until("own.state === 'running'")
+    static.run("told.length = 0")
+    static.until(PHONE)
+    static.run("own.suspend().then(() => face.remove())")
+    static.key("a")
+    static.until("own.state === 'closed'")
+    static.run("context.close()")
+
+
+def test_it_goes_on_when_the_loudspeaker_changes(static: Page) -> None:
+    static.run(LOOP)
+    static.run("face.hear(sound).then(() => 0)")
+    static.until(PHONE)
+    static.run("window.before = face.source.position, context.setSinkId({ type: 'none' })")
+    static.run("told.length = 0")
+    static.until(f"{PHONE} && face.source.position > before + 1")
+    assert static.run("face.source.position <= face.source.heard + 1")
+    static.run("face.remove(), context.close()")
+
+
+def test_frames_of_elsewhere_need_an_element_of_their_own(static: Page) -> None:
+    static.run("window.at = 0, face.say([{ label: 'm', start: 5, end: 9 }], { clock: () => at })")
+    assert "neither hears nor says" in static.run(
+        "(() => { try { face.feed(new ArrayBuffer(288)) } catch (e) { return e.message } })()"
+    )
