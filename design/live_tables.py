@@ -1,6 +1,7 @@
 """What ``fapengine-face/live`` has from Python's modules: ``constants.js`` and two files of tables; and its worker.
 
-``python -m design.face_package`` calls :func:`write`; none of these numbers is typed by hand.
+``words-en`` has a table of English besides. ``python -m design.face_package`` calls :func:`write`; none of these
+numbers is typed by hand.
 
 A file of tables has ``FAPLIVE1``, the length of a JSON text (uint32, little-endian), the text, and its arrays. The text
 lists each array with kind, shape and offset after the text; both are padded with spaces or zeros to a multiple of 8.
@@ -10,6 +11,8 @@ import json
 import re
 import shutil
 import struct
+import tomllib
+from importlib.resources import files
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -21,13 +24,17 @@ from fapengine import speaking
 from fapengine.expressions import EXPRESSION_NAMES
 from fapengine.files.profiles import load_profile
 from fapengine.host import changing, hearing
+from fapengine.host import words as host_words
 from fapengine.mpeg4 import fap, fapu
 from fapengine.mpeg4.track import _codable_range
 from fapengine.profiles import Profile
 from fapengine.recognition import loudness, protocol, small_net, small_recognizer
 from fapengine.speaking import DEFAULT_PROFILE
 from fapengine.speech import ipa, phone_track
+from fapengine.speech.alphabets import phone_sets
+from fapengine.speech.alphabets.phone_set import PhoneSet
 from fapengine.speech.articulation import ARTICULATIONS
+from fapengine.speech.formats import entries, services
 from fapengine.trajectory import (
     closures,
     context,
@@ -43,16 +50,20 @@ from fapengine.trajectory import (
 from fapengine.trajectory.expression import expression_faps
 from fapengine.trajectory.faps import displacements_to_faps
 from fapengine.trajectory.style import jaw_share
+from fapengine.voices import pronounce, spoken_form
 
 MAGIC = b"FAPLIVE1"
 MODULES: dict[str, ModuleType] = {
     module.__name__.rpartition(".")[2]: module
     for module in (
         changing, closures, context, expression, fap, fapu, gestures, hearing, hermite, ipa, loudness, phone_track,
-        phonetics, protocol, ramps, small_net, small_recognizer, speaking, stream, style, targets,
+        phonetics, protocol, ramps, small_net, small_recognizer, speaking, stream, style, targets, entries, phone_sets,
+        pronounce, services,
     )
-}  # fmt: skip
+} | {"host_words": host_words}  # fmt: skip
 """Modules with constants that the JavaScript imports, by the name that it uses."""
+WORDS = Path(__file__).with_name("words-en.bin")
+"""Network and dictionary of ``words-en``, made by ``python -m bench.words_train``."""
 FROM = re.compile(r"import {([^}]*)} from \"./([^\"]+)\";")
 EXPORTED = re.compile(r"^export (?:class|const|function) (\w+)", re.MULTILINE)
 IMPORTED = re.compile(r"import {([^}]*)} from \"./constants.js\";")
@@ -77,6 +88,11 @@ def write(package: Path) -> None:
     )
     (assets / "recognizer.bin").write_bytes(packed(*recognizer_tables()))
     shutil.copy(small_net.WEIGHTS.with_name(f"{small_net.WEIGHTS.name}.license"), assets / "recognizer.bin.license")
+    (package / "words-en" / "table.js").write_text(
+        f"{head}export const SPOKEN = {json.dumps(spoken_table(), ensure_ascii=False)};\n", encoding="utf-8"
+    )
+    for name in (WORDS.name, f"{WORDS.name}.license"):
+        shutil.copy(WORDS.with_name(name), assets)
 
 
 def joined(source: Path, name: str) -> str:
@@ -117,7 +133,34 @@ def _constant(module: str, name: str) -> Any:
     value = found[name] if name in found else found[f"_{name}"]
     if isinstance(value, dict) and any(isinstance(key, tuple) for key in value):
         return list(value.items())
+    if isinstance(value, PhoneSet):
+        return value.table
     return sorted(value) if isinstance(value, frozenset) else value
+
+
+def spoken_table() -> dict[str, Any]:
+    """English's table of :mod:`fapengine.voices.spoken_form`, with its patterns as JavaScript spells them."""
+    table = tomllib.loads((files("fapengine.voices") / "spoken" / "en.toml").read_text("utf-8"))
+    kinds = [{"kind": kind} for kind in ("before", "after", "fraction")]
+    listed = [{"say": rule["say"]} | ({"form": rule["form"]} if "form" in rule else {}) for rule in table.pop("rules")]
+    kinds += [*listed, {"kind": "unit"}, {"kind": "word"}]
+    rules = zip(spoken_form._rules("en"), kinds, strict=True)
+    return table | {"patterns": [{"find": javascript(rule.pattern.pattern)} | kind for rule, kind in rules]}
+
+
+def javascript(pattern: str) -> str:
+    r"""A regular expression of Python as JavaScript spells it.
+
+    Examples
+    --------
+    >>> print(javascript(r"(?P<n>(?>\d+))x\Z"))
+    (?=(?<n>(?:\d+)))\k<n>x$
+    """
+    pattern = pattern.replace(r"\Z", "$").replace(r"\ ", " ")
+    pattern = re.sub(
+        r"\(\?P<n>\(\?>((?:[^()]|\([^()]*(?:\([^()]*\)[^()]*)*\))*)\)\)", r"(?=(?<n>(?:\1)))\\k<n>", pattern
+    )
+    return pattern.replace("(?P<", "(?<")
 
 
 def planner_tables(profile: Profile) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:

@@ -193,12 +193,12 @@ export class FapFace extends (globalThis.HTMLElement ?? Object) {
   }
 
   // A text: the server's voice says it, and this page plays it, unless it is muted or may not; resolves to whether it was
-  // sent. Phones with times, { label, start, end }: this page plans them, without a server.
+  // sent. Without a server, phones, { label, start, end }, a text, or words, { text, start, end? }: see Live.
   async say(text, options = {}) {
-    if (Array.isArray(text)) {
+    if (Array.isArray(text) || !this.hasAttribute("server")) {
       const { cancels } = this;
       const live = await this.local("say");
-      return cancels === this.cancels ? live.say(text, options) : undefined; // else it was ended before it began
+      return cancels === this.cancels ? live.say(text, options) : null; // else it was ended before it began
     }
     const session = this.serverSession("say");
     await this.sound(session);

@@ -1,4 +1,4 @@
-import type { HearOptions, LiveSayOptions, TimedPhone } from "./live/index.js";
+import type { HearOptions, LiveSayOptions, SaidWords, TimedPhone, TimedWord } from "./live/index.js";
 
 /** Values of FAP 1 to 68, FAPU; FAP n is at n - 1. */
 export type Faps = Float32Array;
@@ -63,9 +63,12 @@ export class FapFace extends HTMLElement {
   readonly faps: Faps;
   /** True: this page plays no sound of the server's voice. */
   muted: boolean;
+  /** With a server: its voice speaks; resolves to whether it was sent. */
   say(text: string, options?: SayOptions): Promise<boolean>;
   /** Without server and src: phones with times. `clock` gives the position of what is heard, s; by default it begins now. */
   say(phones: TimedPhone[], options?: LiveSayOptions): Promise<void>;
+  /** Without server and src: a text (English, or by `pronounce`), or words with times; null if something else was begun. */
+  say(words: string | TimedWord[], options?: LiveSayOptions): Promise<SaidWords | null>;
   /** Without server and src: follow sound. Resolves to the delayed sound, to be connected where it is heard. */
   hear(input: MediaStream | AudioNode, options?: HearOptions): Promise<AudioNode>;
   push(samples: Int16Array, rate: number): boolean;

@@ -10,6 +10,15 @@ export interface TimedPhone {
   loudness?: number;
 }
 
+/** A word with its times. */
+export interface TimedWord {
+  text: string;
+  /** s, 0 or later. */
+  start: number;
+  /** By default the next start, or as long as it takes to say. */
+  end?: number;
+}
+
 /** How a face speaks. */
 export interface LiveStyle {
   /** Sizes of all movements, of the jaw's and of the lips', 0 to 3; 1 is natural. */
@@ -69,7 +78,31 @@ export interface HearOptions {
 export interface LiveSayOptions {
   /** Position of what is heard now, s. */
   clock?: () => number;
+  /** What is said before goes on, with its clock; by default it ends. */
+  add?: boolean;
+  /** Phones of a word (IPA), a list or a text with spaces, for languages other than English. */
+  pronounce?: (word: string, index: number, words: string[]) => Spoken | Promise<Spoken>;
 }
+
+export type Spoken = string | string[] | null | undefined;
+
+/** Words that are said. */
+export interface SaidWords {
+  words: Required<TimedWord>[];
+  /** Those that have no phones. */
+  unread: string[];
+}
+
+/** Viseme events of Azure's SDK to phones; offsets in ticks of 100 ns. */
+export function azurePhones(events: { audioOffset: number; visemeId: number }[]): TimedPhone[];
+/** Messages of Cartesia to phones, or, without phones, to words. */
+export function cartesiaTimings(messages: object[]): TimedPhone[] | TimedWord[];
+/** Alignments of ElevenLabs' characters, in the order of their chunks, to words. */
+export function elevenLabsWords(chunks: object[]): TimedWord[];
+/** Pieces of LiveKit's timed transcription to words. */
+export function liveKitWords(
+  pieces: ({ text: string } & ({ startTime: number; endTime?: number } | { start_time: number; end_time?: number }))[],
+): TimedWord[];
 
 export interface LiveEventMap {
   started: Event;
@@ -89,7 +122,7 @@ export class Live extends EventTarget {
       /** Of these, an integer. */
       seed?: number;
       /** Addresses of the package's files elsewhere. */
-      assets?: { planner?: string | URL; recognizer?: string | URL; worker?: string | URL; worklet?: string | URL };
+      assets?: { planner?: string | URL; recognizer?: string | URL; words?: string | URL; worker?: string | URL; worklet?: string | URL };
     },
   ): Promise<Live>;
   readonly isSpeaking: boolean;
@@ -98,6 +131,8 @@ export class Live extends EventTarget {
   /** Follow sound without Web Audio, as it comes. @param samples -1 to 1, mono. @param rate Hz, the same until `stop()`. */
   push(samples: Float32Array, rate: number, options?: { delay?: number; lookAhead?: number }): Promise<void>;
   say(phones: TimedPhone[], options?: LiveSayOptions): void;
+  /** A text, or words; resolves to null if something else was begun meanwhile. */
+  say(words: string | TimedWord[], options?: LiveSayOptions): Promise<SaidWords | null>;
   /** @param level 0 to 2. */
   express(name: string, level?: number, fields?: { attack_s?: number; hold_s?: number; release_s?: number }): void;
   /** End what is said. */

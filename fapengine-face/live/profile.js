@@ -8,6 +8,20 @@ const { CEDILLA, LENGTH, REPLACED, STRESS, TIES } = ipa;
 const { SILENCE, STAND_IN } = phone_track;
 const MARK = new RegExp(`[${Object.keys(STRESS).join("")}${TIES}${LENGTH}]|\\p{Mn}|\\p{Lm}|\\p{Sk}|\\p{Cf}`, "u");
 
+// Letters of a label; none if one of them is not IPA, a key of letters.
+export function lettersOf(label, letters) {
+  const found = [];
+  for (const letter of label.normalize("NFD")) {
+    if (letter === CEDILLA && found.at(-1) === "c") found[found.length - 1] = "ç";
+    if (MARK.test(letter)) continue;
+    for (const known of REPLACED[letter] ?? letter) {
+      if (!Object.hasOwn(letters, known)) return [];
+      found.push(known);
+    }
+  }
+  return found;
+}
+
 export class Profile {
   // buffer: the package's assets/planner.bin.
   constructor(buffer) {
@@ -79,18 +93,8 @@ export class Profile {
     return this.pairs.get(key);
   }
 
-  // Letters of a label; none if one of them is not IPA.
   lettersOf(label) {
-    const found = [];
-    for (const letter of label.normalize("NFD")) {
-      if (letter === CEDILLA && found.at(-1) === "c") found[found.length - 1] = "ç";
-      if (MARK.test(letter)) continue;
-      for (const known of REPLACED[letter] ?? letter) {
-        if (!Object.hasOwn(this.letters, known)) return [];
-        found.push(known);
-      }
-    }
-    return found;
+    return lettersOf(label, this.letters);
   }
 
   // A phone's label without its time: kinds of its parts, rows of its letters in the table of articulation, contact.

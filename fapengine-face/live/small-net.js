@@ -6,7 +6,7 @@ const { FRONT, PAIR } = small_net;
 const ROWS = 4;
 
 // Matrices as float64 numbers, so that the inner loop converts nothing; rows of zeros fill them up to a multiple of four.
-function matrixOf(arrays, name) {
+export function matrixOf(arrays, name) {
   const { [`${name}.matrix`]: rows, [`${name}.scale`]: scale, [`${name}.bias`]: offsets } = arrays;
   const [outputs, inputs] = [offsets.length, rows.length / offsets.length];
   const whole = Math.ceil(outputs / ROWS) * ROWS;
@@ -17,7 +17,7 @@ function matrixOf(arrays, name) {
 }
 
 // out = matrix x input + bias, for every step; each input is read once for four rows.
-function multiply({ weights, bias, inputs, outputs, given }, input, out, steps) {
+export function multiply({ weights, bias, inputs, outputs, given }, input, out, steps) {
   for (let step = 0, to = 0; step < steps; ++step, to += outputs) {
     given.set(input.subarray(step * inputs, (step + 1) * inputs));
     for (let row = 0; row < outputs; row += ROWS) {

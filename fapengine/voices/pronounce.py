@@ -44,6 +44,11 @@ USUAL_S = {
 }  # fmt: skip
 """Length of a phone by its kind: geometric means over 520 sentences of one speaker of GRID, aligned by pocketsphinx
 (``python -m design.phone_lengths``)."""
+KIND_OF = {
+    letter: "vowel" if sound.vowel else {0.0: "stop", 0.3: "fricative", 0.6: "approximant", 0.8: "nasal"}[sound.manner]
+    for letter, sound in ipa.SOUNDS.items()
+}
+"""Kind of each letter of IPA."""
 _HUM = re.compile(r"(h?)m+", re.IGNORECASE)
 
 
@@ -247,13 +252,13 @@ def kinds(label: str) -> tuple[str, ...]:
     """
     found: list[str] = []
     for letter in ipa.letters(label) or ("ə",):
-        sound = ipa.SOUNDS[letter]
-        if sound.vowel and found and found[-1].endswith("vowel"):
+        kind = KIND_OF[letter]
+        if kind == "vowel" and found and found[-1].endswith("vowel"):
             found[-1] = "long vowel"
-        elif sound.vowel:
+        elif kind == "vowel":
             found.append("long vowel" if "ː" in label else "vowel")
-        elif sound.manner == 0.3 and found and found[-1] == "stop":
+        elif kind == "fricative" and found and found[-1] == "stop":
             found[-1] = "affricate"
         else:
-            found.append({0.0: "stop", 0.3: "fricative", 0.6: "approximant", 0.8: "nasal"}[sound.manner])
+            found.append(kind)
     return tuple(found)

@@ -131,7 +131,7 @@ def test_the_types_of_the_web_component_are_the_expressions() -> None:
     assert re.findall(r'"(\w+)"', union) == list(EXPRESSION_NAMES)
 
 
-@pytest.mark.parametrize("module", ["index", "arkit", "live/index"])
+@pytest.mark.parametrize("module", ["index", "arkit", "live/index", "words-en/index"])
 def test_the_types_of_the_web_component_are_what_there_is(module: str) -> None:
     text, types = (
         (ROOT / "fapengine-face" / f"{module}{ending}").read_text(encoding="utf-8") for ending in (".js", ".d.ts")

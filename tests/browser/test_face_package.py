@@ -199,7 +199,8 @@ def test_frames_of_a_data_channel_are_shown(shop: Page) -> None:
         }}, 16);""")
     shop.until("Math.abs(face.faps[2] - 321) < 1")
     assert not shop.run("face.feed(new ArrayBuffer(8))")
-    assert shop.run("face.say('x').catch((error) => error.message)").startswith("fap-face: say needs a server")
+    reason = shop.run("(() => { try { face.words([]); } catch ({ message }) { return message; } })()")
+    assert reason.startswith("fap-face: words needs a server")
 
 
 def test_arkit_s_shapes_are_python_s(shop: Page) -> None:

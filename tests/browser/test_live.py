@@ -44,7 +44,8 @@ PORTED = {
     "trajectory/hermite.py": "path.js", "trajectory/phonetics.py": "keys.js",
     "trajectory/planner.py": "planner.js", "trajectory/ramps.py": "ramp.js",
     "trajectory/stream.py": "planner.js", "trajectory/style.py": "planner.js",
-    "trajectory/targets.py": "keys.js",
+    "trajectory/targets.py": "keys.js", "voices/pronounce.py": "words.js",
+    "voices/spoken_form.py": "../words-en/spoken.js", "speech/formats/services.py": "timings.js",
 }  # fmt: skip
 """Modules of Python that ``fapengine-face/live`` has in JavaScript, and the file there."""
 SAME_AS = Path(__file__).with_name("ported.json")
@@ -58,7 +59,8 @@ pytestmark = pytest.mark.skipif(shutil.which("node") is None, reason="needs Node
 def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The live part of the npm package, with its numbers."""
     folder = tmp_path_factory.mktemp("package")
-    shutil.copytree(ROOT / "fapengine-face" / "live", folder / "live")
+    for name in ("live", "words-en"):
+        shutil.copytree(ROOT / "fapengine-face" / name, folder / name)
     shutil.copy(ROOT / "fapengine-face" / "package.json", folder)
     shutil.copy(ROOT / "fapengine-face" / "arkit.js", folder)
     face_package.write_arkit(folder)
@@ -166,8 +168,8 @@ def stream_of(rng: np.random.Generator, profile: Profile, end_s: float) -> tuple
     return given, np.array(rows), [counts.late, counts.dropped, counts.revised, counts.cancelled, counts.unknown]
 
 
-def check_plans(package: Path, profile: Profile, seed: int, streams: int, tracks: int, *, end_s: float) -> None:
-    """Plan random streams and finished lists in both languages; every value is the same."""
+def check_plans(package: Path, profile: Profile, seed: int, streams: int, tracks: int, *, end_s: float) -> int:
+    """Plan random streams and finished lists in both languages; every value is the same. The number of values."""
     rng = np.random.default_rng(seed)
     made = [stream_of(rng, profile, end_s) for _ in range(streams)]
     lists, plans = [], []
@@ -178,7 +180,7 @@ def check_plans(package: Path, profile: Profile, seed: int, streams: int, tracks
         lists.append({"phones": [*map(as_json, phones)], "options": options | {"rate": rate_hz}})
         plans.append(plan(PhoneTrack.from_phones(phones), profile, rng=rng, rate_hz=rate_hz, style=style))
     found = node(package, RUNNER, {"streams": [given for given, _, _ in made], "tracks": lists})
-    frames = 0
+    frames = compared = 0
     for number, (one, (_, expected, counts)) in enumerate(zip(found["streams"], made, strict=True)):
         values = np.array(one["faps"])
         where = np.flatnonzero((values != expected).any(axis=1))
@@ -187,11 +189,14 @@ def check_plans(package: Path, profile: Profile, seed: int, streams: int, tracks
         )
         assert list(one["counts"].values()) == counts
         frames += np.count_nonzero(expected.any(axis=1))
+        compared += expected.size
     for number, (one, planned) in enumerate(zip(found["tracks"], plans, strict=True)):
         assert np.array_equal(one["faps"], planned.track.values), f"track {number}"
         assert sorted(set(one["unknown"])) == sorted(planned.unknown)
+        compared += planned.track.values.size
     assert frames > 15 * end_s * streams  # faces that move
     assert {name for _, _, counts in made for name, count in zip("ldrcu", counts, strict=True) if count} == set("ldrcu")
+    return compared
 
 
 def test_plans_are_pythons(package: Path, profile: Profile) -> None:
@@ -244,7 +249,7 @@ const table = weights.buffer.slice(weights.byteOffset, weights.byteOffset + weig
 const [m, faps, said] = [{ label: "m", start: 1.2, end: 1.3 }, new Float32Array(68), []];
 await live.push(new Float32Array(160), 16000);
 for (const wrong of [
-  () => live.say("hello"), () => live.say([null]), () => live.say([["m", 1.2, 1.3]]), () => live.say([m], { clock: 5 }),
+  () => live.say(5), () => live.say([null]), () => live.say([["m", 1.2, 1.3]]), () => live.say([m], { clock: 5 }),
   () => live.say([{ ...m, start: "1.2" }]), () => live.say([{ ...m, loudness: NaN }]), () => live.express("happy"),
   () => live.express("joy", NaN), () => live.push(new Int16Array(160), 16000),
   () => live.push(new Float32Array(160), 0),
@@ -271,7 +276,7 @@ await writeFile(output, JSON.stringify({ said, drawn: [frames(0.1), frames(3), f
 live.close();
 """
 REASONS = (
-    "say: got String", "phone: got null", 'phone: got ["m",1.2,1.3]', "say: got the clock 5", '"start":"1.2"',
+    "say: got Number", "phone: got null", 'phone: got ["m",1.2,1.3]', "say: got the clock 5", '"start":"1.2"',
     "loudness", "express: got happy, expected joy", "got level NaN", "push: got Int16Array, expected a Float32Array",
     "a rate of 0", "push: got 8000 Hz after 16000 Hz", "a delay of NaN", "hear: got no AudioWorklet", "frame: got NaN",
     "cancel: got NaN", "rate: got 0", "steps: got 0", "push: got Float32Array, expected an Int16Array",
@@ -444,7 +449,9 @@ def test_phones_of_twenty_recordings_are_pythons(package: Path, shared: Path) ->
 
 @pytest.mark.nightly
 def test_many_plans_are_pythons(package: Path, profile: Profile) -> None:
-    check_plans(package, profile, seed=2, streams=400, tracks=200, end_s=6.0)
+    compared = check_plans(package, profile, seed=2, streams=400, tracks=200, end_s=6.0)
+    print(f"{compared} values of 400 streams and 200 lists are the same")
+    assert compared > 5_000_000
 
 
 if __name__ == "__main__":

@@ -29,6 +29,7 @@ window.AudioContext = class extends AudioContext {
 };
 window.why = (promise) => promise.then(() => "nothing", ({ message }) => message);
 """
+SPOKEN = {"Mama": "m ɑ m ə", "met": "m ɛ t", "Bob.": "b ɑ b"}
 MAMA = [Phone(label, at_s, at_s + 0.15) for label, at_s in zip("mɑmɑ", (0.2, 0.35, 0.5, 0.65), strict=True)]
 
 
@@ -73,6 +74,20 @@ def test_phones_are_said_as_they_are_planned(static: Page) -> None:
     assert "expected { label" in static.run(
         "face.say([{ label: 'm', start: 1, end: 1 }]).catch(({ message }) => message)"
     )
+
+
+def test_a_text_is_said_and_its_language_is_fetched_for_it(static: Page) -> None:
+    static.run("window.at = 0, face.say([{ label: 'm', start: 5, end: 9 }], { clock: () => at })")
+    assert not {"letters.js", "words-en.bin"} & set(static.run("fetched()"))
+    said = static.run("face.say('Mama met Bob.', { clock: () => at })")
+    assert [word["text"] for word in said["words"]] == ["Mama", "met", "Bob."]
+    assert "words-en.bin" in static.run("fetched()")
+    static.run("window.at = 2")
+    static.until("told.some(([type]) => type === 'finished')")
+    told = [(detail["label"], detail["word"]) for kind, detail in static.run("told") if kind == "phone"]
+    assert told == [(label, word) for word in ("Mama", "met", "Bob.") for label in SPOKEN[word].split()]
+    said = static.run("face.say([{ text: 'Mama', start: 1 }], { pronounce: () => 'm a' })")
+    assert said == {"words": [{"text": "Mama", "start": 1, "end": pytest.approx(1.32)}], "unread": []}
 
 
 def test_it_follows_sound_as_it_is_planned(static: Page, sentence: Spoken) -> None:
