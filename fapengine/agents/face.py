@@ -17,6 +17,7 @@ import contextlib
 import logging
 from dataclasses import dataclass
 from functools import lru_cache
+from html import escape
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,7 @@ from numpy.typing import ArrayLike
 from fapengine._child import Restarts
 from fapengine.agents.attention import Attention, State
 from fapengine.agents.pictures import Picture, Pictures
+from fapengine.engine.gestures import commands_of
 from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.files.profiles import load_profile
 from fapengine.host.stream import Pronounce, StreamEvent, StreamFrame, StreamHost
@@ -33,6 +35,7 @@ from fapengine.recognition.process import RecognizerProcess
 from fapengine.render.drawing import RenderOptions, parse_edges
 from fapengine.server.film.painter import FilmCounts, Painter
 from fapengine.speaking import DEFAULT_PROFILE
+from fapengine.speech.marks import TimedMark, read_marks
 from fapengine.trajectory.style import Style
 from fapengine.voices.choice import VoiceChoice
 from fapengine.voices.pronounce import Pronouncer
@@ -41,6 +44,8 @@ AHEAD_S = 0.2
 """Time by which frames with audio are made early."""
 EAR_STARTS_S = 15.0
 """Time that a recognizer may take to start; after it the face begins without recognizer."""
+FEELS_S = 3.0
+"""Duration of a delivery whose end is not known."""
 MAX_LATE_S = 0.5
 """Lateness beyond which missed frames are skipped."""
 
@@ -190,6 +195,13 @@ class AgentFace:
         self.host.words([TimedWord(text, start_s, end_s)])
         for at_s, command in self.marks.word(text, start_s):
             self.host.cue(command, at_s)
+
+    def feel(self, delivery: str) -> None:
+        """Show a delivery, such as "say happily", from now on for :data:`FEELS_S`; nothing while it does not speak."""
+        if self.host.is_speaking:
+            marks = read_marks(f'<expr type="expression" label="{escape(delivery)}"/> so').marks  # cues need a text
+            for _, command in commands_of(TimedMark(0.0, mark.act, FEELS_S) for mark in marks):
+                self.host.send_command(command)
 
     def attend(self, state: State, is_so: bool = True) -> None:
         """Look at the user who speaks (``"listening"``), or aside (``"thinking"``), until it speaks.

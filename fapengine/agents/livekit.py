@@ -22,7 +22,8 @@ Words with times make better lip motion than audio alone, and inline cues such a
             async for piece in avatar.read(text):
                 yield piece
 
-The face can be a participant of its own, shown by another machine: workers wait there, and leave with their agent::
+The face can be a participant of its own, shown by another machine: workers wait there, and leave with their agent.
+Words and cues reach it, too::
 
     FAPENGINE_TOKEN=... python -m fapengine.agents.livekit --serve 0.0.0.0:9120 --head woman
     avatar = AvatarSession(remote="http://that-machine:9120")  # in the agent; remote=True: on this machine
@@ -31,27 +32,35 @@ A single worker joins a room with a token and answers the agent's ``DataStreamAu
 
     LIVEKIT_TOKEN=... python -m fapengine.agents.livekit wss://host --head woman
 
-While the user speaks the face looks at them and nods, while the agent thinks it looks aside.
+While the user speaks the face looks at them and nods, while the agent thinks it looks aside. It pauses where LiveKit
+waits to know whether it was interrupted (``resume_false_interruption``).
 """
 
 import argparse
 import asyncio
+import json
 import logging
 import os
 import re
 import sys
 import time
 from collections import deque
-from collections.abc import AsyncIterable, AsyncIterator
+from collections.abc import AsyncIterable, AsyncIterator, Callable
 from typing import Any
 
 import aiohttp
 from aiohttp import web
 from livekit import api, rtc
 from livekit.agents import voice
-from livekit.agents.types import ATTRIBUTE_AGENT_STATE, ATTRIBUTE_PUBLISH_ON_BEHALF
+from livekit.agents.types import (
+    ATTRIBUTE_AGENT_STATE,
+    ATTRIBUTE_PUBLISH_ON_BEHALF,
+    ATTRIBUTE_TRANSCRIPTION_EXPRESSION,
+    TOPIC_TRANSCRIPTION,
+)
 from livekit.agents.utils import wait_for_participant
 from livekit.agents.voice import avatar
+from livekit.agents.voice.io import AudioOutputCapabilities
 
 from fapengine.agents.face import AgentFace, AgentOptions
 from fapengine.agents.pool import MAX_FACES, TOKEN, Pool
@@ -73,6 +82,10 @@ POOL = "http://127.0.0.1:9120"
 """Address of the workers, unless another one is given."""
 JOINS_S = 30.0
 """Time for the pool to answer, and for an agent to be in the room."""
+FACE_RPC = "fapengine.face"
+"""RPC by which an agent sends its remote face words, cues and pauses: JSON, a list of [name of an act, argument...]."""
+MAX_ACTS = 50
+"""Number of them in one call; LiveKit carries 15 kB."""
 _SENTENCE = re.compile(r"[.!?…]+[\"')\]]*\s+|\n+")
 
 
@@ -123,6 +136,71 @@ class FaceGenerator(avatar.VideoGenerator):  # type: ignore[misc, unused-ignore]
                 yield avatar.AudioSegmentEnd()
 
 
+class FaceOutput(avatar.QueueAudioOutput):  # type: ignore[misc, unused-ignore]
+    """The session's audio for a face in this process; it can be paused."""
+
+    def __init__(self, face: AgentFace) -> None:
+        super().__init__(sample_rate=SAMPLE_RATE_HZ, wait_playback_start=True)
+        self._capabilities = AudioOutputCapabilities(pause=True)  # the base class cannot be told
+        self._host = face.host
+
+    def pause(self) -> None:
+        """Hold the audio."""
+        self._host.pause()
+
+    def resume(self) -> None:
+        """Continue."""
+        self._host.resume()
+
+
+class RemoteOutput(avatar.DataStreamAudioOutput):  # type: ignore[misc, unused-ignore]
+    """The session's audio for a remote face, which also receives pauses, words and cues (:data:`FACE_RPC`)."""
+
+    def __init__(self, room: rtc.Room) -> None:
+        super().__init__(
+            room, destination_identity=IDENTITY, sample_rate=SAMPLE_RATE_HZ, wait_playback_start=True,
+            wait_remote_track=rtc.TrackKind.KIND_VIDEO,
+        )  # fmt: skip
+        self._capabilities = AudioOutputCapabilities(pause=True)
+        self._acts: list[tuple[Any, ...]] = []
+        self._acting: asyncio.Task[None] | None = None
+
+    def act(self, name: str, *given: Any) -> None:
+        """Send an act of :func:`acts_of`, in order."""
+        self._acts.append((name, *given))
+        if self._acting is None or self._acting.done():
+            self._acting = asyncio.create_task(self._send())
+
+    async def _send(self) -> None:
+        while self._acts:
+            acts, self._acts = self._acts[:MAX_ACTS], self._acts[MAX_ACTS:]
+            try:
+                await self._room.local_participant.perform_rpc(
+                    destination_identity=IDENTITY, method=FACE_RPC, payload=json.dumps(acts)
+                )
+            except rtc.RpcError as error:
+                log.warning("the remote face did not receive words, cues or a pause: %s", error)
+
+    def pause(self) -> None:
+        """Hold the audio."""
+        self.act("pause")
+
+    def resume(self) -> None:
+        """Continue."""
+        self.act("resume")
+
+    def clear_buffer(self) -> None:
+        """Stop speaking; words and cues that were not sent yet are dropped."""
+        self._acts = [act for act in self._acts if act[0] in ("pause", "resume")]
+        super().clear_buffer()
+
+
+def acts_of(face: AgentFace) -> dict[str, Callable[..., object]]:
+    """Return what a session does to its face besides its audio, by name."""
+    host = face.host
+    return {"word": face.word, "expect": face.marks.expect, "pause": host.pause, "resume": host.resume}
+
+
 class AvatarSession(avatar.AvatarSession):  # type: ignore[misc, unused-ignore]
     """A face in the agent's process, published by the agent's own participant; or a remote one, a participant.
 
@@ -156,10 +234,14 @@ class AvatarSession(avatar.AvatarSession):  # type: ignore[misc, unused-ignore]
         self._pool = POOL if remote is True else (remote or "").rstrip("/") or None
         self._face: AgentFace | None = None
         self._runner: avatar.AvatarRunner | None = None
+        self._act: Callable[..., object] = lambda *_: None
+        """Does an act of :func:`acts_of`."""
         self._listeners: list[tuple[voice.AgentSession, str, Any]] = []
         if self._pool is None:
             self._options = AgentOptions(**options)
             self._face = open_face(self._options)
+            acts = acts_of(self._face)
+            self._act = lambda name, *given: acts[name](*given)
             return
         if options:
             raise UsageError(f"{next(iter(options))}: a remote face has the options of its workers; give it to them")
@@ -191,13 +273,11 @@ class AvatarSession(avatar.AvatarSession):  # type: ignore[misc, unused-ignore]
         await super().start(agent_session, room)
         if self._face is None:
             await self._dispatch(room)
-            output = avatar.DataStreamAudioOutput(
-                room, destination_identity=IDENTITY, sample_rate=SAMPLE_RATE_HZ, wait_playback_start=True,
-                wait_remote_track=rtc.TrackKind.KIND_VIDEO,
-            )  # fmt: skip
+            output = RemoteOutput(room)
+            self._act = output.act
         else:
             await self._face.ready()
-            output = avatar.QueueAudioOutput(sample_rate=SAMPLE_RATE_HZ, wait_playback_start=True)
+            output = FaceOutput(self._face)
             self._runner = runner_of(room, output, self._face, self._options)
             await self._runner.start()
             self._attend(agent_session, self._face)
@@ -259,17 +339,18 @@ class AvatarSession(avatar.AvatarSession):  # type: ignore[misc, unused-ignore]
         """
         async for piece in text:
             start_s, end_s = getattr(piece, "start_time", None), getattr(piece, "end_time", None)
-            is_word = self._face is not None and (len(str(piece).split()) == 1 or self._face.recognizer is None)
-            if self._face is not None and is_word and isinstance(start_s, int | float):
-                self._face.word(str(piece), float(start_s), float(end_s) if isinstance(end_s, int | float) else None)
+            is_word = len(str(piece).split()) == 1 or (self._face is not None and self._face.recognizer is None)
+            if is_word and isinstance(start_s, int | float):
+                self._act("word", str(piece), float(start_s), float(end_s) if isinstance(end_s, int | float) else None)
             yield piece
 
     async def without_marks(self, text: AsyncIterable[str]) -> AsyncIterator[str]:
-        """Remove inline cues from a text, sentence by sentence, and keep them for the face; for ``Agent.tts_node``.
+        """Remove inline cues from a text, sentence by sentence, and keep them for the face; for ``Agent.tts_node``."""
 
-        A remote face does not get them.
-        """
-        taken = self._face.marks.expect if self._face is not None else lambda given: read_marks(given).text
+        def taken(given: str) -> str:
+            self._act("expect", given)
+            return read_marks(given).text
+
         waiting = ""
         async for piece in text:
             waiting += piece
@@ -305,8 +386,10 @@ def runner_of(
 async def work(url: str, token: str, options: AgentOptions) -> None:
     """Run an avatar in a room until it is disconnected or its agent leaves.
 
-    It reads ``lk.audio_stream``, answers its RPCs, and follows the agent's state and who speaks. Its agent is the one
-    that its token names (``lk.publish_on_behalf``), else the first in the room.
+    It reads ``lk.audio_stream``, answers its RPCs, and follows the agent's state and who speaks. It shows the
+    expression of a transcription (``lk.expression``) that comes while it speaks; LiveKit sends it with the end of a
+    segment, so before the audio has ended only with ``sync_transcription=False``. Its agent is the one that its token
+    names (``lk.publish_on_behalf``), else the first in the room.
 
     Parameters
     ----------
@@ -351,10 +434,13 @@ async def work(url: str, token: str, options: AgentOptions) -> None:
 
 def _follow(room: rtc.Room, face: AgentFace, agent: str | None, left: asyncio.Event) -> None:
     """Set ``left`` when the agent leaves, and have the face attend to the agent's state and to who speaks."""
+    own = room.local_participant.identity
+    tasks: set[asyncio.Task[None]] = set()
+    acts = acts_of(face)
 
-    def is_agent(participant: rtc.Participant) -> bool:
-        if agent is not None:
-            return bool(participant.identity == agent)
+    def is_agent(participant: rtc.Participant | None) -> bool:
+        if participant is None or agent is not None:
+            return participant is not None and bool(participant.identity == agent)
         return bool(participant.kind == rtc.ParticipantKind.PARTICIPANT_KIND_AGENT)
 
     def gone(participant: rtc.RemoteParticipant) -> None:
@@ -366,12 +452,35 @@ def _follow(room: rtc.Room, face: AgentFace, agent: str | None, left: asyncio.Ev
             face.attend("thinking", attributes[ATTRIBUTE_AGENT_STATE] == "thinking")
 
     def speaking(speakers: list[rtc.Participant]) -> None:
-        users = [one for one in speakers if one.identity != room.local_participant.identity and not is_agent(one)]
+        users = [one for one in speakers if one.identity != own and not is_agent(one)]
         face.attend("listening", bool(users))
+
+    def obey(call: rtc.RpcInvocationData) -> str:
+        if not is_agent(room.remote_participants.get(call.caller_identity)):
+            raise rtc.RpcError(rtc.RpcError.ErrorCode.APPLICATION_ERROR, "only its agent moves this face")
+        for name, *given in json.loads(call.payload):
+            acts[name](*given)
+        return ""
+
+    async def feel(reader: rtc.TextStreamReader) -> None:
+        await reader.read_all()
+        expression = (reader.info.attributes or {}).get(ATTRIBUTE_TRANSCRIPTION_EXPRESSION)
+        if expression is not None:
+            face.feel(str(json.loads(expression)["expression"]))
+
+    def transcribed(reader: rtc.TextStreamReader, identity: str) -> None:
+        if identity == own or is_agent(room.remote_participants.get(identity)):
+            task = asyncio.create_task(feel(reader))
+            tasks.add(task)
+            task.add_done_callback(tasks.discard)
+        else:
+            reader.close()
 
     room.on("participant_disconnected", gone)
     room.on("participant_attributes_changed", changed)
     room.on("active_speakers_changed", speaking)
+    room.local_participant.register_rpc_method(FACE_RPC, obey)
+    room.register_text_stream_handler(TOPIC_TRANSCRIPTION, transcribed)
 
 
 def main() -> None:

@@ -168,6 +168,8 @@ class StreamHost(Host, GestureMethods):
         self._recognizer, self._pronounce = recognizer, pronounce
         self.has_recognized = False
         """True if the present recognizer has processed audio to its end."""
+        self.is_paused = False
+        """True while :meth:`pause` holds the audio."""
         self._newest = 0
         self._queue: list[_Utterance] = []
         self._listening: tuple[_Utterance, Run] | None = None
@@ -231,6 +233,14 @@ class StreamHost(Host, GestureMethods):
                 self._deafen(utterance)
         self._recognizer, self._listening, self.has_recognized = recognizer, None, False
 
+    def pause(self) -> None:
+        """Hold all audio, with the mouth at rest, until :meth:`resume`; more may come meanwhile, or be interrupted."""
+        self.is_paused = True
+
+    def resume(self) -> None:
+        """Continue after :meth:`pause`."""
+        self.is_paused = False
+
     def interrupt(self, unplayed_s: float = 0.0) -> None:
         """Stop speaking, and drop all audio that was not handed out.
 
@@ -275,7 +285,7 @@ class StreamHost(Host, GestureMethods):
 
     def is_ready(self, dt_s: float) -> bool:
         """Whether a frame of ``dt_s`` would hold no audio back."""
-        return not self._queue or self._is_ready(self._queue[0], dt_s)
+        return not self._queue or (not self.is_paused and self._is_ready(self._queue[0], dt_s))
 
     def events(self) -> list[StreamEvent]:
         """Return the events since the last call."""
@@ -307,6 +317,10 @@ class StreamHost(Host, GestureMethods):
 
     def _speak(self, dt_s: float) -> tuple[Sound, ...]:
         """Hand out the audio of a frame, if it is ready."""
+        if self.is_paused:
+            for utterance in self._queue[:1]:
+                self._hold(utterance)
+            return ()
         while self._queue:
             utterance = self._queue[0]
             if utterance.is_ended and utterance.sound.due_s >= utterance.sound.end_s:

@@ -15,7 +15,7 @@ from livekit.agents.types import TimedString
 from livekit.agents.voice.avatar import AudioSegmentEnd, QueueAudioOutput
 
 from fapengine.agents.face import AgentFace, AgentOptions
-from fapengine.agents.livekit import SAMPLE_RATE_HZ, AvatarSession, FaceGenerator, runner_of
+from fapengine.agents.livekit import SAMPLE_RATE_HZ, AvatarSession, FaceGenerator, FaceOutput, runner_of
 from tests.frameworks.clock import in_time
 from tests.leaping import LeapingLoop
 
@@ -116,12 +116,9 @@ def test_sound_never_waits_for_pictures(monkeypatch: pytest.MonkeyPatch, takes_s
     print(f"a picture takes {takes_s:g} s: {shown} shown in {made[-1][0] - heard[0][0]:.2f} s")
 
 
-async def _played(interrupts: bool) -> list[Any]:
-    actor, output, events = (
-        AgentFace.open(OPTIONS),
-        QueueAudioOutput(sample_rate=SAMPLE_RATE_HZ, wait_playback_start=True),
-        [],
-    )
+async def _played(*, interrupts: bool = False, pauses_s: float = 0.0) -> list[Any]:
+    actor, events = AgentFace.open(OPTIONS), []
+    output = FaceOutput(actor)
     await actor.ready()
     output.on("playback_started", lambda event: events.append(("started", time.monotonic(), event)))
     output.on("playback_finished", lambda event: events.append(("finished", time.monotonic(), event)))
@@ -135,6 +132,13 @@ async def _played(interrupts: bool) -> list[Any]:
             await asyncio.sleep(0.02)
         await asyncio.sleep(0.6)
         output.clear_buffer()
+    if pauses_s:
+        while not events:
+            await asyncio.sleep(0.02)
+        output.pause()
+        await asyncio.sleep(pauses_s)
+        assert len(events) == 1
+        output.resume()
     async with asyncio.timeout(60):
         while not any(kind == "finished" for kind, *_ in events):
             await asyncio.sleep(0.02)
@@ -144,10 +148,17 @@ async def _played(interrupts: bool) -> list[Any]:
 
 
 def test_the_runner_tells_when_playback_begins_and_ends() -> None:
-    (started, began_s, _), (finished, ended_s, event) = asyncio.run(_played(interrupts=False))
+    (started, began_s, _), (finished, ended_s, event) = asyncio.run(_played())
     assert (started, finished, event.interrupted) == ("started", "finished", False)
     assert event.playback_position == pytest.approx(1.5, abs=0.02)
     assert ended_s - began_s >= 1.5 - 0.1
+
+
+def test_a_pause_holds_the_sound_and_nothing_of_it_is_lost() -> None:
+    (_, began_s, _), (_, ended_s, event) = asyncio.run(_played(pauses_s=3.0))
+    assert not event.interrupted
+    assert event.playback_position == pytest.approx(1.5, abs=0.02)
+    assert ended_s - began_s >= 1.5 + 3.0 - 0.2  # the runner plays the 0.1 s that it has
 
 
 def test_the_runner_tells_of_an_interruption() -> None:
@@ -217,6 +228,7 @@ async def _session() -> None:
     avatar._wait_avatar_join = lambda: asyncio.sleep(0)  # type: ignore[method-assign]
     await avatar.start(session, room)  # type: ignore[arg-type]
     assert isinstance(session.output.tail, QueueAudioOutput)
+    assert session.output.tail.can_pause  # LiveKit then resumes after a false interruption
     assert avatar.avatar_identity == "agent"
     for name, state, then in (
         ("user", "speaking", "listening"), ("agent", "listening", "listening"), ("user", "listening", "idle"),

@@ -14,9 +14,13 @@ from typing import Any
 import numpy as np
 import pytest
 from livekit import api, rtc
+from livekit.agents.types import ATTRIBUTE_AGENT_STATE, ATTRIBUTE_TRANSCRIPTION_EXPRESSION, TOPIC_TRANSCRIPTION
 from livekit.agents.voice.avatar import DataStreamAudioOutput
 
+from fapengine.agents import livekit
+from fapengine.agents.face import AgentFace, AgentOptions
 from fapengine.agents.livekit import SAMPLE_RATE_HZ, AvatarSession
+from fapengine.engine.commands import Express
 from fapengine.errors import ResourceError, UsageError
 from tests.frameworks.check_livekit import Room, Session, pieces, sound
 from tests.frameworks.livekit_server import LiveKitDouble
@@ -88,6 +92,14 @@ async def room_with(url: str) -> AsyncIterator[tuple[Visitor, rtc.Room, DataStre
 async def say(output: DataStreamAudioOutput, length_s: float) -> None:
     for frame in pieces(sound(length_s)):
         await output.capture_frame(frame)
+    output.flush()
+
+
+async def say_low(output: DataStreamAudioOutput, length_s: float) -> None:
+    """Say something of few bytes: RPCs come after them in the same channel, which is slow in the stand-in."""
+    samples = sound(length_s)[::3]
+    for piece in np.split(samples, range(800, len(samples), 800)):
+        await output.capture_frame(rtc.AudioFrame(piece.tobytes(), SAMPLE_RATE_HZ // 3, 1, len(piece)))
     output.flush()
 
 
@@ -196,6 +208,53 @@ def test_a_remote_face_joins_speaks_and_leaves_with_its_agent() -> None:
     attributes, events = asyncio.run(spoken())
     assert attributes["lk.publish_on_behalf"] == "agent"
     assert [(event.interrupted, round(event.playback_position, 1)) for event in events] == [(False, 2.0)]
+
+
+@pytest.mark.timeout(1200)
+def test_a_worker_follows_what_its_agent_does_and_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    """``lk.agent.state``, ``lk.expression``, and the acts of an ``AvatarSession``: words, cues, pauses."""
+    faces: list[AgentFace] = []
+    monkeypatch.setattr(livekit, "open_face", lambda options: faces.append(AgentFace.open(options)) or faces[0])
+    options = AgentOptions(size=(128, 128), edges="none", frame_rate_hz=10.0, hears=False)
+
+    async def followed() -> list[Any]:
+        async with LiveKitDouble().open() as url, room_with(url) as (visitor, agent, _, _):
+            working = asyncio.create_task(livekit.work(url, token(livekit.IDENTITY), options))
+            await until(lambda: livekit.IDENTITY in agent.remote_participants)
+            await until(lambda: len(agent.remote_participants[livekit.IDENTITY].track_publications) == 2)
+            face, given = faces[0], []
+            send = face.host.send_command
+            face.host.send_command = lambda command: (given.append(command), send(command))
+            for state, then in (("thinking", "thinking"), ("listening", "idle")):
+                await agent.local_participant.set_attributes({ATTRIBUTE_AGENT_STATE: state})
+                await until(lambda then=then: face.attention.state == then)
+            with pytest.raises(rtc.RpcError, match="only its agent"):
+                await visitor.room.local_participant.perform_rpc(
+                    destination_identity=livekit.IDENTITY, method=livekit.FACE_RPC, payload='[["pause"]]'
+                )
+            output, events = livekit.RemoteOutput(agent), []
+            output.on("playback_finished", events.append)
+            output.pause()
+            output.act("expect", "[nod] Hello there.")
+            output.act("word", "Hello", 0.1, 0.4)
+            await say(output, 2.0)
+            await until(lambda: face.host.is_paused and face.host.is_speaking)
+            expression = {ATTRIBUTE_TRANSCRIPTION_EXPRESSION: '{"expression":"say happily","mood":"happy"}'}
+            writer = await agent.local_participant.stream_text(topic=TOPIC_TRANSCRIPTION)
+            await writer.write("Hello there.")
+            await writer.aclose(attributes=expression)
+            await until(lambda: any(isinstance(command, Express) for command in given))
+            assert len(face.host._cues[1]) == 2  # the nod, at its word
+            assert (events, face.host.position_s) == ([], 0.0)
+            output.resume()
+            await until(lambda: events)
+            working.cancel()
+            await asyncio.gather(working, return_exceptions=True)
+            return events
+
+    (event,) = asyncio.run(followed())
+    assert not event.interrupted
+    assert event.playback_position == pytest.approx(2.0, abs=0.05)
 
 
 def test_a_remote_face_needs_workers_and_credentials(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -39,6 +39,8 @@ class Member:
     subscriber: RTCPeerConnection = field(default_factory=peer)
     channels: dict[str, Any] = field(default_factory=dict)
     """Data channels to the participant, by label."""
+    unsent: list[bytes] = field(default_factory=list)
+    """Reliable packets that came before the channel was open."""
     waiting: dict[str, Any] = field(default_factory=dict)
     """Tracks that are announced and not received yet, by the participant's own id."""
     tracks: list[tuple[Any, Any]] = field(default_factory=list)
@@ -69,6 +71,7 @@ class Member:
                 reliable = self.subscriber.createDataChannel("_reliable", ordered=True)
                 lossy = self.subscriber.createDataChannel("_lossy", ordered=True, maxRetransmits=0)
                 self.channels = {"_reliable": reliable, "_lossy": lossy}
+                reliable.on("open", self.catch_up)
             await self.subscriber.setLocalDescription(await self.subscriber.createOffer())
             self.answered.clear()
             sdp = self.subscriber.localDescription.sdp
@@ -78,6 +81,20 @@ class Member:
                     await self.answered.wait()
         for other, sid in new:
             await other.send(track_subscribed=rtc.TrackSubscribed(track_sid=sid))
+
+    def pass_on(self, label: str, data: bytes) -> None:
+        """Send a packet on a data channel; reliable ones wait until it is open."""
+        channel = self.channels.get(label)
+        if channel is not None and channel.readyState == "open":
+            channel.send(data)
+        elif label == "_reliable":
+            self.unsent.append(data)
+
+    def catch_up(self) -> None:
+        """Send what waited for the reliable channel."""
+        waited, self.unsent = self.unsent, []
+        for data in waited:
+            self.pass_on("_reliable", data)
 
 
 class Room:
@@ -101,9 +118,7 @@ class Room:
         wanted = set(packet.destination_identities)
         for other in self.members:
             if other is not member and (not wanted or other.info.identity in wanted):
-                channel = other.channels.get(label)
-                if channel is not None and channel.readyState == "open":
-                    channel.send(packet.SerializeToString())
+                other.pass_on(label, packet.SerializeToString())
 
 
 class LiveKitDouble:

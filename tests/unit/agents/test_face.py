@@ -59,6 +59,18 @@ def test_samples_in_any_form_are_the_same_sound(form: str) -> None:
     assert np.array_equal(heard, sound)
 
 
+def test_a_delivery_is_shown_while_it_speaks() -> None:
+    actor = AgentFace(stage(), 25.0)
+    given: list[Express] = []
+    actor.host.send_command = given.append  # type: ignore[method-assign,assignment]
+    actor.feel("say happily")
+    assert given == []  # it says nothing
+    actor.sound(noise(1.0), 24_000)
+    for delivery in ('say "sadly" & <slowly>', "say happily", "speak"):
+        actor.feel(delivery)
+    assert [express.expression.name for express in given] == ["SADNESS", "JOY"]
+
+
 def test_no_such_channels() -> None:
     with pytest.raises(DataError, match="channels: got 0"):
         AgentFace(stage(), 25.0).sound(b"", 24_000, 0)

@@ -165,6 +165,45 @@ def test_a_stall_rests_the_face_then_plays_what_was_held_back() -> None:
     assert len(pauses) == 2
 
 
+@pytest.mark.parametrize("ends", [True, False])
+def test_a_pause_holds_all_sound_and_rests_the_face_until_it_goes_on(ends: bool) -> None:
+    one = stage(TickingRecognizer())
+    sound = noise(2.0)
+    one.pause()  # before anything is said
+    one.push(sound, RATE_HZ)
+    if ends:
+        one.end()
+    assert not len(sound_of(shown(one, 3.0)))
+    one.resume()
+    before = shown(one, 1.0)
+    one.pause()
+    assert not one.is_ready(DT_S)
+    held = shown(one, 4.0)  # longer than a stall, longer than a recognizer has
+    assert not len(sound_of(held))
+    assert mouths(held[-20:]).max() <= 1
+    one.resume()
+    more = shown(one, 3.0)
+    assert np.array_equal(sound_of(before + more), sound)
+    assert mouths(more[:15]).max() > 50
+    assert [event.kind for event in one.events()] == ["started"] + ["finished"] * ends
+
+
+def test_an_interruption_in_a_pause_drops_what_was_held_and_the_next_utterance_waits_for_the_end_of_the_pause() -> None:
+    one = stage()
+    one.push(noise(2.0), RATE_HZ)
+    one.words([TimedWord("mama", 0.1, 1.8)])
+    shown(one, 1.0)
+    one.pause()
+    shown(one, 1.0)
+    one.interrupt()
+    one.push(noise(0.5, seed=3), RATE_HZ)
+    one.end()
+    assert not len(sound_of(shown(one, 1.0)))
+    one.resume()
+    assert np.array_equal(sound_of(shown(one, 1.0)), noise(0.5, seed=3))
+    assert [event.kind for event in one.events()] == ["started", "interrupted", "started", "finished"]
+
+
 def test_another_rate_in_the_middle_keeps_its_own() -> None:
     one = stage(TickingRecognizer())
     first, second = noise(0.33), noise(0.5, 16_000, seed=2)
