@@ -35,7 +35,7 @@ def jet_of_plan(plan: StreamPlan, times_s: Array) -> tuple[Array, ...]:
 
 
 class SingleStream(StreamingPlanner):
-    """A planner that plans at once, and shows its own frames."""
+    """A planner that plans at once, or what waits when it must, and shows its own frames."""
 
     __slots__ = ()
 

@@ -6,7 +6,7 @@ import { heldAt, holdLate, holdOf, holdUntil, settle } from "./closures.js";
 import { speechPath } from "./keys.js";
 import { addFading, clamp, emptyJet, jetAt, neutralPath, placeAfter, placeOf, smoothstep, softPositive } from "./path.js";
 
-const { BEHIND_PHONES, FADE_S, KEPT_S, KEYS_BEHIND, LATEST_CLOSURE_S, LONG_S, MAX_PULL, MIN_FADE_S, MOMENTUM_S, PLANNED_LETTERS, REACH, SAME_S } = stream;
+const { AHEAD_PHONES, BEHIND_PHONES, FADE_S, KEPT_S, KEYS_BEHIND, LATEST_CLOSURE_S, LONG_S, MAX_PULL, MIN_FADE_S, MOMENTUM_S, PLANNED_LETTERS, PLAN_EARLY_S, REACH, SAME_S } = stream;
 const { MIN_HOLD_S, RAMP_S } = closures;
 const { CORNERS, HALF_GAIN, HELD, PUSHED, ROUND, SOFT_FAPU, WIDTH } = phonetics;
 const { LOUDNESS_DB, SILENCE } = phone_track;
@@ -101,12 +101,19 @@ export class Planner {
     this.keptHolds = [];
     this.shown = this.cancelledAt = -Infinity;
     this.due = null; // edge and fade of a plan that is to be made
+    this.waits = false; // whether phones follow those of the plan
+    this.sure = -Infinity; // time before which these change nothing
     this.plans = [{ start: -Infinity, path: neutralPath(this.width), fade: 0, momentum: 0, left: emptyJet(this.width) }];
   }
 
   // Time up to which the plan is settled.
   get edge() {
     return Math.max(this.shown + this.horizon, this.cancelledAt);
+  }
+
+  // Time of the first frame before which a plan must be made; infinity if all is planned.
+  get planBy() {
+    return this.due ? -Infinity : this.waits ? this.sure : Infinity;
   }
 
   // Adds phones in any order: { label, start, end, word?, loudness? }, s and dB. Each replaces what it overlaps; label "_",
@@ -123,10 +130,11 @@ export class Planner {
       } else {
         counts.late += phone.start < edge && !isSilence;
         counts.unknown += !isSilence && !this.profile.lettersOf(phone.label).length;
-        this.place(phone);
-        this.due = [edge, FADE_S];
+        if (this.place(phone) && !this.due && edge < this.sure) this.waits = true;
+        else this.due = [edge, FADE_S];
       }
     }
+    if (this.waits && !this.due) this.dropFar(edge);
   }
 
   // Whether a phone changes nothing: it is planned already, or one of its label was said in its time.
@@ -144,12 +152,13 @@ export class Planner {
     return [...near, ...this.known].some(({ label, start, end }) => label === phone.label && start < phone.end && end > phone.start);
   }
 
+  // Puts a phone in its place; returns whether it follows all others.
   place(phone) {
     const { phones } = this;
     const isSilence = phone.label === SILENCE;
     if (!isSilence && (!phones.length || phone.start >= phones.at(-1).end)) {
       phones.push(phone);
-      return;
+      return true;
     }
     const [first, stop] = this.overlapped(phone);
     const overlapped = phones.slice(first, stop);
@@ -159,6 +168,7 @@ export class Planner {
       placed.unshift({ ...overlapped[0], end: phone.start });
     }
     phones.splice(first, stop - first, ...placed);
+    return false;
   }
 
   // Places of the planned phones that a phone overlaps, first and the one after the last.
@@ -180,9 +190,9 @@ export class Planner {
   cancel(at, fade = 0.2) {
     if (Number.isNaN(at)) throw new TypeError("cancel: got NaN, expected a time in s");
     if (!(fade > 0)) throw new TypeError(`fade: must be a positive time, got ${fade}`);
+    this.plan();
     const edge = (this.cancelledAt = Math.max(at, this.edge));
     this.counts.cancelled += this.phones.filter(({ end }) => end > edge).length;
-    this.plan();
     this.known.push(...this.phones.filter(({ end }) => end <= edge));
     this.phones = [];
     this.due = [edge, fade];
@@ -190,14 +200,21 @@ export class Planner {
     this.holds = new Map();
   }
 
-  // Drops old phones; returns those of the new plan, and the index of the first one with keys that it needs.
-  toPlan(edge) {
+  // Drops phones that are too far ahead; returns the place of the first that is not over at the edge.
+  dropFar(edge) {
     const { phones } = this;
-    let over = placeAfter(phones, edge, endOf);
+    const over = placeAfter(phones, edge, endOf);
     let [fit, letters] = [over, 0];
     while (fit < phones.length && (letters += [...phones[fit].label].length) <= PLANNED_LETTERS) ++fit;
     this.counts.dropped += phones.length - fit;
     phones.splice(fit);
+    return over;
+  }
+
+  // Drops old phones; returns those of the new plan, and the index of the first one with keys that it needs.
+  toPlan(edge) {
+    const { phones } = this;
+    let over = this.dropFar(edge);
     let first = Math.min(Math.max(over - BEHIND_PHONES, 0), placeAfter(phones, edge - LATEST_CLOSURE_S, endOf));
     while (first < over && phones[first].end <= edge - KEPT_S) ++first;
     phones.splice(0, first);
@@ -210,10 +227,11 @@ export class Planner {
 
   // Plans the path from the edge on, where phones have changed.
   plan() {
-    if (!this.due) return;
-    const [edge, fade] = this.due;
+    if (this.planBy === Infinity) return;
+    const [edge, fade] = this.due ?? [this.edge, FADE_S];
     const { path, said } = speechPath(this.profile, ...this.toPlan(edge));
-    this.due = null;
+    [this.due, this.waits] = [null, false];
+    this.sure = this.phones.length > AHEAD_PHONES ? this.phones.at(-1 - AHEAD_PHONES).start - PLAN_EARLY_S : -Infinity;
     if (!isFinite(edge)) { // nothing was shown yet: nothing to keep
       this.renewHolds(said, edge);
       this.plans = [{ start: -Infinity, path, fade: 0, momentum: 0, left: this.plans[0].left }];
@@ -283,8 +301,9 @@ export class Planner {
   // Writes the 68 FAPs of a frame, FAPU, and settles what is before it. Times that go back show the last frame again.
   frame(time, out = new Float32Array(FAP_COUNT), expression = null, gestures = null) {
     if (Number.isNaN(time)) throw new TypeError("frame: got NaN, expected a time in s"); // it would stay
-    this.plan();
-    const now = (this.shown = Math.max(time, this.shown));
+    const now = Math.max(time, this.shown);
+    if (now >= this.planBy) this.plan();
+    this.shown = now;
     const plan = this.plans[Math.max(placeAfter(this.plans, now, startOf) - 1, 0)];
     this.jet ??= emptyJet(this.width);
     return this.composer.compose(this.planJet(plan, now, this.jet)[0], heldAt(now, this.allHolds), expression, gestures, out);

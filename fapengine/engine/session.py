@@ -12,6 +12,7 @@ Phones are sent to the planner a few at a time (:data:`TAKEN_LETTERS`), so that 
 Nothing runs per frame: a session says when it must be woken (:attr:`Session.wake_s`), and every command wakes it.
 """
 
+from bisect import bisect_right
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
@@ -41,8 +42,6 @@ SLEW = 0.02
 JUMP_S = 0.08
 """Audio offset above which the face jumps instead of slewing."""
 JUMP_FADE_S = 0.15
-PLAN_EARLY_S = 0.1
-"""Phones are planned this long before they first affect a frame."""
 TAKEN_LETTERS = 64
 """Characters of the labels of phones that are planned at a time: some 5 s of speech, planned in 1 ms."""
 TAKEN_S = 5.0
@@ -346,8 +345,8 @@ class Session:
     def flush(self, now_s: float) -> None:
         """Send the first of the phones that were taken to the planner, and report those that came late."""
         self._take(now_s)
-        letters = accumulate(len(phone.label) for _, phone in self.fresh)
-        count = sum(1 for so_far in letters if so_far <= TAKEN_LETTERS) or 1
+        letters = accumulate(map(len, [phone.label for _, phone in self.fresh]))
+        count = bisect_right(list(letters), TAKEN_LETTERS) or 1
         late: Counter[int | None] = Counter()
         for number, phones in groupby(self.fresh[:count], key=itemgetter(0)):
             late[number] += self.batch.feed(self.number, [phone for _, phone in phones], is_counted=number is not None)
@@ -362,12 +361,10 @@ class Session:
     def plan_by_s(self) -> tuple[float, float]:
         """Engine times by which fresh phones must be planned, and should be; in between more may arrive."""
         planned = self.batch.planned(self.number)
-        first_s = min(phone.start_s for _, phone in self.fresh)
+        first_s = min([phone.start_s for _, phone in self.fresh])
         if planned and first_s < planned[-1].end_s - SAME_S:
             return -inf, -inf
-        matter_s = self.fresh_since_s + GATHER_S
-        if len(planned) > AHEAD_PHONES:
-            matter_s = max(matter_s, planned[-1 - AHEAD_PHONES].start_s + self.clock.begins_s - PLAN_EARLY_S)
+        matter_s = max(self.fresh_since_s + GATHER_S, self.batch.sure_s(self.number) + self.clock.begins_s)
         urgent_s = first_s + self.clock.begins_s - URGENT_S
         return urgent_s, min(matter_s, urgent_s)
 
@@ -444,7 +441,7 @@ class Session:
 
     def _take(self, now_s: float, utterances: Sequence[Utterance] | None = None) -> None:
         """Plan the phones that are said next, a limited number at a time."""
-        room = TAKEN_LETTERS - sum(len(phone.label) for _, phone in self.fresh)
+        room = TAKEN_LETTERS - sum(map(len, [phone.label for _, phone in self.fresh]))
         count, soon_s = len(self.fresh), self.clock.stream_s(now_s) + TAKEN_S
         taken: dict[int | None, list[Phone]] = {}
         coming = merge(

@@ -49,6 +49,8 @@ class _Rows:
         """Batch's time at which the session's time is 0."""
         self.shown_s = np.full(rows, -np.inf)
         """Its time in the last frame; minus infinity before the first."""
+        self.plan_by_s = np.full(rows, np.inf)
+        """:attr:`.stream.StreamingPlanner.plan_by_s`."""
         self.reload_s = np.full(rows, -np.inf)
         """Time from which the window is of no use."""
         self.knots_s = np.zeros((rows, KNOTS))
@@ -113,8 +115,6 @@ class BatchPlanner:
         self._new_planner()  # refuses what it cannot do, at once
         self._planners: list[StreamingPlanner] = []
         self._row_of: dict[int, int] = {}
-        self._due: dict[int, StreamingPlanner] = {}
-        """Those that have taken phones since they were planned, by session."""
         self._opened = 0
         self._now_s = -np.inf
         self._rows = _Rows(FIRST_ROWS, FIRST_HOLDS, profile.space.mode_count + WIDTH)
@@ -154,8 +154,8 @@ class BatchPlanner:
         self._row_of[session] = row
         self._rows.session[row] = session
         self._rows.begins_s[row] = begins_s
-        self._rows.shown_s[row] = -np.inf
-        self._rows.reload_s[row] = -np.inf
+        self._rows.shown_s[row] = self._rows.reload_s[row] = -np.inf
+        self._rows.plan_by_s[row] = np.inf
         return session
 
     def close(self, session: int) -> None:
@@ -166,17 +166,18 @@ class BatchPlanner:
         self._planners[row] = self._planners[last]
         self._planners.pop()
         del self._row_of[session]
-        self._due.pop(session, None)
 
     def feed(self, session: int, phones: Sequence[Phone], *, is_counted: bool = True) -> int:
         """Add phones, in the session's time; see :meth:`~fapengine.trajectory.stream.StreamingPlanner.take`."""
-        planner = self._due[session] = self._changed(session)
-        return planner.take(phones, is_counted=is_counted)
+        planner = self._settled(row := self.row(session))
+        late = planner.take(phones, is_counted=is_counted)
+        self._rows.plan_by_s[row] = planner.plan_by_s
+        return late
 
     def cancel(self, session: int, at_s: float, *, fade_s: float = 0.2) -> None:
         """End speech at a moment of its time; see :meth:`~fapengine.trajectory.stream.StreamingPlanner.cancel`."""
-        planner = self._due[session] = self._changed(session)
-        planner.cancel(at_s, fade_s=fade_s)
+        self._settled(row := self.row(session)).cancel(at_s, fade_s=fade_s)
+        self._rows.plan_by_s[row] = -np.inf
 
     def retime(self, session: int, begins_s: float) -> None:
         """Shift a session's time against the batch's. It never goes back: it pauses until the new time catches up."""
@@ -185,8 +186,12 @@ class BatchPlanner:
         self._rows.begins_s[self.row(session)] = begins_s
 
     def planned(self, session: int) -> Sequence[Phone]:
-        """Phones of a session's plan, from a little before its last frame on, in its time."""
+        """Phones that a session has, from a little before its last frame on, in its time."""
         return self._planners[self.row(session)].phones
+
+    def sure_s(self, session: int) -> float:
+        """See :attr:`~fapengine.trajectory.stream.StreamingPlanner.sure_s`."""
+        return self._planners[self.row(session)].sure_s
 
     def counts(self, session: int) -> Counts:
         """Return counts of phones that came late, or were dropped or revised."""
@@ -195,16 +200,14 @@ class BatchPlanner:
     def renew(self, session: int, time_s: float) -> None:
         """Prepare one session's frame again, as :meth:`frames` does for all; an error comes from this session."""
         row, count = np.array([self.row(session)]), len(self._planners)
-        if session in self._due:
-            plan_together([self._due.pop(session)])
         times = np.maximum(time_s - self._rows.begins_s[:count], self._rows.shown_s[:count])
+        self._plan(row[times[row] >= self._rows.plan_by_s[row]])
         self._load(row, times)
         self._renew_segments(row, times)
 
     def plan(self) -> None:
-        """Plan what was fed; :meth:`frames` does it by itself."""
-        plan_together(list(self._due.values()))
-        self._due.clear()
+        """Plan what was fed and cannot wait; :meth:`frames` does it by itself."""
+        self._plan(np.flatnonzero(self._rows.plan_by_s[: len(self._planners)] == -np.inf))
 
     def frames(self, time_s: float, overlay: Overlay | None = None) -> NDArray[np.int32]:
         """One frame of every session, in the order of :attr:`sessions`; what is shown is settled.
@@ -223,10 +226,10 @@ class BatchPlanner:
         """
         if not self._now_s <= time_s < np.inf:
             raise UsageError(f"time_s: must be rising times from {self._now_s:g} s, got {time_s:g} s")
-        self.plan()
         self._now_s = time_s
         count = len(self._planners)
         times = np.maximum(time_s - self._rows.begins_s[:count], self._rows.shown_s[:count])
+        self._plan(np.flatnonzero(times >= self._rows.plan_by_s[:count]))
         self._rows.shown_s[:count] = times
         self._load(np.flatnonzero(times >= self._rows.reload_s[:count]), times)
         self._renew_segments(np.flatnonzero(times >= self._rows.until_s[:count]), times)
@@ -236,13 +239,16 @@ class BatchPlanner:
     def _new_planner(self) -> StreamingPlanner:
         return StreamingPlanner(self._profile, self._style, self._horizon_s)
 
-    def _changed(self, session: int) -> StreamingPlanner:
-        """Planner of a session with a plan about to change; it learns what has been shown."""
-        row = self.row(session)
+    def _settled(self, row: int) -> StreamingPlanner:
+        """Planner of a row; it learns what has been shown."""
         planner = self._planners[row]
         planner.settle(float(self._rows.shown_s[row]))
-        self._rows.reload_s[row] = -np.inf
         return planner
+
+    def _plan(self, rows: NDArray[np.intp]) -> None:
+        if len(rows):
+            plan_together([self._settled(row) for row in rows.tolist()])
+            self._rows.plan_by_s[rows], self._rows.reload_s[rows] = np.inf, -np.inf
 
     def _load(self, rows: NDArray[np.intp], times_s: Array) -> None:
         """Copy what sessions need from now on out of their planners."""

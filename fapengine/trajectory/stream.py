@@ -8,7 +8,8 @@ the difference in value, velocity and acceleration is added and fades over :data
 stays C2. Velocity and acceleration fade in :data:`MOMENTUM_S` at most, and within the length of the fade that they come
 from: a face that returns to neutral quickly does not overshoot when it speaks again. The path is local
 (:mod:`.hermite`): phones that come :data:`AHEAD_PHONES` phones early change nothing at the edge, and the stream then
-equals the offline plan.
+equals the offline plan. So phones that follow the planned ones wait until they matter: those of a long text that come
+one by one are planned a few times, not each time that one comes.
 
 A bilabial that comes too late still closes the lips, as soon as they can. Phones that come again change nothing, before
 their time, in it or after it. When phones stop coming, the face returns to neutral after the last one; when speech is
@@ -52,6 +53,8 @@ a weight by a sixtieth of that at most. Phones of 50 ms and more have less; phon
 which would open the mouth three times as wide as speech."""
 AHEAD_PHONES = 5
 """Three neighbours that a phone depends on, and two keys that a segment depends on."""
+PLAN_EARLY_S = 0.1
+"""Phones that wait are planned this long before they first affect a frame."""
 KEYS_BEHIND = 3
 """Most phones before the edge with keys that a plan needs: a segment needs two keys, and one may give way to a nearer
 one."""
@@ -135,6 +138,12 @@ class StreamingPlanner:
     _cancelled_s: float = -np.inf
     _due: tuple[float, float] | None = None
     """Edge and fade of a plan that is to be made."""
+    _waits: bool = False
+    """Whether phones follow those of the plan."""
+    _letters: int = 0
+    """Characters of the labels of phones after the edge, or more if it has moved since they were counted."""
+    sure_s: float = -np.inf
+    """Time before which phones that follow those of the plan change nothing."""
     _width: int = field(init=False)
     """Number of weights on the path: modes, then the axes of :mod:`.phonetics`."""
 
@@ -151,7 +160,7 @@ class StreamingPlanner:
         return max(self._shown_s + self.horizon_s, self._cancelled_s)
 
     def take(self, phones: Sequence[Phone], *, is_counted: bool = True) -> int:
-        """Add phones, in any order; :func:`plan_together`, which must come next, plans their path.
+        """Add phones, in any order; :func:`plan_together`, which must come by :attr:`plan_by_s`, plans their path.
 
         Phones come in stream time. Each replaces what it overlaps; a silence removes what it overlaps.
 
@@ -178,9 +187,15 @@ class StreamingPlanner:
             else:
                 self.counts.late += phone.start_s < edge and is_mine
                 self.counts.unknown += not phone.is_silence and not ipa.letters(phone.label)
-                self._place(phone)
-                self._due = edge, FADE_S
-        return self.counts.late + self.counts.dropped - before
+                if self._place(phone) and not self._due and edge < self.sure_s:
+                    self._waits = True
+                    self._letters += len(phone.label)
+                else:
+                    self._due = edge, FADE_S
+        late = self.counts.late + self.counts.dropped - before
+        if self._letters > PLANNED_LETTERS and not self._due:
+            self._drop_far(edge)
+        return late
 
     def _has(self, phone: Phone, edge: float) -> bool:
         """Whether a phone changes nothing: it is planned already, or one of its label was said in its time."""
@@ -196,10 +211,11 @@ class StreamingPlanner:
             for known in (*self._phones[first:behind], *self._known)
         )
 
-    def _place(self, phone: Phone) -> None:
+    def _place(self, phone: Phone) -> bool:
+        """Put a phone in its place; return whether it follows all others."""
         if not phone.is_silence and (not self._phones or phone.start_s >= self._phones[-1].end_s):
             self._phones.append(phone)
-            return
+            return True
         place = self._overlapped(phone)
         overlapped = self._phones[place.start : place.stop]
         self.counts.revised += sum(old != phone for old in overlapped)
@@ -208,6 +224,7 @@ class StreamingPlanner:
             cut = overlapped[0]
             placed.insert(0, replace(cut, end_s=phone.start_s))
         self._phones[place.start : place.stop] = placed
+        return False
 
     def _overlapped(self, phone: Phone) -> range:
         """Places of the planned phones that a phone overlaps; empty, but in its place, if there are none."""
@@ -229,29 +246,34 @@ class StreamingPlanner:
     def cancel(self, at_s: float, *, fade_s: float = 0.2) -> None:
         """End speech: phones at or after ``at_s`` are not said, and the face is neutral ``fade_s`` later.
 
-        :func:`plan_together` must come next, as after :meth:`take`. The plan before ``at_s`` is settled; phones that
+        :func:`plan_together` must come next. The plan before ``at_s`` is settled; phones that
         are added afterwards are spoken after it.
         """
         if not fade_s > 0:
             raise UsageError(f"fade_s: must be a positive time, got {fade_s}")
+        plan_together([self])
         edge = self._cancelled_s = max(at_s, self.edge_s)
         self.counts.cancelled += sum(phone.end_s > edge for phone in self._phones)
-        if self._due:
-            plan_together([self])
         self._known += [phone for phone in self._phones if phone.end_s <= edge]
         self._phones = []
         self._due = edge, fade_s
         self._kept_holds = [hold_until(hold, edge) for hold in self.holds if hold.start_s - RAMP_S < edge]
         self._holds = {}
 
+    def _drop_far(self, edge: float) -> int:
+        """Drop phones after :data:`PLANNED_LETTERS`; return the place of the first that is not over at the edge."""
+        over = bisect_right(self._phones, edge, key=_END)
+        letters = list(accumulate(map(len, [phone.label for phone in self._phones[over:]])))
+        fit = bisect_right(letters, PLANNED_LETTERS)
+        self.counts.dropped += len(letters) - fit
+        self._letters = letters[fit - 1] if fit else 0
+        del self._phones[over + fit :]
+        return over
+
     def _to_plan(self) -> tuple[list[Phone], int]:
         """Drop old phones; return those of the new plan, and the index of the first one with keys that it needs."""
         edge, phones = self._due[0] if self._due else self.edge_s, self._phones
-        over = bisect_right(phones, edge, key=_END)
-        letters = accumulate(len(phone.label) for phone in phones[over:])
-        fit = over + sum(1 for so_far in letters if so_far <= PLANNED_LETTERS)
-        self.counts.dropped += len(phones) - fit
-        del phones[fit:]
+        over = self._drop_far(edge)
         first = min(max(over - BEHIND_PHONES, 0), bisect_right(phones, edge - LATEST_CLOSURE_S, key=_END))
         while first < over and phones[first].end_s <= edge - KEPT_S:
             first += 1
@@ -269,7 +291,8 @@ class StreamingPlanner:
         A difference that was already fading goes on fading in its time; ``share`` of it, 0 to 1, is new.
         """
         edge, fade_s = self._due or (self.edge_s, FADE_S)
-        self._due = None
+        self._due, self._waits, phones = None, False, self._phones
+        self.sure_s = phones[-1 - AHEAD_PHONES].start_s - PLAN_EARLY_S if len(phones) > AHEAD_PHONES else -np.inf
         self._renew_holds([(phone, contact) for phone, contact in said if contact != "none"], edge)
         if not isfinite(edge):  # nothing shown yet: nothing to keep
             self._plans = [StreamPlan(-np.inf, path, 0.0, 0.0, self._plans[0].left_over)]
@@ -307,8 +330,13 @@ class StreamingPlanner:
 
     @property
     def phones(self) -> Sequence[Phone]:
-        """Phones of the plan, in time order, without silences and old phones."""
+        """Phones of the plan and those that wait, in time order, without silences and old phones."""
         return self._phones
+
+    @property
+    def plan_by_s(self) -> float:
+        """Time of the first frame before which :func:`plan_together` must come; infinity if all is planned."""
+        return -np.inf if self._due else self.sure_s if self._waits else np.inf
 
     @property
     def holds(self) -> list[Hold]:
@@ -338,7 +366,7 @@ def plan_together(planners: Sequence[StreamingPlanner]) -> None:
     planners : sequence of StreamingPlanner
         Of one profile and style; those that took nothing new keep their path.
     """
-    planners = [planner for planner in planners if planner._due]
+    planners = [planner for planner in planners if planner.plan_by_s < np.inf]
     if not planners:
         return
     one = planners[0]

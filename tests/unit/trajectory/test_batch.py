@@ -1,6 +1,7 @@
 """Many sessions at once: each row is what a planner of its own would show, FAP for FAP."""
 
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -10,10 +11,10 @@ from hypothesis import strategies as st
 from fapengine.errors import UsageError
 from fapengine.mpeg4 import fap
 from fapengine.speech.phone_track import SILENCE, Phone
-from fapengine.trajectory import hermite
+from fapengine.trajectory import hermite, stream
 from fapengine.trajectory.batch import FIRST_HOLDS, FIRST_ROWS, KNOTS, BatchPlanner
 from fapengine.trajectory.planner import Style
-from fapengine.trajectory.stream import KEYS_BEHIND, StreamPlan, jets_at
+from fapengine.trajectory.stream import AHEAD_PHONES, KEYS_BEHIND, PLANNED_LETTERS, StreamPlan, jets_at
 from fapengine.trajectory.targets import speech_keys
 from tests.english import english
 from tests.single_stream import SingleStream, jet_of_plan
@@ -129,6 +130,58 @@ def test_long_texts_and_many_sessions_outgrow_the_first_room():
     pair.frames(150)
     assert pair.shown > 1500
     assert not pair.bank.frames(pair.now_s).any()  # all have come to rest
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_phones_that_come_one_by_one_far_ahead_are_shown_as_if_they_had_come_at_once(seed):
+    rng = np.random.default_rng(seed)
+    edges = np.cumsum([0.5, *rng.choice([0.02, 0.05, 0.08, 0.2], 30)]).tolist()
+    labels, loud_db = rng.choice(LABELS, 30).tolist(), rng.choice([0.0, 0.0, 6.0], 30).tolist()
+    said = [
+        Phone(label, *times, loudness_db=db) for label, times, db in zip(labels, pairwise(edges), loud_db, strict=True)
+    ]
+    at_once, one_by_one = BatchPlanner(english()), BatchPlanner(english())
+    at_once.feed(at_once.open(), said)
+    session, fed = one_by_one.open(), 0
+    for now_s in np.arange(0.0, edges[-1] + 0.3, TICK_S).tolist():
+        while fed < len(said) and said[max(fed - AHEAD_PHONES - 1, 0)].start_s < now_s + 0.3:
+            one_by_one.feed(session, said[fed : fed + 1])
+            one_by_one.plan()
+            fed += 1
+        np.testing.assert_array_equal(one_by_one.frames(now_s), at_once.frames(now_s))
+    assert fed == len(said)
+
+
+def test_phones_that_come_one_by_one_far_ahead_are_planned_a_few_times_at_most(monkeypatch):
+    """Each was planned with all that follow, 120 times, when each came."""
+    asked: list[int] = []
+
+    def counted(tracks, *args, **options):
+        asked.extend(len(phones) for phones, _ in tracks)
+        return speech_keys(tracks, *args, **options)
+
+    monkeypatch.setattr(stream, "speech_keys", counted)
+    bank, said = BatchPlanner(english()), phones(["m", "ɑː", "s", "t"] * 125, 0.1)
+    session = bank.open()
+    for phone in said:
+        bank.frames(max(phone.start_s - 12.0, bank._now_s, 0.0))
+        bank.feed(session, [phone])
+        bank.plan()
+    assert sum(asked) < 1.5 * len(said)
+
+
+def test_phones_beyond_what_is_planned_ahead_are_dropped_as_they_come():
+    bank, own = BatchPlanner(english()), SingleStream(english())
+    session, said = bank.open(), phones(["m", "ɑː"] * 200, 0.1)
+    bank.frames(0.0)
+    own.frames([0.0])
+    for phone in said:
+        bank.feed(session, [phone])
+        bank.plan()
+    own.feed(said)
+    assert list(bank.planned(session)) == list(own.phones)
+    assert bank.counts(session).dropped == own.counts.dropped == len(said) - len(own.phones)
+    assert sum(len(phone.label) for phone in own.phones) <= PLANNED_LETTERS
 
 
 def test_rows_say_whose_they_are_when_sessions_close():
