@@ -8,10 +8,10 @@ FROM python:3.12-slim-bookworm AS build
 RUN apt-get update && apt-get install -y --no-install-recommends git && rm -rf /var/lib/apt/lists/*
 COPY . /source
 ARG EXTRAS=voice,video,recognizer,fast,live,batch,nats,webrtc
-RUN pip wheel --no-cache-dir --wheel-dir /wheels "/source[$EXTRAS]"
+RUN pip wheel --no-cache-dir --wheel-dir /wheels /source/native "/source[$EXTRAS]"
 
 FROM build AS build-agents
-RUN pip wheel --no-cache-dir --wheel-dir /wheels "/source[$EXTRAS,agents]"
+RUN pip wheel --no-cache-dir --wheel-dir /wheels /source/native "/source[$EXTRAS,agents]"
 
 FROM python:3.12-slim-bookworm AS base
 RUN apt-get update && apt-get install -y --no-install-recommends libegl1 libgl1 libgl1-mesa-dri libportaudio2 \

@@ -42,7 +42,7 @@ help:
 	@echo "make soak   use a live server for 30 minutes or MINUTES=n: nothing grows, nothing is left undone"
 	@echo "make oracles  other programs: gltf-validator, three.js, three-vrm, TalkingHead, Blender, Pyodide, Godot, coturn, nginx, NATS, ExifTool; Pipecat, LiveKit, piper-plus; axe-core, Firefox; needs Node"
 	@echo "make pyodide  the core in WebAssembly writes the bytes that it writes here; needs npm"
-	@echo "make native the renderer in C, which needs no OpenGL, from native/: its wheel in out/native, installed here"
+	@echo "make native codec and renderer in C, which needs no OpenGL, from native/: its wheel in out/native, installed here"
 	@echo "make npm    the package fapengine-face for pages of your own: out/fapengine-face-VERSION.tgz; needs npm"
 	@echo "make docs   the documentation as a site: out/site/index.html"
 	@echo "make people 200 random people: every promise of the face, where make test tries 15"
@@ -60,12 +60,10 @@ demo: $(VENV)/.ready
 test: $(VENV)/.ready-dev detector
 	@$(MAKE) --no-print-directory -j 2 tests check conformance fuzz-replay
 
-# The codec is compiled once, before several processes would all do it. Of three processes one takes files that compute,
-# the others files that wait, the long ones first: tests/queues.py.
+# Of three processes one takes files that compute, the others files that wait, the long ones first: tests/queues.py.
 # One thread each for linear algebra: three processes with two threads each on two cores wait for each other.
 PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 3 --dist loadfile -q
 tests: $(VENV)/.ready-dev detector
-	$(BIN)/python -m tests.compile_codec
 	$(PYTEST) -m "not nightly" --at-least $(TESTS_AT_LEAST)
 
 # What takes too long for every change; the hosted CI runs it every night.
@@ -187,7 +185,7 @@ pyodide: $(VENV)/.ready-dev
 	npm install --prefix out/oracles --no-save --no-audit --no-fund $(PYODIDE)
 	$(BIN)/python -m tests.oracles.pyodide out/oracles
 
-# The renderer in C; a C compiler builds it, or Zig from the Python package index.
+# Codec and renderer in C; a C compiler builds them, or Zig from the Python package index.
 native: $(VENV)/.ready-native
 	$(BIN)/fapengine doctor | grep renderer
 
@@ -214,7 +212,7 @@ $(VENV)/.ready: pyproject.toml .ci/system-packages
 	.ci/system-packages $(PYTHON)
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade "pip>=25.1"
-	$(BIN)/python -m pip install --quiet --editable ".[voice,video,batch,nats,recognizer,recognizer-onnx,fast,lab,live,usd,webrtc,window]"
+	$(BIN)/python -m pip install --quiet --editable ".[voice,video,batch,nats,recognizer,recognizer-onnx,lab,live,usd,webrtc,window]"
 	@touch $@
 
 # Its tests are skipped, and counted, where it does not install.
@@ -227,7 +225,7 @@ $(VENV)/.ready-detector: $(VENV)/.ready-dev
 	    { echo "face detector absent: it does not install here" >&2; rm -rf $(VENV)/detector; }
 	@touch $@
 
-$(VENV)/.ready-dev: $(VENV)/.ready
+$(VENV)/.ready-dev: $(VENV)/.ready $(VENV)/.ready-native
 	.ci/system-packages $(PYTHON) tests
 	$(BIN)/python -m pip install --quiet --group dev
 	@touch $@

@@ -15,7 +15,10 @@ PYTHONS = nox.project.python_versions(PROJECT)
 def tests(session: nox.Session) -> None:
     """Unit tests, laws and doctests, or what is named behind ``--``."""
     session.install(
-        "--quiet", "--editable", ".[voice,video,batch,recognizer,recognizer-onnx,fast,lab,live,usd,webrtc,window]"
+        "--quiet",
+        "--editable",
+        ".[voice,video,batch,recognizer,recognizer-onnx,fast,lab,live,usd,webrtc,window]",
+        "./native",
     )
     session.install("--quiet", *nox.project.dependency_groups(PROJECT, "dev"))
     session.run("pytest", "-q", "-n", "2", *(session.posargs or ("tests/unit", "tests/properties", "fapengine")))

@@ -50,7 +50,7 @@ MUTATIONS = (
     Mutation(
         "zero run", "fapengine/codec/kernels.py", "ZERO_RUN = 22", "ZERO_RUN = 23",
         "the arithmetic coder stuffs a one after 22 zeros: without it every other decoder reads another stream",
-        ("tests/unit/codec/test_vectors.py",),
+        ("tests/native/test_codec.py",),
     ),
     Mutation(
         "proof of an I plane", "fapengine/codec/resync.py", "PROOF = 8", "PROOF = 1",

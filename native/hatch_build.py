@@ -56,8 +56,8 @@ def compile_library(folder: Path, target: str = "", flags: tuple[str, ...] = ())
     builds = list(BUILDS) if machine in ("x86_64", "amd64") else ["baseline"]
     with tempfile.TemporaryDirectory() as scratch:
         jobs, objects = [], []
-        for name in (*builds, "choose"):
-            its = [str(SOURCE / "choose.c")]
+        for name in (*builds, "choose", "codec"):
+            its = [str(SOURCE / f"{name}.c")]
             if name in BUILDS:
                 label = machine if name == "baseline" else f"x86-64-{name}"
                 its = [*(ZIG_CPUS.get(name, []) if is_zig else BUILDS[name]), f"-DBUILD=face_{name}",
@@ -66,7 +66,7 @@ def compile_library(folder: Path, target: str = "", flags: tuple[str, ...] = ())
             jobs.append(subprocess.Popen([*command, *FLAGS, *flags, "-c", *its, "-o", objects[-1]]))
         codes = [job.wait() for job in jobs]
         if any(codes):
-            raise RuntimeError(f"{shlex.join(command)}: does not compile {SOURCE / 'face.c'}")
+            raise RuntimeError(f"{shlex.join(command)}: does not compile {SOURCE}")
         subprocess.run([*command, *flags, "-shared", "-o", str(made), *objects, "-lm"], check=True)
     return made
 

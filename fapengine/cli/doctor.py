@@ -60,7 +60,7 @@ def doctor(
         ("face detector", "make detector, in a checkout; or FAPENGINE_DETECTOR=PYTHON", live.detector),
         ("calls", 'pip install "fapengine[webrtc]"', partial(live.extra, "aiortc")),
         ("virtual camera", 'pip install "fapengine[camera]"', partial(live.extra, "pyvirtualcam")),
-        ("compiled codec", 'pip install "fapengine[fast]"', partial(live.extra, "numba")),
+        ("compiled codec", 'pip install "fapengine[fast]"; or make native, in a checkout', _codec),
         ("copyleft packages", "", _copyleft),
         ("USD", 'pip install "fapengine[usd]"', partial(live.extra, "pxr")),
         ("laboratory", 'pip install "fapengine[lab]"', partial(live.extra, "matplotlib", "trimesh")),
@@ -116,6 +116,16 @@ def _renderer() -> str:
     return by_renderer(
         DEFAULT_RENDER_OPTIONS, native=lambda: f"native: {native_build()}", gl=lambda: f"gl: {_opengl()}"
     )
+
+
+def _codec() -> str:
+    from fapengine.codec import kernels
+    from fapengine.render.native import native_build
+
+    found = native_build()
+    if kernels.loops is kernels:
+        raise LackError(f"{found}, which is older and has none", "pip install --upgrade fapengine-native")
+    return found
 
 
 def _copyleft() -> str:

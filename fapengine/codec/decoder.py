@@ -257,7 +257,7 @@ class Decoder:
         state = self._state
         values = np.zeros((AT_ONCE, FIELD_COUNT), np.int64)
         flags, extents = np.zeros((AT_ONCE, 3), np.int64), np.zeros((AT_ONCE, 3), np.int64)
-        count, self._at, status, detail = k.decode_predicted(
+        count, self._at, status, detail = k.loops.decode_predicted(
             self._bits, self._at, self._fresh, final, state.fields, state.previous, state.decoding, state.found,
             state.flags, self.costs, values, flags, extents,
         )  # fmt: skip

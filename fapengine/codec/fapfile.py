@@ -43,19 +43,23 @@ class Words:
 
     def __init__(self, lines: Iterator[tuple[int, str]]) -> None:
         self._lines = lines
-        self._ready: deque[tuple[str, int]] = deque()
+        self._ready: deque[tuple[int, list[str]]] = deque()
+        self._taken = 0
+        """Words of the first of these lines that were taken."""
+        self._count = 0
         self._last_line = 1
         self.per_line: dict[int, int] = {}
         """Number of words in each of the last lines."""
 
     def has(self, count: int) -> bool:
         """Split lines until ``count`` words are ready; False at the end of the file."""
-        while len(self._ready) < count:
+        while self._count < count:
             number, line = next(self._lines, (0, ""))
             if not number:
                 return False
             words = line.split()
-            self._ready.extend((word, number) for word in words)
+            self._ready.append((number, words))
+            self._count += len(words)
             self._last_line = number
             self.per_line[number] = len(words)
             if len(self.per_line) > LINES_KEPT:
@@ -64,14 +68,29 @@ class Words:
 
     def line(self) -> int:
         """Line of the next word."""
-        return self._ready[0][1] if self.has(1) else self._last_line
+        return self._ready[0][0] if self.has(1) else self._last_line
+
+    def take_lines(self, count: int, what: str) -> list[tuple[int, list[str]]]:
+        """Next ``count`` words: the number of each line, and what it has of them."""
+        if not self.has(count):
+            where = f"line {self.line()}, the end"
+            raise TruncatedError(f"{what}: got {self._count} numbers, expected {count}", where=where)
+        self._count -= count
+        taken = []
+        while count:
+            number, words = self._ready[0]
+            part = words[self._taken : self._taken + count]
+            taken.append((number, part))
+            count -= len(part)
+            self._taken += len(part)
+            if self._taken == len(words):
+                self._ready.popleft()
+                self._taken = 0
+        return taken
 
     def take(self, count: int, what: str) -> list[tuple[str, int]]:
         """Next ``count`` words and their lines."""
-        if not self.has(count):
-            where = f"line {self.line()}, the end"
-            raise TruncatedError(f"{what}: got {len(self._ready)} numbers, expected {count}", where=where)
-        return [self._ready.popleft() for _ in range(count)]
+        return [(word, number) for number, words in self.take_lines(count, what) for word in words]
 
 
 VERSIONS = ("1.1", "2.0", "2.1", "2.2")
@@ -96,14 +115,16 @@ def format_fap(track: FapTrack, *, single_numbers: bool = False) -> str:
     """
     rate = f"{track.rate_hz:.15g}"
     lines = [f"2.1 {'_'.join(track.name.split()) or 'fapengine'} {rate} {len(track)}"]
-    for mask, number, viseme, expression, values in zip(
-        track.mask, track.frame_numbers, track.visemes, track.expressions, track.values, strict=True
+    digits = np.full((len(track), 2 * fap.FAP_COUNT - 1), ord(" "), np.uint8)
+    digits[:, ::2] = ord("0") + track.mask
+    low_level = slice(fap.column(3), None)
+    for mask_line, mask, number, viseme, expression, values in zip(
+        digits, track.mask, track.frame_numbers, track.visemes, track.expressions, track.values, strict=True
     ):
-        lines.append(" ".join("1" if bit else "0" for bit in mask))
+        lines.append(mask_line.tobytes().decode())
         numbers = [number]
         for is_sent, row in zip(mask[:2], (viseme, expression), strict=True):
             numbers += row[: 1 if single_numbers else None].tolist() if is_sent else []
-        low_level = slice(fap.column(3), None)
         lines.append(" ".join(map(str, numbers + values[low_level][mask[low_level]].tolist())))
     return "\n".join(lines) + "\n"
 
@@ -111,15 +132,25 @@ def format_fap(track: FapTrack, *, single_numbers: bool = False) -> str:
 def _integers(words: Words, count: int, what: str) -> list[int]:
     """Next ``count`` numbers, rounded."""
     numbers = []
-    for word, line in words.take(count, what):
+    for line, texts in words.take_lines(count, what):
         try:
-            value = float(word)
-        except ValueError as error:
-            raise DataError(f"got {word[:20]!r}, expected a number", where=f"line {line}") from error
-        if not abs(value) <= MAX_VALUE:
-            raise DataError(f"got {word[:20]}, expected a finite 32-bit number", where=f"line {line}")
-        numbers.append(round(value))
+            whole = list(map(int, texts))
+        except ValueError:
+            whole = []
+        if not whole or max(whole) > MAX_VALUE or min(whole) < -MAX_VALUE:
+            whole = [_rounded(text, line) for text in texts]
+        numbers += whole
     return numbers
+
+
+def _rounded(text: str, line: int) -> int:
+    try:
+        value = float(text)
+    except ValueError as error:
+        raise DataError(f"got {text[:20]!r}, expected a number", where=f"line {line}") from error
+    if not abs(value) <= MAX_VALUE:
+        raise DataError(f"got {text[:20]}, expected a finite 32-bit number", where=f"line {line}")
+    return round(value)
 
 
 def parse_fap(data: bytes) -> FapTrack:
@@ -129,21 +160,25 @@ def parse_fap(data: bytes) -> FapTrack:
     if header is None:
         raise TruncatedError("FAP file: header is missing ('2.1 name rate frames')", where="line 1")
     name, rate_hz = _header(*header)
-    masks, numbers = bytearray(), array("i")  # arrays: an hour as lists takes a gigabyte
-    count, words = 0, Words(lines)
+    masks, heads, sent = bytearray(), array("i"), array("i")  # arrays: an hour as lists takes a gigabyte
+    words = Words(lines)
     while words.has(1):
         mask = _mask(words)
         masks.extend(mask)
-        numbers.extend(_numbers(words, mask))
-        count += 1
-    if not count:
+        heads.extend(_head(words, mask))
+        sent.extend(_integers(words, sum(mask[fap.column(3) :]), "FAP values"))
+    if not masks:
         raise TruncatedError("FAP file: contains no frames", where=f"line {header[0]}")
-    table = np.frombuffer(numbers, np.int32).reshape(count, -1)
-    frame_numbers, visemes, expressions, low_level = np.split(table, np.cumsum(WIDTHS), axis=1)
+    is_sent = np.frombuffer(masks, np.bool_).reshape(-1, fap.FAP_COUNT)
+    values = np.zeros(is_sent.shape, np.int32)
+    values[:, fap.column(3) :][is_sent[:, fap.column(3) :]] = np.frombuffer(sent, np.int32)
+    frame_numbers, visemes, expressions = np.split(
+        np.frombuffer(heads, np.int32).reshape(len(values), -1), np.cumsum(WIDTHS[:-1]), axis=1
+    )
     try:
         return FapTrack(
-            mask=np.frombuffer(masks, np.bool_).reshape(count, fap.FAP_COUNT),
-            values=np.pad(low_level, ((0, 0), (fap.column(3), 0))),
+            mask=is_sent,
+            values=values,
             visemes=visemes,
             expressions=expressions,
             frame_numbers=frame_numbers[:, 0].astype(np.int64),
@@ -168,11 +203,10 @@ def _header(number: int, line: str) -> tuple[str, float]:
     return " ".join(fields[1:-2]) or "unnamed", rate_hz
 
 
-def _numbers(words: Words, mask: list[bool]) -> list[int]:
-    """Read the values of a frame: frame number, viseme, expression, and FAP 3 to 68; 0 where nothing is sent."""
+def _head(words: Words, mask: list[bool]) -> list[int]:
+    """Read what comes before the values of a frame: its number, viseme and expression; 0 where nothing is sent."""
     line = words.line()
     numbers = _integers(words, 1, "frame number")
-    low_level = mask[fap.column(3) :]
     is_single = words.per_line[line] == sum(mask) + 1 and (mask[0] or mask[1])
     for is_sent, width, weight, what in (
         (mask[0], VISEME_NUMBERS, 2, "viseme"), (mask[1], EXPRESSION_NUMBERS, 1, "expression"),
@@ -182,18 +216,19 @@ def _numbers(words: Words, mask: list[bool]) -> list[int]:
         if is_single and sent[0]:
             sent[weight] = FULL_WEIGHT  # a single number is shown alone
         numbers += sent
-    values = iter(_integers(words, sum(low_level), "FAP values"))
-    return numbers + [next(values) if bit else 0 for bit in low_level]
+    return numbers
 
 
 def _mask(words: Words) -> list[bool]:
     line = words.line()
-    digits = words.take(fap.FAP_COUNT, "mask")
-    if digits[-1][1] == line and words.per_line[line] == fap.FAP_COUNT + 1:
+    parts = words.take_lines(fap.FAP_COUNT, "mask")
+    if parts[-1][0] == line and words.per_line[line] == fap.FAP_COUNT + 1:
         ((digit, _),) = words.take(1, "mask")
         if digit != "0":
             raise DataError(f"mask: got a 69th digit {digit!r}, expected 0", where=f"line {line}")
-    for index, (digit, line) in enumerate(digits, start=1):
-        if digit not in ("0", "1"):
-            raise DataError(f"mask: digit {index} is {digit[:20]!r}, expected 0 or 1", where=f"line {line}")
-    return [digit == "1" for digit, _ in digits]
+    digits = [digit for _, part in parts for digit in part]
+    if not set(digits) <= {"0", "1"}:
+        index = next(index for index, digit in enumerate(digits) if digit not in ("0", "1"))
+        line = [number for number, part in parts for _ in part][index]
+        raise DataError(f"mask: digit {index + 1} is {digits[index][:20]!r}, expected 0 or 1", where=f"line {line}")
+    return [digit == "1" for digit in digits]

@@ -11,33 +11,18 @@ another length belongs to a body (:mod:`fapengine.codec.planes`), which has one 
 Invariants: ``low <= V <= high``; the tree of every model contains the prefix sums of its counts; models change only
 after a whole plane was decoded, so that an incomplete plane can be decoded again.
 
-With Numba (``fapengine[fast]``) these functions are compiled and cached on disk; without it they run as Python.
+This module is the reference. :data:`loops` are these functions, or the same in C where ``fapengine[fast]`` is
+installed; its ``src/codec.c`` has them by the same names, and gives the same bytes.
 """
 
-from collections.abc import Callable
-from typing import Any, TypeVar, cast
+import sys
+from importlib import import_module
+from typing import Any
 
 import numpy as np
 
 from fapengine.codec.fields import EXPRESSION_FIELDS, FIELD_COUNT, VISEME_FIELDS
-
-F = TypeVar("F", bound=Callable[..., Any])
-
-try:
-    from numba import njit as _njit
-
-    COMPILED = True
-    """Numba compiles the functions of this module."""
-except ImportError:
-    COMPILED = False
-
-
-def compiled(function: F) -> F:
-    """Compile a function with Numba, if it is installed."""
-    if not COMPILED:
-        return function
-    return cast(F, _njit(cache=True, nogil=True)(function))
-
+from fapengine.mpeg4 import fap
 
 HALF, QUARTER, THREE_QUARTERS, TOP = 32768, 16384, 49152, 65535
 LIMIT = 16383
@@ -51,6 +36,7 @@ MIN_PLANE_BITS = 5
 """Least number of bits of a P plane: three fixed, one for skipped frames, and one of data."""
 LOOK_AHEAD = 14
 """Number of data bits that the decoder has read too far at the end of a segment."""
+GROUP_SIZES = tuple(len(group) for group in fap.GROUPS)
 
 A_END, B_END = VISEME_FIELDS.stop, EXPRESSION_FIELDS.stop
 
@@ -66,7 +52,6 @@ BAD_MASK, BAD_STUFFING, BAD_VALUE, WITH_BODY, BAD_SKIP = 5, 6, 7, 8, 9
 """Reasons why a decoding loop stopped."""
 
 
-@compiled
 def reset_models(fields: Any, base: Any, counts: Any, tree: Any, totals: Any) -> None:
     """Make the P models of all coded fields uniform (FBA section 8)."""
     for field in range(fields.shape[0]):
@@ -78,7 +63,6 @@ def reset_models(fields: Any, base: Any, counts: Any, tree: Any, totals: Any) ->
             tree[start + i] = i & -i
 
 
-@compiled
 def _count(field: int, rank: int, fields: Any, base: Any, counts: Any, tree: Any, totals: Any) -> None:
     size = fields[field, P_COUNT]
     start = base[field]
@@ -101,7 +85,6 @@ def _count(field: int, rank: int, fields: Any, base: Any, counts: Any, tree: Any
         i += i & -i
 
 
-@compiled
 def _prefix(start: int, rank: int, tree: Any) -> int:
     total = 0
     while rank > 0:
@@ -110,7 +93,6 @@ def _prefix(start: int, rank: int, tree: Any) -> int:
     return total
 
 
-@compiled
 def _put(bit: int, out: Any, at: int, coder: Any) -> int:
     if coder[ZEROS] == ZERO_RUN:
         out[at] = 1
@@ -121,7 +103,6 @@ def _put(bit: int, out: Any, at: int, coder: Any) -> int:
     return at + 1
 
 
-@compiled
 def _emit(bit: int, out: Any, at: int, coder: Any) -> int:
     at = _put(bit, out, at, coder)
     for _ in range(coder[PENDING]):
@@ -130,7 +111,6 @@ def _emit(bit: int, out: Any, at: int, coder: Any) -> int:
     return at
 
 
-@compiled
 def _encode_symbol(under: int, over: int, total: int, out: Any, at: int, coder: Any) -> int:
     low, high = coder[LOW], coder[HIGH]
     length = high - low + 1
@@ -155,7 +135,6 @@ def _encode_symbol(under: int, over: int, total: int, out: Any, at: int, coder: 
     return at
 
 
-@compiled
 def _flush(out: Any, at: int, coder: Any) -> int:
     coder[PENDING] += 1
     at = _emit(0 if coder[LOW] < QUARTER else 1, out, at, coder)
@@ -163,7 +142,6 @@ def _flush(out: Any, at: int, coder: Any) -> int:
     return at
 
 
-@compiled
 def encode_plane(
     intra: bool, target: Any, flags: Any, fields: Any, previous: Any, models: Any, clamp: bool, out: Any, at: int
 ) -> int:
@@ -227,7 +205,6 @@ def encode_plane(
     return _flush(out, at, coder)
 
 
-@compiled
 def encode_predicted(
     targets: Any, flags: Any, skips: Any, fields: Any, previous: Any, models: Any, clamp: bool, out: Any, at: int
 ) -> int:
@@ -249,12 +226,10 @@ def encode_predicted(
     return at
 
 
-@compiled
 def _raw(bits: Any, position: int, pad: int) -> int:
     return bits[position] if position < bits.shape[0] else pad
 
 
-@compiled
 def _take(bits: Any, pad: int, coder: Any, positions: Any) -> int:
     position = coder[READ]
     if coder[ZEROS] == ZERO_RUN:
@@ -271,7 +246,6 @@ def _take(bits: Any, pad: int, coder: Any, positions: Any) -> int:
     return bit
 
 
-@compiled
 def _open_segment(bits: Any, position: int, pad: int, coder: Any, positions: Any) -> None:
     coder[LOW], coder[HIGH], coder[VALUE] = 0, TOP, 0
     coder[READ], coder[TAKEN], coder[ZEROS], coder[BAD] = position, 0, 0, -1
@@ -279,7 +253,6 @@ def _open_segment(bits: Any, position: int, pad: int, coder: Any, positions: Any
         coder[VALUE] = 2 * coder[VALUE] + _take(bits, pad, coder, positions)
 
 
-@compiled
 def _close_segment(coder: Any, positions: Any) -> int:
     end = coder[TAKEN] - LOOK_AHEAD
     if 0 <= coder[BAD] < end:
@@ -287,7 +260,6 @@ def _close_segment(coder: Any, positions: Any) -> int:
     return int(positions[(end - 1) & 15])
 
 
-@compiled
 def _narrow(under: int, over: int, total: int, bits: Any, pad: int, coder: Any, positions: Any) -> None:
     low, high, value = coder[LOW], coder[HIGH], coder[VALUE]
     length = high - low + 1
@@ -308,7 +280,6 @@ def _narrow(under: int, over: int, total: int, bits: Any, pad: int, coder: Any, 
     coder[LOW], coder[HIGH], coder[VALUE] = low, high, value
 
 
-@compiled
 def decode_plane(
     intra: bool, bits: Any, at: int, pad: int, fields: Any, previous: Any, models: Any, found: Any, flags: Any,
     costs: Any,
@@ -384,7 +355,6 @@ def decode_plane(
     return DONE, at, max(furthest, at)
 
 
-@compiled
 def keep_plane(intra: bool, found: Any, fields: Any, previous: Any, models: Any) -> None:
     """Keep a decoded plane: the next one is predicted from it, and its symbols are counted."""
     for field in range(fields.shape[0]):
@@ -394,7 +364,6 @@ def keep_plane(intra: bool, found: Any, fields: Any, previous: Any, models: Any)
                 _count(field, found[1, field], fields, models[0], models[1], models[2], models[3])
 
 
-@compiled
 def code_after(bits: Any, at: int) -> int:
     """Look for a start code after a plane (FBA section 3): at the next byte boundary, one byte later if already there.
 
@@ -424,7 +393,6 @@ def code_after(bits: Any, at: int) -> int:
     return code
 
 
-@compiled
 def decode_settled(
     intra: bool, bits: Any, at: int, fields: Any, previous: Any, models: Any, found: Any, flags: Any, costs: Any
 ) -> tuple[int, int]:  # fmt: skip
@@ -453,7 +421,6 @@ def decode_settled(
     return DONE, end
 
 
-@compiled
 def decode_predicted(
     bits: Any, at: int, fresh: bool, final: bool, fields: Any, previous: Any, models: Any, found: Any, flags: Any,
     costs: Any, values: Any, value_flags: Any, extents: Any,
@@ -509,3 +476,53 @@ def decode_predicted(
         at = end
         count += 1
     return count, at, FULL, at
+
+
+def find_intra(bits: Any, start: int, bodies: bool) -> int:
+    """Find the next bit at which the fixed bits of an I plane header are right; -1 if there is none.
+
+    Headers cut off by the end do not count. Planes may have a body only if ``bodies`` is on.
+    """
+    n = bits.shape[0]
+    for first in range(start, n - 40):
+        if not bits[first] or (bits[first + 1] and not bodies) or not bits[first + 2]:
+            continue
+        at = first + 3
+        at += 14 if bits[at] else 1
+        if at < n and bits[at]:
+            if at + 12 >= n or not bits[at + 12]:
+                continue
+            at += 18
+        at += 1
+        if at < n and bits[at]:
+            more = True
+            at += 1
+            while more and at + 4 <= n:
+                more = bits[at] + bits[at + 1] + bits[at + 2] + bits[at + 3] == 4
+                at += 4
+        else:
+            at += 1
+        at += 5
+        good = True
+        for group in range(10):
+            if at + 3 > n or not bits[at]:
+                good = False
+                break
+            kind = 2 * bits[at + 1] + bits[at + 2]
+            at += 3
+            if kind == 1 or kind == 2:
+                at += GROUP_SIZES[group]
+        if good and at + 6 <= n and not bits[at + 1]:
+            return first
+    return -1
+
+
+def _fastest() -> Any:
+    try:
+        return import_module("fapengine_native.codec")
+    except (ImportError, OSError):  # not installed, an older one, or one for another system
+        return sys.modules[__name__]
+
+
+loops = _fastest()
+"""Where the encoder and the decoder find the functions above."""

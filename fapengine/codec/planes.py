@@ -99,14 +99,14 @@ class FieldState:
         status, end : int
             As :func:`~fapengine.codec.kernels.decode_settled`.
         """
-        status, end = k.decode_settled(
+        status, end = k.loops.decode_settled(
             intra, bits, at, self.fields, self.previous, self.decoding, self.found, self.flags, costs
         )
         return int(status), int(end)
 
     def keep(self, intra: bool) -> None:
         """Keep the plane decoded last: the next plane is predicted from it."""
-        k.keep_plane(intra, self.found, self.fields, self.previous, self.decoding)
+        k.loops.keep_plane(intra, self.found, self.fields, self.previous, self.decoding)
 
     def _set_ranges(self, fields: slice, ranges: Ints) -> None:
         """Set the ranges of fields, (4, N) in symbols, and make the P models of all coded fields uniform."""
@@ -119,7 +119,7 @@ class FieldState:
         room = int(sizes.sum()) + 1
         if room > len(self._counts):
             self._counts, self._tree = np.zeros((2, room), np.int32)
-        k.reset_models(table, self._base, self._counts, self._tree, self._totals)
+        k.loops.reset_models(table, self._base, self._counts, self._tree, self._totals)
 
 
 class PlaneState(FieldState):

@@ -9,7 +9,6 @@ decodes after it; noise decodes as one more plane with a probability of 1/8.
 """
 
 import copy
-from typing import Any
 
 import numpy as np
 
@@ -19,52 +18,10 @@ from fapengine.codec.fields import FIELD_COUNT
 from fapengine.codec.header import BODY, IntraHeader, read_face_header, read_plane_start
 from fapengine.codec.planes import PlaneState
 from fapengine.errors import DataError
-from fapengine.mpeg4 import fap
 
 PROOF = 8
 """Planes that must decode after a candidate with an unknown header: noise does so with probability 8**-8."""
-GROUP_SIZES = tuple(len(group) for group in fap.GROUPS)
 PLANE_CODE_BITS = np.unpackbits(np.array([0, 0, 1, PLANE_START], np.uint8))
-
-
-@k.compiled
-def _find_intra(bits: Any, start: int, bodies: bool) -> int:
-    """Find the next bit at which the fixed bits of an I plane header are right; -1 if there is none.
-
-    Headers cut off by the end do not count. Planes may have a body only if ``bodies`` is on.
-    """
-    n = bits.shape[0]
-    for first in range(start, n - 40):
-        if not bits[first] or (bits[first + 1] and not bodies) or not bits[first + 2]:
-            continue
-        at = first + 3
-        at += 14 if bits[at] else 1
-        if at < n and bits[at]:
-            if at + 12 >= n or not bits[at + 12]:
-                continue
-            at += 18
-        at += 1
-        if at < n and bits[at]:
-            more = True
-            at += 1
-            while more and at + 4 <= n:
-                more = bits[at] + bits[at + 1] + bits[at + 2] + bits[at + 3] == 4
-                at += 4
-        else:
-            at += 1
-        at += 5
-        good = True
-        for group in range(10):
-            if at + 3 > n or not bits[at]:
-                good = False
-                break
-            kind = 2 * bits[at + 1] + bits[at + 2]
-            at += 3
-            if kind == 1 or kind == 2:
-                at += GROUP_SIZES[group]
-        if good and at + 6 <= n and not bits[at + 1]:
-            return first
-    return -1
 
 
 def find_intact_intra(
@@ -87,12 +44,12 @@ def find_intact_intra(
     final : bool
         No more bits will come.
     """
-    candidate = _find_intra(bits, start, bodies)
+    candidate = k.loops.find_intra(bits, start, bodies)
     while candidate >= 0:
         verdict = _is_intact(bits, int(candidate), state, last, final=final)
         if verdict is not False:
             return int(candidate) if verdict else None
-        candidate = _find_intra(bits, candidate + 1, bodies)
+        candidate = k.loops.find_intra(bits, candidate + 1, bodies)
     return None
 
 
@@ -119,7 +76,7 @@ def _is_intact(bits: Bits, at: int, state: PlaneState, last: IntraHeader | None,
         return False
     trial.keep(True)
     values, flags, extents = (np.zeros((PROOF, n), np.int64) for n in (FIELD_COUNT, 3, 3))
-    count, _, status, _ = k.decode_predicted(
+    count, _, status, _ = k.loops.decode_predicted(
         bits, end, False, final, trial.fields, trial.previous, trial.decoding, trial.found, trial.flags, no_costs,
         values, flags, extents,
     )  # fmt: skip

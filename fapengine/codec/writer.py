@@ -44,7 +44,7 @@ class StreamWriter:
         state.begin_intra(header)
         head = np.array(intra_header_bits(header), np.uint8)
         room = np.concatenate([head, np.zeros(BITS_A_PLANE, np.uint8)])
-        end = kernels.encode_plane(
+        end = kernels.loops.encode_plane(
             True, target, flags, state.fields, state.previous, state.encoding, self._clamp, room, len(head)
         )
         self._append(room, end, target)
@@ -57,7 +57,7 @@ class StreamWriter:
             count = len(targets[part])
             header_bits = 8 * count + int(skips[part].sum()) // 3 + 4
             room = np.empty(count * BITS_A_PLANE + header_bits, np.uint8)
-            end = kernels.encode_predicted(
+            end = kernels.loops.encode_predicted(
                 targets[part], flags[part], skips[part], state.fields, state.previous, state.encoding, self._clamp,
                 room, 0,
             )  # fmt: skip

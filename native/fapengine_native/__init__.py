@@ -1,56 +1,24 @@
-"""Draws talking heads on the processor, without OpenGL: the compiled renderer of fapengine.
+"""The compiled parts of fapengine: here what draws talking heads without OpenGL, in ``codec`` the loops of its codec.
 
-fapengine uses it if it is installed (``fapengine.render.native``); the classes here are its way in, and may change with
-each version.
+fapengine uses both if they are installed (``fapengine.render.native``, ``fapengine.codec.kernels``). Classes and
+functions are for it alone, and may change with each version.
 """
 
 import ctypes
 import threading
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-VERSION = 1
-"""Of the library's interface."""
+from fapengine_native._library import library
+
 PARTS = ("face", "cutout", "eyeball", "eye", "strand")
 """Kinds of triangles, in the library's order."""
 FORMATS = {"rgb": 0, "rgba": 1, "i420": 2}
 UNIFORMS = 238
 """Floats of a frame: 128 channels, 5 x 16 bones, 2 iris, 4 lids, 3 albedo of the iris, 16 clip from world, 3 eye, 2
 depth; bones and clip column by column. The depth gives w from the depth z in the picture: second / (first - z)."""
-
-
-def _load(path: Path) -> ctypes.CDLL:
-    library = ctypes.CDLL(str(path))
-    pointer, number = ctypes.c_void_p, ctypes.c_int
-    forms: dict[str, tuple[Any, list[Any]]] = {
-        "version": (number, []),
-        "select": (ctypes.c_char_p, [ctypes.c_char_p]),
-        "open": (pointer, [pointer, number, pointer, pointer, number, pointer, pointer]),
-        "close": (None, [pointer]),
-        "canvas": (number, [pointer, number, number, pointer]),
-        "skin": (number, [pointer, number, number, pointer]),
-        "draw": (number, [pointer, pointer, number, number, number, pointer]),
-        "resize": (None, [pointer, number, number, pointer, number, number]),
-    }
-    for name, (result, arguments) in forms.items():
-        function = getattr(library, f"fapengine_native_{name}")
-        function.restype, function.argtypes = result, arguments
-    if library.fapengine_native_version() != VERSION:
-        raise ImportError(f"fapengine_native: got version {library.fapengine_native_version()}, expected {VERSION}")
-    return library
-
-
-def _path() -> Path:
-    found = sorted(Path(__file__).parent.glob("libfapengine_native.*"))
-    if not found:
-        raise ImportError("fapengine_native: the compiled library is missing")
-    return found[0]
-
-
-_library = _load(_path())
 
 
 def select(name: str = "") -> str:
@@ -63,7 +31,7 @@ def select(name: str = "") -> str:
     ValueError
         If this processor does not have them.
     """
-    chosen = _library.fapengine_native_select(name.encode())
+    chosen = library.fapengine_native_select(name.encode())
     if chosen is None:
         raise ValueError(f"instructions: got {name!r}, which this processor does not have")
     return str(chosen.decode())
@@ -76,7 +44,7 @@ def resized(picture: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uin
         raise ValueError(f"picture: got shape {picture.shape} and size {size}, expected (H, W, 4) and pixels")
     made = np.empty((size[1], size[0], 4), np.uint8)
     height, width = picture.shape[:2]
-    _library.fapengine_native_resize(picture.ctypes.data, width, height, made.ctypes.data, *size)
+    library.fapengine_native_resize(picture.ctypes.data, width, height, made.ctypes.data, *size)
     return made
 
 
@@ -118,7 +86,7 @@ class Face:
                 raise ValueError(f"parts: {name}: got shape {each.shape}, expected (F, 3)")
         pointers = (ctypes.c_void_p * len(PARTS))(*(each.ctypes.data for each in triangles))
         counts = (ctypes.c_int * len(PARTS))(*map(len, triangles))
-        self._face = _library.fapengine_native_open(
+        self._face = library.fapengine_native_open(
             vertices.ctypes.data, len(vertices), *(each.ctypes.data for each in entries[:1]),
             entries[1].ctypes.data, entries[0].size // 4, pointers, counts,
         )  # fmt: skip
@@ -136,7 +104,7 @@ class Face:
         pixels = None if background is None else background.ctypes.data
         with self._lock:
             self.size = (0, 0)  # if there is no memory
-            if not _library.fapengine_native_canvas(self._opened(), *size, pixels):
+            if not library.fapengine_native_canvas(self._opened(), *size, pixels):
                 raise MemoryError(f"canvas of {size}")
             self.size = size
 
@@ -147,7 +115,7 @@ class Face:
             raise ValueError(f"skin: got shape {texels.shape}, expected (H, W, 4), of 1 to 32768 texels a side")
         with self._lock:
             height, width = texels.shape[:2]
-            if not _library.fapengine_native_skin(self._opened(), width, height, texels.ctypes.data):
+            if not library.fapengine_native_skin(self._opened(), width, height, texels.ctypes.data):
                 raise MemoryError(f"skin of {texels.shape}")
 
     def draw(
@@ -168,7 +136,7 @@ class Face:
                 raise ValueError("size: got none, expected a canvas first")
             count = width * height + 2 * ((width + 1) // 2) * ((height + 1) // 2)
             made = np.empty(count if form == "i420" else (height, width, FORMATS[form] + 3), np.uint8)
-            if not _library.fapengine_native_draw(
+            if not library.fapengine_native_draw(
                 face, uniforms.ctypes.data, at_vertices, soft, FORMATS[form], made.ctypes.data
             ):
                 raise MemoryError("frame")
@@ -184,7 +152,7 @@ class Face:
         with self._lock:
             face, self._face = self._face, None
             if face is not None:
-                _library.fapengine_native_close(face)
+                library.fapengine_native_close(face)
 
     def __del__(self) -> None:
         if getattr(self, "_face", None) is not None:

@@ -63,7 +63,7 @@ static const Build *build(void) {
     return chosen;
 }
 
-PUBLIC int fapengine_native_version(void) { return 1; }
+PUBLIC int fapengine_native_version(void) { return 2; }
 
 PUBLIC Face *fapengine_native_open(const float *vertices, int count, const float *displacements,
                                    const float *normal_deltas, int entries, const uint32_t *const *parts,

@@ -11,8 +11,8 @@ from fapengine.errors import ResourceError
 from fapengine.render import context
 
 LACKING = (
-    "moderngl", "av", "PIL", "sounddevice", "pythonosc", "font_source_sans_pro", "numba", "aiohttp", "trimesh",
-    "matplotlib", "espeakng_loader", "num2words", "glfw", "pocketsphinx", "onnxruntime", "prometheus_client",
+    "moderngl", "av", "PIL", "sounddevice", "pythonosc", "font_source_sans_pro", "fapengine_native", "aiohttp",
+    "trimesh", "matplotlib", "espeakng_loader", "num2words", "glfw", "pocketsphinx", "onnxruntime", "prometheus_client",
     "distributed", "piper", "piper_plus", "nltk", "onnx", "kokoro_onnx",
 )  # fmt: skip
 RUNNER = """

@@ -39,7 +39,7 @@ START = """
 import sys
 from importlib.util import find_spec
 sys.path.insert(0, sys.argv.pop(1))
-assert not any(map(find_spec, ("typer", "rich", "msgspec", "PIL", "av", "moderngl", "numba")))
+assert not any(map(find_spec, ("typer", "rich", "msgspec", "PIL", "av", "moderngl", "fapengine_native")))
 import fapengine
 """
 

@@ -4,17 +4,17 @@ Run ``python -m tests.fuzz.fuzz_readers out/fuzz/readers -max_total_time=60``; t
 examples first. An input that breaks the law (a value or an error of ours) is left beside it as ``crash-*``.
 """
 
-import os
 import sys
 from pathlib import Path
-
-os.environ["NUMBA_DISABLE_JIT"] = "1"
 
 import atheris
 
 with atheris.instrument_imports(include=["fapengine"], exclude=["fapengine.mesh", "fapengine.render"]):
+    from fapengine.codec import kernels
     from tests.fuzz.readers import readers
 from fapengine.errors import FapEngineError
+
+kernels.loops = kernels
 
 
 def one_input(data: bytes) -> None:

@@ -46,11 +46,17 @@ def built(flags: tuple[str, ...] = ()) -> Path:
     return folder
 
 
+def forget() -> None:
+    """Take the package out of the imported modules."""
+    for name in [name for name in sys.modules if name.partition(".")[0] == "fapengine_native"]:
+        del sys.modules[name]
+
+
 def imported(flags: tuple[str, ...] = ()) -> ModuleType:
     """The compiled package, found before an installed one."""
     folder = str(built(flags))
     if folder not in sys.path:
         sys.path.insert(0, folder)
-        sys.modules.pop("fapengine_native", None)
+        forget()
         importlib.invalidate_caches()
     return importlib.import_module("fapengine_native")

@@ -139,18 +139,24 @@ def run(cases: int, seed: int, name: str) -> Counts:
     return counts
 
 
+def start_with_sanitizers(module: str) -> None:
+    """Start a program again, so that the sanitizer's library is the first that is loaded; returns in that process."""
+    if STAGE in os.environ:
+        return
+    command = [*built.build_hook().compiler(""), "-print-file-name=libasan.so"]
+    sanitizer = subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
+    built.built(FLAGS)
+    environment = os.environ | {STAGE: "1", "LD_PRELOAD": sanitizer, "ASAN_OPTIONS": "detect_leaks=0"}
+    sys.exit(subprocess.run([sys.executable, "-m", module, *sys.argv[1:]], env=environment).returncode)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--cases", type=int, default=300)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--head", default="default")
     options = parser.parse_args()
-    if STAGE not in os.environ:  # the sanitizer's library has to be the first that is loaded
-        command = [*built.build_hook().compiler(""), "-print-file-name=libasan.so"]
-        sanitizer = subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
-        built.built(FLAGS)
-        environment = os.environ | {STAGE: "1", "LD_PRELOAD": sanitizer, "ASAN_OPTIONS": "detect_leaks=0"}
-        sys.exit(subprocess.run([sys.executable, "-m", "tests.native.fuzz", *sys.argv[1:]], env=environment).returncode)
+    start_with_sanitizers("tests.native.fuzz")
     counts = run(options.cases, options.seed, options.head)
     print(
         f"seed {options.seed}: {counts.meshes} random meshes ({counts.refused} refused), {counts.heads} times"

@@ -40,7 +40,7 @@ def library() -> Iterator[ModuleType]:
     module = built.imported()
     yield module
     sys.path[:] = path
-    sys.modules.pop("fapengine_native", None)
+    built.forget()
     for name in ("Face", "select", "resized"):
         native.fapengine_native.__dict__.pop(name, None)
 

@@ -26,7 +26,7 @@ PYODIDE = """
   python.runPython(process.argv[2]);
 })().catch((error) => { console.error(String(error.message).slice(-3000)); process.exitCode = 1; });
 """
-ABSENT = "import sys; sys.modules.update(dict.fromkeys(('espeakng_loader', 'numba', 'scipy')))"
+ABSENT = "import sys; sys.modules.update(dict.fromkeys(('espeakng_loader', 'scipy')))"
 """Code that makes this Python lack what Pyodide lacks here."""
 PROGRAM = """
 import json, sys

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fapengine.codec import resync
+from fapengine.codec import kernels
 from fapengine.codec.bits import unpack
 from fapengine.codec.decoder import HELD, Decoder, decode
 from fapengine.codec.encoder import EncoderOptions, encode
@@ -110,9 +110,9 @@ def test_a_long_live_stream_needs_no_more_memory(errors: str) -> None:
 
 
 def find_intra(stream_bits: np.ndarray) -> int:
-    """Search in Python, which checks every index, and compiled: both find the same."""
-    found = resync._find_intra(stream_bits, 0, False)
-    assert getattr(resync._find_intra, "py_func", resync._find_intra)(stream_bits, 0, False) == found
+    """Search in Python, which checks every index, and in C where it is installed: both find the same."""
+    found = kernels.loops.find_intra(stream_bits, 0, False)
+    assert kernels.find_intra(stream_bits, 0, False) == found
     return found
 
 
