@@ -5,51 +5,108 @@ import { ARKIT } from "./arkit-table.js";
 
 const SWEEPS = 400;
 const SETTLED = 1e-7;
+const LEAST_PIVOT = 1e-12;
 const { names, spoken, upper, jaw, close } = ARKIT;
 export const ARKIT_NAMES = names;
 
 const fapOf = (faps, number) => faps[number - 1];
 const clamp = (value, low, high) => Math.min(Math.max(value, low), high);
+const flat = (matrix) => Float64Array.from(matrix.flat());
 const product = (row, matrix, width) => {
   const out = new Float64Array(width);
-  row.forEach((value, index) => {
-    if (value) for (let column = 0; column < width; ++column) out[column] += value * matrix[index][column];
-  });
+  for (let index = 0, at = 0; index < row.length; ++index, at += width) {
+    const value = row[index];
+    if (value) for (let column = 0; column < width; ++column) out[column] += value * matrix[at + column];
+  }
   return out;
 };
 
-// Weights between 0 and the limit that show FAPs best, by coordinate descent from those of the frame before.
+const [moodFaps, moodShapes] = [flat(ARKIT.moodFaps), flat(ARKIT.moodShapes)];
+
+// Weights between 0 and the limit that show FAPs best. Coordinate descent, from those of the frame before, finds which are
+// between these bounds; of these, the best are then found at once, by Cholesky's decomposition.
 class Solver {
   constructor(map) {
     this.map = map;
-    this.first = new Float64Array(map.names.length);
-    this.second = new Float64Array(map.names.length);
+    this.count = map.names.length;
+    this.gram = flat(map.gram);
+    this.goals = flat(map.goals);
+    this.rates = Float64Array.from(map.gram, (row, shape) => 1 / row[shape]);
+    this.most = Float64Array.from(map.lengths, (length) => map.limit * length);
+    this.first = new Float64Array(this.count);
+    this.second = new Float64Array(this.count);
+    this.slopes = new Float64Array(this.count);
+    this.factor = new Float64Array(this.count ** 2);
+    this.step = new Float64Array(this.count);
   }
 
-  solve(faps, scaled, cost) {
-    const { goals, gram, lengths, reluctance, limit } = this.map;
-    const goal = product(faps, goals, lengths.length);
-    for (let shape = 0; shape < goal.length; ++shape) goal[shape] -= reluctance[shape] * (cost ? cost[shape] : 1);
-    for (let sweep = 0, moved = 1; sweep < SWEEPS && moved > SETTLED; ++sweep) {
-      moved = 0;
-      for (let shape = 0; shape < goal.length; ++shape) {
-        const row = gram[shape];
-        let slope = goal[shape];
-        for (let other = 0; other < goal.length; ++other) slope -= row[other] * scaled[other];
-        const value = clamp(scaled[shape] + slope / row[shape], 0, limit * lengths[shape]);
-        moved = Math.max(moved, Math.abs(value - scaled[shape]));
-        scaled[shape] = value;
-      }
-    }
+  solve(goal, scaled, cost) {
+    const { reluctance, lengths } = this.map;
+    for (let shape = 0; shape < this.count; ++shape) this.slopes[shape] = goal[shape] - reluctance[shape] * (cost ? cost[shape] : 1);
+    for (let shape = 0; shape < this.count; ++shape) this.moved(shape, scaled[shape]);
+    for (let sweep = 0; sweep < SWEEPS && this.sweep(scaled) > SETTLED; ++sweep) this.leap(scaled);
     return scaled.map((value, shape) => value / lengths[shape]);
+  }
+
+  moved(shape, step) {
+    const { count, gram, slopes } = this;
+    if (!step) return;
+    for (let other = 0, at = shape * count; other < count; ++other, ++at) slopes[other] -= gram[at] * step;
+  }
+
+  // Moves one weight after the other to where it is best; returns the largest step.
+  sweep(scaled) {
+    const { count, most, rates, slopes } = this;
+    let largest = 0;
+    for (let shape = 0; shape < count; ++shape) {
+      const before = scaled[shape];
+      const value = clamp(before + slopes[shape] * rates[shape], 0, most[shape]);
+      if (value === before) continue;
+      scaled[shape] = value;
+      this.moved(shape, value - before);
+      largest = Math.max(largest, Math.abs(value - before));
+    }
+    return largest;
+  }
+
+  // Moves all weights between their bounds to where they are best together, as far as these allow.
+  leap(scaled) {
+    const { count, factor, gram, most, slopes, step } = this;
+    const free = [];
+    for (let shape = 0; shape < count; ++shape) if (scaled[shape] > 0 && scaled[shape] < most[shape]) free.push(shape);
+    for (const [row, shape] of free.entries()) {
+      let rest = slopes[shape];
+      for (let column = 0; column <= row; ++column) {
+        let value = gram[shape * count + free[column]];
+        for (let k = 0; k < column; ++k) value -= factor[row * count + k] * factor[column * count + k];
+        if (column === row && !(value > LEAST_PIVOT)) return;
+        factor[row * count + column] = column < row ? value / factor[column * (count + 1)] : Math.sqrt(value);
+      }
+      for (let k = 0; k < row; ++k) rest -= factor[row * count + k] * step[k];
+      step[row] = rest / factor[row * (count + 1)];
+    }
+    let share = 1;
+    for (let row = free.length - 1; row >= 0; --row) {
+      for (let k = row + 1; k < free.length; ++k) step[row] -= factor[k * count + row] * step[k];
+      step[row] /= factor[row * (count + 1)];
+      const [value, shape] = [scaled[free[row]], free[row]];
+      if (step[row] < 0) share = Math.min(share, -value / step[row]);
+      else if (step[row] > 0) share = Math.min(share, (most[shape] - value) / step[row]);
+    }
+    for (const [row, shape] of free.entries()) {
+      const value = clamp(scaled[shape] + share * step[row], 0, most[shape]);
+      this.moved(shape, value - scaled[shape]);
+      scaled[shape] = value;
+    }
   }
 
   // Found twice: what is large the first time is meant, and bears none of its reluctance the second.
   follow(faps) {
     const { plain, helpers } = this.map;
-    const cost = this.solve(faps, this.first).map((weight) => clamp((plain[1] - weight) / (plain[1] - plain[0]), 0, 1));
+    const goal = product(faps, this.goals, this.count);
+    const cost = this.solve(goal, this.first).map((weight) => clamp((plain[1] - weight) / (plain[1] - plain[0]), 0, 1));
     for (const helper of helpers) cost[helper] = 1;
-    return this.solve(faps, this.second, cost);
+    return this.solve(goal, this.second, cost);
   }
 }
 
@@ -83,8 +140,8 @@ export class ArkitFollower {
 
   // faps: 68 numbers, FAPU. Returns 52 weights, 0..1, in the order of ARKIT_NAMES.
   follow(faps) {
-    const { faint, moodFaps, moodShapes, oneWay } = ARKIT;
-    const found = [...this.upper.follow(faps)].slice(0, moodFaps.length);
+    const { faint, oneWay } = ARKIT;
+    const found = this.upper.follow(faps).subarray(0, ARKIT.moodFaps.length);
     const moods = this.hold.follow(found.map((mood) => mood * clamp((mood - faint[0]) / (faint[1] - faint[0]), 0, 1)), faps);
     const done = product(moods, moodFaps, 68);
     for (const column of oneWay) done[column] = Math.max(done[column], 0);

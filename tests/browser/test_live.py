@@ -31,7 +31,9 @@ from fapengine.trajectory.gestures import GestureGenerator, gesture_faps, start_
 from fapengine.trajectory.planner import plan
 from fapengine.trajectory.ramps import Ramp, sample_ramps
 from fapengine.trajectory.style import Style
+from fapengine.wire.shapes import ArkitFollower
 from tests.unit.recognition.speech import BABY, POPPIES, no_speech, spoken_by_espeak
+from tests.unit.retarget.living_speech import living
 
 ROOT = Path(__file__).resolve().parents[2]
 RUNNER = Path(__file__).with_name("live_runner.mjs")
@@ -436,6 +438,33 @@ def test_a_face_without_a_page_follows_sound(package: Path) -> None:
     after = [at_s for kind, at_s in told if kind == "phone" and at_s > cancelled_s]
     assert min(after) > cancelled_s + 0.2  # what had sounded before is not said, what comes after it is
     assert len(after) > 5
+
+
+SHAPES = """
+import { readFile, writeFile } from "node:fs/promises";
+import { pathToFileURL } from "node:url";
+const [folder, input, output] = process.argv.slice(2);
+const { ArkitFollower } = await import(pathToFileURL(`${folder}/arkit.js`));
+const follower = new ArkitFollower();
+let rows = 0;
+for (const solver of [follower.upper, follower.spoken]) {
+  const { moved } = solver;
+  solver.moved = (shape, step) => ((rows += step !== 0), moved.call(solver, shape, step));
+}
+const weights = JSON.parse(await readFile(input, "utf8")).map((faps) => [...follower.follow(faps)]);
+await writeFile(output, JSON.stringify({ rows, weights }));
+"""
+
+
+def test_shapes_of_arkit_take_little_work(package: Path, tmp_path: Path) -> None:
+    """Rows of the solvers' matrices that are added up in a frame; coordinate descent alone adds about 8,000."""
+    (script := tmp_path / "shapes.mjs").write_text(SHAPES)
+    faps = living(mood="joy")[:200]
+    found = node(package, script, faps.tolist())
+    follower = ArkitFollower()
+    expected = np.array([follower.follow(row) for row in faps])
+    assert np.abs(found["weights"] - expected).max() < 2e-3
+    assert 10 < found["rows"] / len(faps) < 300
 
 
 @pytest.mark.nightly
