@@ -15,6 +15,7 @@ from design import face_package
 from tests.browser.bundlers import check_bundlers
 from tests.browser.chromium import Browser
 from tests.browser.conftest import SIZE, Server
+from tests.browser.demo_pages import check_demo
 from tests.browser.firefox import Firefox, find_firefox
 from tests.browser.live_sound import in_firefox
 from tests.browser.test_face_package import PAGE, open_site, packed
@@ -152,6 +153,11 @@ async def firefox_call(server: Server) -> None:
         print("Firefox, a call: the face is seen, and again after a restart")
 
 
+async def demo(_: Server) -> None:
+    """The demo's pages speak, one of them beside a VRM avatar."""
+    await check_demo(ORACLES)
+
+
 async def firefox_live(_: Server) -> None:
     """It follows sound in Firefox without a server."""
     await in_firefox()
@@ -176,7 +182,7 @@ async def main() -> int:
         packed(folder)
         (folder / "index.html").write_text(PAGE)
         stack.enter_context(open_site(server, folder))
-        judges: dict[str, Callable[[Server], Awaitable[None]]] = {"axe-core": axe}
+        judges: dict[str, Callable[[Server], Awaitable[None]]] = {"axe-core": axe, "the demo": demo}
         if find_firefox():
             judges |= {"Firefox": firefox_page, "Firefox, package": firefox_package, "Firefox, a call": firefox_call}
             judges |= {"Firefox, without a server": firefox_live}
