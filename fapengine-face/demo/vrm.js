@@ -34,9 +34,11 @@ async function load(url) {
   model.traverse((one) => one.morphTargetDictionary && meshes.push(one));
   const head = vrm?.humanoid.getNormalizedBoneNode("head") ?? model.getObjectByName("Head") ?? null;
   scene.updateMatrixWorld(true);
-  const middle = (head ?? model).getWorldPosition(new THREE.Vector3());
-  camera.position.set(middle.x, middle.y + 0.08, middle.z + 0.75);
-  camera.lookAt(middle.x, middle.y + 0.07, middle.z);
+  const box = new THREE.Box3().setFromObject(model);
+  const foot = head?.getWorldPosition(new THREE.Vector3()) ?? box.getCenter(new THREE.Vector3());
+  const size = box.max.y - foot.y; // of the head, above its joint
+  camera.position.set(foot.x, foot.y + 0.35 * size, foot.z + 3.8 * size);
+  camera.lookAt(foot.x, foot.y + 0.3 * size, foot.z);
   avatar = { scene, vrm, meshes, head, rest: head?.quaternion.clone(), side: isVrm0 ? -1 : 1 };
   tell(vrm ? "" : "This file is no VRM: shapes of ARKit's names move.");
 }
