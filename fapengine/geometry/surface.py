@@ -153,19 +153,24 @@ def unit_vectors(vectors: NDArray[np.floating], least: float = 0.0) -> Array:
 
 def vertex_normals(vertices: NDArray[np.floating], triangles: ArrayLike) -> Array:
     """(..., V, 3) vertices -> unit normals, weighted by triangle area; (0, 0, 1) for vertices without a triangle."""
-    from scipy.sparse import csr_array
+    return unit_normals(summed_normals(vertices, triangles))
 
-    corner = np.asarray(triangles)
+
+def summed_normals(vertices: NDArray[np.floating], triangles: ArrayLike) -> Array:
+    """(..., V, 3) vertices -> sums of the normals of their triangles, each twice as long as its area."""
+    corner, places = np.asarray(triangles), np.ravel(triangles)
     a, b, c = (vertices[..., corner[:, index], :] for index in range(3))
-    flat = np.moveaxis(np.cross(b - a, c - a), -2, 0)
-    count = vertices.shape[-2]
-    uses = csr_array(
-        (np.ones(corner.size), (corner.ravel(), np.repeat(np.arange(len(corner)), 3))), shape=(count, len(corner))
-    )
-    summed = np.asarray(uses @ flat.reshape(len(corner), math.prod(flat.shape[1:])), dtype=np.float64)
-    total = np.moveaxis(summed.reshape(count, *flat.shape[1:]), 0, -2)
-    length = np.linalg.norm(total, axis=-1, keepdims=True)
-    return np.asarray(np.where(length > 1e-12, total / np.maximum(length, TINY), [0.0, 0.0, 1.0]))
+    normals, summed = np.cross(b - a, c - a), np.zeros(vertices.shape)
+    for column in np.ndindex(*vertices.shape[:-2], 3):
+        one = (*column[:-1], slice(None), column[-1])
+        summed[one] = np.bincount(places, np.repeat(normals[one], 3), vertices.shape[-2])
+    return summed
+
+
+def unit_normals(summed: Array) -> Array:
+    """(..., 3): normals of length 1; (0, 0, 1) for those without a length."""
+    length = np.linalg.norm(summed, axis=-1, keepdims=True)
+    return np.asarray(np.where(length > 1e-12, summed / np.maximum(length, TINY), [0.0, 0.0, 1.0]))
 
 
 def _closest_barycentric(points: Array, corners: Array) -> Array:

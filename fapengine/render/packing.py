@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fapengine._arrays import Array, Indices, Mask, freeze, frozen
 from fapengine.errors import UsageError
-from fapengine.geometry.surface import edges_of, vertex_normals
+from fapengine.geometry.surface import edges_of, summed_normals, unit_normals, vertex_normals
 from fapengine.mesh.deform import Pose, bone_transforms, channel_weights
 from fapengine.mesh.face_mesh import (
     PUPIL_SHARE,
@@ -337,13 +337,13 @@ def normal_deltas(mesh: FaceMesh) -> NDArray[np.float32]:
             points[point[its]] += _length(basis.channels[earlier]) * basis.entry_mm[its]
         if basis.mix is None and np.isfinite(_length(basis.channels[number])):
             step = _length(basis.channels[number])
-            before = vertex_normals(points, around)[point[mine]]
+            before = unit_normals(summed_normals(points, around)[point[mine]])
         points[point[mine]] += step * basis.entry_mm[mine]
         with_bone: NDArray[np.floating] | float = 0.0
         if basis.mix is None and basis.channels[number].fap == JAW_FAP:
             points[points_of], with_bone = _with_jaw(mesh, at_rest[point[mine]], vertex[mine])
         # ``around`` has every triangle at a moved point, so the normals of these points are complete.
-        deltas[mine] = (vertex_normals(points, around)[point[mine]] - before - with_bone) / step
+        deltas[mine] = (unit_normals(summed_normals(points, around)[point[mine]]) - before - with_bone) / step
     return deltas
 
 
