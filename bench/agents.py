@@ -3,11 +3,17 @@
 ``python -m bench.agents`` measures each part by itself on one spoken text, at 25 frames a second and 512 x 512, and
 prints agents a core; ``--plot FILE.svg`` draws it (matplotlib). Drawing is on this machine's OpenGL; without a GPU that
 is Mesa's llvmpipe, which takes all cores: processor time counts, not the clock. ``--json`` for programs.
+
+``--minutes N`` has two bots of Pipecat speak in one process beside a process that only computes, and counts: audio that
+went in and came out, images drawn and skipped, memory. It needs the environment of :mod:`bench.latency`'s Pipecat.
 """
 
 import argparse
 import asyncio
 import json
+import os
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from functools import partial
@@ -249,11 +255,76 @@ def _plot(costs: dict[str, float], path: Path) -> None:
     figure.savefig(path, metadata={"Date": None})
 
 
+async def soak(minutes: float, bots: int = 2) -> None:
+    """Print a line a minute, and at the end whether all audio came out."""
+    from bench.latency import bot
+
+    until_s, begun_s = time.monotonic() + 60.0 * minutes, time.monotonic()
+    voice = EspeakVoice("en-us")
+    speeches = [voice.speak(text) for text in DIALOGUE]
+    sent, received, faces = [0.0] * bots, [0.0] * bots, []
+
+    async def talk(number: int) -> None:
+        def heard(samples: np.ndarray) -> None:
+            received[number] += len(samples) / speeches[0].sample_rate_hz
+
+        async with bot(lambda _: None, heard, (SIDE_PX, SIDE_PX)) as (face, push, end):
+            faces.append(face)
+            while time.monotonic() < until_s:
+                for speech in speeches[number:]:
+                    if time.monotonic() >= until_s:
+                        break
+                    step = round(0.04 * speech.sample_rate_hz)
+                    began_s = time.monotonic()
+                    for at in range(0, len(speech.samples), step):
+                        await asyncio.sleep(began_s + at / speech.sample_rate_hz - time.monotonic())
+                        await push(speech.samples[at : at + step], speech.sample_rate_hz)
+                    await end()
+                    sent[number] += speech.duration_s
+                    await asyncio.sleep(2.0)  # the other one speaks
+            for _ in range(60):
+                if received[number] >= sent[number] - 1e-6:
+                    break
+                await asyncio.sleep(1.0)
+
+    async def report() -> None:
+        while True:
+            counts = [face._face.pictures.counts for face in faces]
+            told = {
+                "minute": round((time.monotonic() - begun_s) / 60.0, 1),
+                "sent_s": [round(each, 2) for each in sent], "received_s": [round(each, 2) for each in received],
+                "drawn": sum(each.drawn for each in counts), "skipped": sum(each.left_out for each in counts),
+                "restarts": sum(each.restarts for each in counts), "rss_mb": _rss_mb(), "load": os.getloadavg()[0],
+            }  # fmt: skip
+            print(json.dumps(told), flush=True)
+            await asyncio.sleep(60.0)
+
+    busy = subprocess.Popen([sys.executable, "-c", "while True: pass"])
+    reporting = asyncio.create_task(report())
+    try:
+        await asyncio.gather(*map(talk, range(bots)))
+    finally:
+        reporting.cancel()
+        busy.kill()
+        busy.wait()
+    lost_s = [into_s - out_s for into_s, out_s in zip(sent, received, strict=True)]
+    print(f"sound sent {sum(sent):.2f} s, lost {sum(lost_s):.3f} s")
+
+
+def _rss_mb() -> float:
+    """Return the memory of this process, MB."""
+    return round(int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6, 1)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--plot", type=Path, metavar="FILE.svg")
+    parser.add_argument("--minutes", type=float, help="two bots that speak for so long")
     given = parser.parse_args()
+    if given.minutes:
+        asyncio.run(soak(given.minutes))
+        return
     costs = measured()
     if given.plot:
         _plot(costs, given.plot)

@@ -103,16 +103,39 @@ class FaceGenerator(avatar.VideoGenerator):  # type: ignore[misc, unused-ignore]
         self.face, self._size = face, size
         self._ends_s: deque[float] = deque()
         """Times at which the audio of finished utterances has been played."""
+        self._resampler: rtc.AudioResampler | None = None
+        self._resampled: tuple[int, int] | None = None
+        """Sample rate and channels that the resampler takes."""
 
     async def push_audio(self, frame: rtc.AudioFrame | avatar.AudioSegmentEnd) -> None:
-        """Add audio, or end an utterance."""
+        """Add audio of any sample rate, or end an utterance."""
         if isinstance(frame, avatar.AudioSegmentEnd):
+            self._finish_resampling()
             self.face.end()
-        else:
+            return
+        form = frame.sample_rate, frame.num_channels
+        if form != self._resampled:
+            self._finish_resampling()
+        if frame.sample_rate == SAMPLE_RATE_HZ:
+            self._add([frame])
+            return
+        if self._resampler is None:
+            self._resampler = rtc.AudioResampler(frame.sample_rate, SAMPLE_RATE_HZ, num_channels=frame.num_channels)
+            self._resampled = form
+        self._add(self._resampler.push(frame))
+
+    def _add(self, frames: list[rtc.AudioFrame]) -> None:
+        for frame in frames:
             self.face.sound(bytes(frame.data), frame.sample_rate, frame.num_channels)
+
+    def _finish_resampling(self) -> None:
+        if self._resampler is not None:
+            self._add(self._resampler.flush())
+        self._resampler = self._resampled = None
 
     def clear_buffer(self) -> None:
         """Stop speaking."""
+        self._resampler = self._resampled = None
         self.face.interrupt(time.monotonic())
         self._ends_s.clear()
 

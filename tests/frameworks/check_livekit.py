@@ -116,6 +116,30 @@ def test_sound_never_waits_for_pictures(monkeypatch: pytest.MonkeyPatch, takes_s
     print(f"a picture takes {takes_s:g} s: {shown} shown in {made[-1][0] - heard[0][0]:.2f} s")
 
 
+@pytest.mark.parametrize("rate_hz", [8_000, 22_050, 48_000])
+def test_sound_of_another_rate_comes_out_at_the_rate_of_the_track(rate_hz: int) -> None:
+    """The runner fails on any other rate: its track has one."""
+
+    async def resampled() -> np.ndarray:
+        actor = AgentFace.open(replace(OPTIONS, hears=False))
+        generator, taken = FaceGenerator(actor, OPTIONS.size), []
+        actor.sound = lambda data, rate, channels: taken.append((np.frombuffer(data, np.int16), rate, channels))
+        for length_s in (1.0, 0.5):
+            times = np.arange(round(length_s * rate_hz)) / rate_hz
+            samples = (8_000 * np.sin(2 * np.pi * 200 * times)).astype(np.int16)
+            for piece in np.split(samples, range(rate_hz // 10, len(samples), rate_hz // 10)):
+                await generator.push_audio(rtc.AudioFrame(piece.tobytes(), rate_hz, 1, len(piece)))
+            await generator.push_audio(AudioSegmentEnd())
+        actor.close()
+        assert {(rate, channels) for _, rate, channels in taken} == {(SAMPLE_RATE_HZ, 1)}
+        return np.concatenate([samples for samples, *_ in taken])
+
+    samples = asyncio.run(resampled()).astype(float)
+    assert len(samples) == pytest.approx(1.5 * SAMPLE_RATE_HZ, rel=0.02)
+    spectrum = np.abs(np.fft.rfft(samples[: SAMPLE_RATE_HZ // 2]))
+    assert np.argmax(spectrum) == 100  # 200 Hz
+
+
 async def _played(*, interrupts: bool = False, pauses_s: float = 0.0) -> list[Any]:
     actor, events = AgentFace.open(OPTIONS), []
     output = FaceOutput(actor)
