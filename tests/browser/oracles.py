@@ -50,7 +50,8 @@ STATES = {
 WINDOWS = {"a desk": SIZE, "a telephone": (390, 740), "on its side": (844, 390), "400 %": (360, 225)}
 CONSUMER = """
 import { FapFace, Session, parseFap } from "fapengine-face";
-import { Live, planAll, Profile } from "fapengine-face/live";
+import { elevenLabsWords, Live, planAll, Profile } from "fapengine-face/live";
+import { English } from "fapengine-face/words-en";
 import { ARKIT_NAMES, ArkitFollower, applyARKit, turns } from "fapengine-face/arkit";
 
 const face: FapFace = document.querySelector("fap-face")!;
@@ -59,6 +60,9 @@ const sent: Promise<boolean> = face.say("Hello.", { voice: "en-gb", rate: 180 })
 const heard: Promise<AudioNode> = face.hear(new MediaStream(), { delay: 0.3 });
 const phones = [{ label: "m", start: 0, end: 0.1 }];
 face.say(phones, { clock: () => 0 });
+face.say("Guten Tag", { pronounce: async (word) => word.split("") }).then((said) => said?.unread.length);
+face.say(elevenLabsWords([{}]), { add: true }).then((said) => said?.words[0].end.toFixed());
+English.make().then((english) => english.pronounce(["hello"])[0]?.join(" "));
 Live.make({ jaw: 1.2 }).then((live) => (live.onweights = (weights, faps) => console.log(heard, weights[0] + faps[0])));
 const opened: number = planAll(new Profile(new ArrayBuffer(0)), phones, { rate: 60 }).faps[0][3];
 face.push(new Int16Array(160), 16000);
