@@ -457,7 +457,7 @@ await writeFile(output, JSON.stringify({ rows, weights }));
 
 
 def test_shapes_of_arkit_take_little_work(package: Path, tmp_path: Path) -> None:
-    """Rows of the solvers' matrices that are added up in a frame; coordinate descent alone adds about 8,000."""
+    """Rows of the solvers' matrices that are added up in a frame; coordinate descent alone adds 2,000."""
     (script := tmp_path / "shapes.mjs").write_text(SHAPES)
     faps = living(mood="joy")[:200]
     found = node(package, script, faps.tolist())
