@@ -16,7 +16,7 @@ CONFORMANCE_AT_LEAST := 300
 SECONDS := 600
 INPUTS :=
 COMMANDS :=
-# How long make soak uses a server.
+# How long make soak uses a server, and then a face in a page.
 MINUTES := 30
 # Of make faults.
 MOMENTS := 200
@@ -39,7 +39,7 @@ help:
 	@echo "make licences  every file's licence is stated (reuse lint); licences of the installed packages"
 	@echo "make release-check  build what would be published, install it into a bare environment and use it there"
 	@echo "make bench  speed, as ratios against named yardsticks"
-	@echo "make soak   use a live server for 30 minutes or MINUTES=n: nothing grows, nothing is left undone"
+	@echo "make soak   use a live server, then a face in Chromium, each for 30 minutes or MINUTES=n: nothing grows, nothing is left undone"
 	@echo "make oracles  other programs: gltf-validator, three.js, three-vrm, TalkingHead, Blender, Pyodide, Godot, coturn, nginx, NATS, ExifTool; Pipecat, LiveKit, piper-plus; axe-core, Firefox; needs Node"
 	@echo "make pyodide  the core in WebAssembly writes the bytes that it writes here; needs npm"
 	@echo "make native codec and renderer in C, which needs no OpenGL, from native/: its wheel in out/native, installed here"
@@ -106,6 +106,7 @@ bench: $(VENV)/.ready-dev
 
 soak: $(VENV)/.ready-dev
 	$(BIN)/python -m bench.live_soak --minutes $(MINUTES)
+	$(BIN)/python -m tests.browser.live_memory --minutes $(MINUTES)
 
 # The part of make fuzz that make test runs: the same inputs and commands every time, so that the gate judges the change
 # and not the luck of a search.
