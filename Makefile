@@ -25,7 +25,7 @@ CORE_TESTS := $(addprefix tests/unit/,capture codec engine geometry ground labor
     trajectory wire)
 SENTENCE := Bright sunshine shimmers on the ocean.
 
-.PHONY: native nightly people faults oracles pyodide conformance detector help demo test tests check quick coverage matrix release-check licences bench soak fuzz fuzz-replay fresh-machine \
+.PHONY: native wheels nightly people faults oracles pyodide conformance detector help demo test tests check quick coverage matrix release-check licences bench soak fuzz fuzz-replay fresh-machine \
     clean docs env dev tools
 
 help:
@@ -43,6 +43,7 @@ help:
 	@echo "make oracles  other programs: gltf-validator, three.js, three-vrm, TalkingHead, Blender, Pyodide, Godot, coturn, nginx, NATS, ExifTool; Pipecat, LiveKit, piper-plus; axe-core, Firefox; needs Node"
 	@echo "make pyodide  the core in WebAssembly writes the bytes that it writes here; needs npm"
 	@echo "make native codec and renderer in C, which needs no OpenGL, from native/: its wheel in out/native, installed here"
+	@echo "make wheels wheels of native/ for Linux, Windows and macOS in out/wheels, cross-compiled by Zig"
 	@echo "make npm    the package fapengine-face for pages of your own: out/fapengine-face-VERSION.tgz; needs npm"
 	@echo "make docs   the documentation as a site: out/site/index.html"
 	@echo "make people 200 random people: every promise of the face, where make test tries 15"
@@ -191,9 +192,19 @@ native: $(VENV)/.ready-native
 	$(BIN)/fapengine doctor | grep renderer
 
 $(VENV)/.ready-native: $(VENV)/.ready $(wildcard native/*.* native/src/* native/fapengine_native/*.py)
+	rm -f out/native/fapengine_native-*.whl
 	$(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir out/native ./native
 	$(BIN)/python -m pip install --quiet --force-reinstall --no-deps out/native/fapengine_native-*.whl
 	@touch $@
+
+# For other systems, by Zig from the Python package index: each runs on the version named here and later ones.
+NATIVE_TARGETS := x86_64-linux-gnu.2.28 aarch64-linux-gnu.2.28 x86_64-windows-gnu x86_64-macos.11.0 aarch64-macos.11.0
+wheels: $(VENV)/.ready
+	rm -rf out/wheels
+	for target in $(NATIVE_TARGETS); do \
+	    FAPENGINE_NATIVE_TARGET=$$target $(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir out/wheels ./native || exit 1; \
+	done
+	@ls -l out/wheels
 
 # Not published; npm only packs it.
 npm: $(VENV)/.ready

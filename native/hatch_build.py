@@ -1,7 +1,8 @@
 """Compiles the library into the wheel, with a C compiler or with Zig from the Python package index.
 
 ``CC`` is the compiler; by default cc, gcc or clang, and if none is there, Zig. ``FAPENGINE_NATIVE_TARGET`` is another
-machine to compile for, such as ``aarch64-linux-gnu.2.28`` or ``x86_64-windows-gnu``; only Zig can.
+machine to compile for, such as ``aarch64-linux-gnu.2.28``, ``x86_64-macos.11.0`` or ``x86_64-windows-gnu``; only Zig
+can.
 ``FAPENGINE_NATIVE_FLAGS`` are further flags, for example of the sanitizers.
 """
 
@@ -47,11 +48,21 @@ def compiler(target: str) -> list[str]:
     return [found] if found else zig or []
 
 
+def parts(target: str) -> tuple[str, str, str]:
+    """Machine, system, and the oldest version of the system or of its C library, or nothing.
+
+    >>> parts("aarch64-linux-gnu.2.28"), parts("x86_64-macos.11.0"), parts("x86_64-windows-gnu")
+    (('aarch64', 'linux', '2.28'), ('x86_64', 'macos', '11.0'), ('x86_64', 'windows', ''))
+    """
+    machine, system, *library = target.split("-")
+    return machine, system.partition(".")[0], (library[0] if library else system).partition(".")[2]
+
+
 def compile_library(folder: Path, target: str = "", flags: tuple[str, ...] = ()) -> Path:
     """Compile the library into a folder; returns its path."""
     command = compiler(target)
     is_zig = "ziglang" in command
-    machine, system, *_ = (target or f"{platform.machine().lower()}-{platform.system().lower()}").split("-")
+    machine, system, _ = parts(target or f"{platform.machine().lower()}-{platform.system().lower()}")
     made = folder / f"libfapengine_native{ENDINGS.get(system.replace('darwin', 'macos'), '.so')}"
     builds = list(BUILDS) if machine in ("x86_64", "amd64") else ["baseline"]
     with tempfile.TemporaryDirectory() as scratch:
@@ -75,15 +86,17 @@ def tag(target: str) -> str:
     """Tag of a wheel for this machine or for the target: any Python 3, no ABI of Python, one platform."""
     if not target:
         return f"py3-none-{re.sub('[-.]', '_', sysconfig.get_platform())}"
-    machine, system, *rest = target.split("-")
-    glibc = rest[0].partition(".")[2] if rest else ""
-    if system == "linux" and glibc:
-        return f"py3-none-manylinux_{glibc.replace('.', '_')}_{machine}"
-    if system == "windows":
+    machine, system, version = parts(target)
+    version = version.replace(".", "_")
+    if system == "linux" and version:
+        return f"py3-none-manylinux_{version}_{machine}"
+    if system == "windows" and machine in ("x86_64", "aarch64"):
         return "py3-none-win_" + {"x86_64": "amd64", "aarch64": "arm64"}[machine]
-    if system == "macos":
-        return f"py3-none-macosx_11_0_{machine.replace('aarch64', 'arm64')}"
-    raise RuntimeError(f"FAPENGINE_NATIVE_TARGET={target}: expected MACHINE-linux-gnu.GLIBC, -windows-gnu or -macos")
+    if system == "macos" and version:
+        return f"py3-none-macosx_{version}_{machine.replace('aarch64', 'arm64')}"
+    raise RuntimeError(
+        f"FAPENGINE_NATIVE_TARGET={target}: expected MACHINE-linux-gnu.GLIBC, -windows-gnu or -macos.VERSION"
+    )
 
 
 class CompiledLibrary(BuildHookInterface):
