@@ -22,7 +22,7 @@ from fapengine.app.report import Report
 from fapengine.errors import UsageError
 from fapengine.files.heads.load import check_head_name
 from fapengine.files.motion import as_visemes, save_fap, shown
-from fapengine.files.moving import FOLDER_PATTERN, check_moving, is_sequence, write_moving
+from fapengine.files.moving import FOLDER_PATTERN, check_moving, is_sequence, takes_planes, write_moving
 from fapengine.files.paths import write_bytes
 from fapengine.files.pictures import save_png, straight
 from fapengine.files.provenance import provenance
@@ -31,7 +31,7 @@ from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mpeg4.fap import FULL_WEIGHT
 from fapengine.mpeg4.track import FapTrack
 from fapengine.render.drawing import DEFAULT_RENDER_OPTIONS, Picture, RenderOptions
-from fapengine.render.native import open_renderer
+from fapengine.render.native import NativeRenderer, open_renderer
 from fapengine.speech.phone_track import PhoneTrack
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ class SaveOptions:
     """Whether images, films and avatars say that they are synthetic: :mod:`fapengine.files.provenance`."""
     on_frame: Callable[[], None] = lambda: None
     on_image: Callable[[int, Picture], None] = lambda number, picture: None
-    """Called with each image of a video, and its number."""
+    """Called with each image of a video, and its number; :func:`~fapengine.files.moving.rgb_of` makes it RGB."""
     report: Report = field(default_factory=Report)
 
     def __post_init__(self) -> None:
@@ -290,7 +290,7 @@ def _write_image(track: FapTrack, path: Path, options: SaveOptions) -> None:
 
 def _write_images(track: FapTrack, path: Path, options: SaveOptions) -> None:
     def images() -> Iterator[Picture]:
-        for number, picture in enumerate(draw_frames(track.filled_values(), options)):
+        for number, picture in enumerate(draw_frames(track.filled_values(), options, planes=takes_planes(path))):
             options.on_image(number, picture)
             yield picture
 
@@ -298,15 +298,18 @@ def _write_images(track: FapTrack, path: Path, options: SaveOptions) -> None:
         write_moving(path, images(), rate_hz=track.rate_hz, sound=options.sound, on_frame=options.on_frame)
 
 
-def draw_frames(rows: NDArray[np.int32], options: SaveOptions) -> Iterator[Picture]:
-    """Draw FAPs, (T, 68) FAPU: one image per frame, sRGB with straight alpha."""
+def draw_frames(rows: NDArray[np.int32], options: SaveOptions, *, planes: bool = False) -> Iterator[Picture]:
+    """Draw FAPs, (T, 68) FAPU: one image per frame, sRGB with straight alpha; with ``planes`` I420 where possible."""
     report = options.report
     with report.stage("head"):
         mesh = options.head if isinstance(options.head, FaceMesh) else load_head(options.head)
     with report.stage("upload"):
         renderer = open_renderer(mesh, options.drawing)
     with renderer:
-        pictures = map(straight, renderer.frames(rows))
+        if planes and isinstance(renderer, NativeRenderer) and renderer.has_planes:
+            pictures = renderer.planes(rows)
+        else:
+            pictures = (straight(picture) for picture in renderer.frames(rows))
         for _ in range(len(rows)):
             with report.stage("draw"):
                 picture = next(pictures)

@@ -9,7 +9,7 @@ import numpy as np
 from fapengine.app.outputs import OutputKind, SaveOptions, find_kind
 from fapengine.app.performance import Performance
 from fapengine.app.report import Report
-from fapengine.files.moving import beside, moving_files
+from fapengine.files.moving import beside, moving_files, rgb_of
 from fapengine.files.outputs import identities
 from fapengine.files.paths import is_standard
 from fapengine.files.pictures import contact_sheet, save_png
@@ -108,7 +108,7 @@ def write_talk(performance: Performance, path: Path, options: SaveOptions, *, in
     if kept:
         with report.stage("contact sheet"):
             labels = [(phones[number].label, f"{number / track.rate_hz:.2f} s") for number in kept]
-            save_png(sheet, contact_sheet(list(kept.values()), labels, title=performance.text))
+            save_png(sheet, contact_sheet([rgb_of(each) for each in kept.values()], labels, title=performance.text))
         report.files.append((sheet, "contact sheet"))
 
 

@@ -108,6 +108,11 @@ def is_moving(path: Path) -> bool:
     return path.suffix in FORMATS or is_sequence(_pattern(path))
 
 
+def takes_planes(path: Path) -> bool:
+    """Whether :func:`write_moving` takes images as I420, which is what the encoder of this kind takes."""
+    return path.suffix in CODECS and FORMATS[path.suffix].pixels == "yuv420p"
+
+
 def check_moving(path: Path, *, rate_hz: float, size: tuple[int, int], alpha: bool) -> None:
     """Reject options that a format does not support, before anything is drawn.
 
@@ -152,7 +157,8 @@ def write_moving(
         ``frame_0000.png`` and so on. GIF has one palette of 256 colours for all frames, to avoid flicker; WebP has
         all colours, in a quarter of the size.
     frames : iterable of (height, width, 3) uint8
-        sRGB; all of one size, for videos with even sides. A fourth component is straight alpha.
+        sRGB; all of one size, for videos with even sides. A fourth component is straight alpha. Where
+        :func:`takes_planes`, also (height * 3 // 2, width): I420, Rec. 601 of limited range.
     rate_hz : float
         Frame rate; at most 50 for GIF.
     sound : ((N,) int16, int), optional
@@ -208,16 +214,17 @@ def _write_video(
     start = list(itertools.islice(frames, PALETTE_FRAMES if is_gif else 1))
     if not start:
         raise UsageError(f"{path.name}: got no frame, expected one or more")
-    height, width, components = start[0].shape
-    check_moving(path, rate_hz=float(rate), size=(width, height), alpha=components == 4)
+    height, width = start[0].shape[:2] if start[0].ndim == 3 else (start[0].shape[0] * 2 // 3, start[0].shape[1])
+    has_alpha = start[0].shape[2:] == (4,)
+    check_moving(path, rate_hz=float(rate), size=(width, height), alpha=has_alpha)
     with writing(path, kind.muxer, source=source) as container:
         stream: Any = container.add_stream(kind.codec, rate=rate)
         stream.height, stream.width = height, width
-        stream.pix_fmt = kind.alpha_pixels if components == 4 else kind.pixels
+        stream.pix_fmt = kind.alpha_pixels if has_alpha else kind.pixels
         stream.options = kind.options
         if kind.sound_codec:
             stream.codec_context.thread_count = 0
-        if components == 4 and path.suffix == ".webm":
+        if has_alpha and path.suffix == ".webm":
             stream.metadata["alpha_mode"] = "1"  # players look there
             stream.options = {**stream.options, "auto-alt-ref": "0"}  # libvpx refuses both together
         timed = _timed(itertools.chain(start, frames), rate)
@@ -227,9 +234,17 @@ def _write_video(
         mux(container, packets, kind.sound_codec, sound)
 
 
+def rgb_of(picture: Picture) -> Picture:
+    """Return an image of a film as (height, width, 3 or 4) sRGB, also if it came as planes."""
+    if picture.ndim == 3:
+        return picture
+    return np.asarray(av.VideoFrame.from_ndarray(picture, format="yuv420p").to_ndarray(format="rgb24"), np.uint8)
+
+
 def _timed(pictures: Iterable[Picture], rate: Fraction) -> Iterator[av.VideoFrame]:
+    formats = {(): "yuv420p", (3,): "rgb24", (4,): "rgba"}
     for number, picture in enumerate(pictures):
-        frame = av.VideoFrame.from_ndarray(picture, format="rgba" if picture.shape[2] == 4 else "rgb24")
+        frame = av.VideoFrame.from_ndarray(picture, format=formats[picture.shape[2:]])
         frame.pts, frame.time_base = number, 1 / rate
         yield frame
 

@@ -68,7 +68,7 @@ class _Native:
             self._face.skin(self._packed.skin_at(level))
             self._level = level
 
-    def draw(self, uniforms: FrameUniforms, camera: Camera) -> Picture:
+    def draw(self, uniforms: FrameUniforms, camera: Camera, form: str = "rgb") -> Picture:
         if camera is not self._drawing.camera:
             self._look_from(camera)
         drawing = self._drawing
@@ -76,7 +76,7 @@ class _Native:
             self.values(uniforms),
             at_vertices=self._at_vertices,
             soft=drawing.samples == 0,
-            form="rgb" if drawing.components == 3 and drawing.drawn_size == drawing.size else "rgba",
+            form=form if drawing.components == 3 and drawing.drawn_size == drawing.size else "rgba",
         )
         if drawing.drawn_size == drawing.size:
             return picture
@@ -138,6 +138,19 @@ class NativeRenderer:
     def frames(self, faps: Iterable[ArrayLike]) -> Iterator[Picture]:
         """Draw frames one after the other; see :meth:`draw`."""
         return map(self.draw, faps)
+
+    @property
+    def has_planes(self) -> bool:
+        """Whether it draws I420: not with alpha, with odd sides, or at another size than is shown."""
+        drawing = self.drawing
+        return drawing.components == 3 and drawing.drawn_size == drawing.size and not any(s % 2 for s in drawing.size)
+
+    def planes(self, faps: Iterable[ArrayLike]) -> Iterator[Picture]:
+        """Draw frames as encoders take them: (height * 3 // 2, width) uint8, I420, Rec. 601 of limited range."""
+        rows = self.drawing.size[1] * 3 // 2
+        for each in faps:
+            uniforms = frame_uniforms(self.mesh, with_rest(each, self.drawing.rest))
+            yield self._native.draw(uniforms, self.drawing.camera, "i420").reshape(rows, -1)
 
     def release(self) -> None:
         """Free the memory."""

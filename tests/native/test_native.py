@@ -5,6 +5,7 @@ import os
 import platform
 import subprocess
 import sys
+import tomllib
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -12,12 +13,14 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import av
 import numpy as np
 import pytest
 
 import fapengine
 from fapengine import FapTrack
 from fapengine.errors import FapEngineError, ResourceError, UsageError
+from fapengine.files.moving import rgb_of, takes_planes, write_moving
 from fapengine.render import native
 from fapengine.render.camera import Camera
 from fapengine.render.drawing import RenderOptions
@@ -138,6 +141,34 @@ def test_i420_is_the_picture(library: ModuleType) -> None:
         (planes[-49 * 32 :], (112.439, -94.154, -18.285)),
     ):
         assert np.abs(plane.reshape(32, 49)[:31, :48] - (128 + means @ np.array(row) / 256)).max() < 1.5
+
+
+def test_a_film_of_planes_is_the_film_of_colours(library: ModuleType, tmp_path: Path) -> None:
+    head, drawing = head_of("default", 128), RenderOptions(size=(96, 128))
+    poses = [faps_of(pose) for pose in ("rest", "open", "joy", "turned")]
+    with NativeRenderer(head, drawing) as renderer:
+        assert renderer.has_planes
+        drawn = [renderer.draw(pose) for pose in poses]
+        planes = list(renderer.planes(poses))
+    assert planes[0].shape == (192, 96)
+    for path in (tmp_path / "a.mp4", tmp_path / "a.webm"):
+        assert takes_planes(path)
+        errors = []
+        for pictures in (drawn, planes):
+            write_moving(path, pictures, rate_hz=25.0)
+            with av.open(str(path)) as container:
+                stream = container.streams.video[0]
+                shown = [frame.to_ndarray(format="rgb24") for frame in container.decode(stream)]
+                about = stream.codec_context
+                assert (about.width, about.height, about.pix_fmt, len(shown)) == (96, 128, "yuv420p", 4)
+            errors.append(np.mean((np.array(shown, float) - drawn) ** 2))
+        assert errors[1] < 1.05 * errors[0]  # of what the encoder leaves out of them
+    assert np.abs(rgb_of(planes[1]).astype(int) - drawn[1]).mean() < 2
+    assert rgb_of(drawn[1]) is drawn[1]
+    for change in ({"background": "transparent"}, {"size": (97, 128)}, {"scale": 0.5}):
+        with NativeRenderer(head, replace(drawing, **change)) as renderer:
+            assert not renderer.has_planes
+    assert not takes_planes(Path("a.webp"))  # whose sides may be odd
 
 
 def test_a_mesh_with_numbers_that_index_nothing_is_refused(library: ModuleType) -> None:
@@ -341,3 +372,32 @@ def test_a_video_is_written_where_libegl_cannot_be_loaded(library: ModuleType, t
     done = subprocess.run(command, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "a.mp4").stat().st_size > 1000
+
+
+@pytest.mark.parametrize(
+    ("target", "tag"),
+    [
+        ("x86_64-linux-gnu.2.28", "manylinux_2_28_x86_64"),
+        ("aarch64-linux-gnu.2.28", "manylinux_2_28_aarch64"),
+        ("x86_64-windows-gnu", "win_amd64"),
+        ("x86_64-macos.11.0", "macosx_11_0_x86_64"),
+        ("aarch64-macos.11.0", "macosx_11_0_arm64"),
+    ],
+)
+def test_wheels_for_other_systems_have_their_tags(target: str, tag: str) -> None:
+    assert built.build_hook().tag(target) == f"py3-none-{tag}"
+    assert target in (built.HERE / "Makefile").read_text()
+
+
+@pytest.mark.parametrize("target", ["x86_64-linux-gnu", "aarch64-macos", "riscv64-windows-gnu", "x86_64-freebsd"])
+def test_targets_that_name_no_wheel_are_refused(target: str) -> None:
+    with pytest.raises(RuntimeError, match=f"{target}: expected MACHINE-linux-gnu.GLIBC"):
+        built.build_hook().tag(target)
+
+
+def test_the_package_has_the_version_and_the_licence_of_fapengine() -> None:
+    ours, native_ = (tomllib.loads((built.HERE / folder / "pyproject.toml").read_text()) for folder in (".", "native"))
+    assert native_["project"]["dynamic"] == ["version"]
+    scheme = ours["tool"]["hatch"]["version"]["raw-options"]["version_scheme"]
+    assert native_["tool"]["hatch"]["version"]["raw-options"]["version_scheme"] == scheme
+    assert (built.SOURCE / "LICENSE").read_bytes() == (built.HERE / "LICENSE").read_bytes()
