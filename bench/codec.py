@@ -66,9 +66,9 @@ def live_frame_ms() -> dict[str, float]:
 
 
 def command_s(program: str, *words: str) -> float:
-    """Least processor time of three runs of a command, seconds."""
+    """Least processor time of two runs of a command, seconds."""
     taken = []
-    for _ in range(3):
+    for _ in range(2):
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         subprocess.run([sys.executable, "-c", program, *words], check=True, stdout=subprocess.DEVNULL)
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
