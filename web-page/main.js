@@ -198,7 +198,7 @@ class Page {
     try {
       if (wanted) await this.microphone.enable();
       else this.microphone.disable();
-      this.told(wanted ? "The face says what you say, 0.3 s later." : "");
+      this.told(wanted ? "The face says what you say, 0.25 s later." : "");
     } catch (error) {
       this.microphone.disable();
       this.told(error.name === "NotAllowedError" ? "The microphone was not allowed." : error.message, true);

@@ -10,7 +10,7 @@ import { Voicing, joined } from "./voicing.js";
 const { AHEAD, BANDS, BEFORE, STEPS, WIDTH, WINDOW } = small_net;
 const { HOP } = loudness;
 const { FRAME_HZ, MIN_FRAMES, RATE_HZ } = protocol;
-const { LOOK_AHEAD_S } = small_recognizer;
+const { LOOK_AHEAD_S, ONSET_FRAMES } = small_recognizer;
 const { SILENCE } = phone_track;
 
 // Segments of a new hypothesis that are final now: fapengine/recognition/protocol.py.
@@ -28,6 +28,13 @@ function due(segments, told, horizon, isEnd = false) {
     now = stop;
   }
   return chosen;
+}
+
+// Leaves out speech that has just begun after silence.
+function begun(segments, now) {
+  const place = segments.findLastIndex(([label]) => label === SILENCE) + 1;
+  const follows = place > 0 || segments[0]?.[1] === 0;
+  return follows && segments[place] && now - segments[place][1] < ONSET_FRAMES ? segments.slice(0, place) : segments;
 }
 
 // Scores of the network's labels for each frame of a stream. Stateful.
@@ -67,7 +74,7 @@ class Scores {
 
 export class Recognizer {
   // buffer: the package's assets/recognizer.bin. lookAhead: age at which a phone is final, s. steps: blocks of so many
-  // times 20 ms; with 2, phones are those of Python.
+  // times 20 ms; with 1, phones are those of Python.
   constructor(buffer, { lookAhead = LOOK_AHEAD_S, steps = STEPS } = {}) {
     if (!(lookAhead >= 0)) throw new TypeError(`lookAhead: got ${lookAhead}, expected s, 0 or more`);
     if (!(Number.isInteger(steps) && steps > 0)) throw new TypeError(`steps: got ${steps}, expected an integer, 1 or more`);
@@ -121,7 +128,7 @@ export class Recognizer {
     const chosen = due(segments, this.told, horizon, isEnd);
     if (chosen.length) this.told = chosen.at(-1)[2];
     this.search.forget(this.told);
-    this.partial = this.phonesOf(due(segments, this.told, this.search.now));
+    this.partial = this.phonesOf(begun(due(segments, this.told, this.search.now), this.search.now));
     return this.phonesOf(chosen);
   }
 

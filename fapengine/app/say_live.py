@@ -1,4 +1,4 @@
-"""A live face on any screen: it speaks a sentence, or follows a microphone with 0.3 s of latency."""
+"""A live face on any screen: it speaks a sentence, or follows a microphone with 0.25 s of latency."""
 
 from collections.abc import Callable
 from contextlib import suppress

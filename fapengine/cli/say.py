@@ -31,7 +31,7 @@ def say(
         bool,
         shared.live(
             "--mic",
-            help="Drive the face from the microphone, with about 0.3 s of latency. Requires --live and no TEXT.",
+            help="Drive the face from the microphone, with about 0.25 s of latency. Requires --live and no TEXT.",
         ),
     ] = False,
     mic_device: Annotated[

@@ -228,7 +228,7 @@ class Client(Connection, GestureMethods):
     def send_audio(self, samples: ArrayLike, rate_hz: int, *, utterance: int | None = None) -> int:
         """Send audio as it arrives; the engine's recognizer finds its phones.
 
-        The face follows the audio with a delay of 0.3 s, so play it that much later; or :meth:`begin` the utterance at
+        The face follows the audio with a delay of 0.25 s, so play it that much later; or :meth:`begin` the utterance at
         the time at which it will be heard.
 
         Parameters

@@ -30,10 +30,10 @@ from fapengine.host.listeners import HeardSound, Place
 from fapengine.recognition.choice import is_installed
 from fapengine.recognition.process import RecognizerProcess
 from fapengine.recognition.protocol import RecognizedPhones, StreamRecognizer
-from fapengine.recognition.sphinx_recognizer import LOOK_AHEAD_S
+from fapengine.recognition.small_recognizer import LOOK_AHEAD_S
 from fapengine.speech.phone_track import Phone
 
-DELAY_S = 0.3
+DELAY_S = 0.25
 """Delay of the face after audio that comes as it is spoken (``bench/ear_delays.py``)."""
 MAX_RECOGNIZERS = 4
 MAX_WAITING_S = 20.0

@@ -2,12 +2,11 @@
 
 Theory of operation
 -------------------
-A phone loop, which has no text, mistakes many phones, but seldom their kind (:data:`KINDS`). The phones that it finds
-in a piece are compared with those of the next words by edit distance; the piece's words end where that is least. Once
-words are aligned, the fraction of their frames in which the loop finds the same kind shows whether they were said: .45
-to .9 of a sentence if so, 0 to .4 of another sentence. A telephone or noise deceives the loop more than the aligner.
-So a whole piece that fails is judged once more: words that were said fit better than others under the same noise
-(:mod:`.text_fit`).
+Words are shared among the pieces (:mod:`.text_place`) and aligned in each. A phone loop, which has no text, mistakes
+many phones, but seldom their kind (:data:`KINDS`). The fraction of the words' frames in which the loop finds the same
+kind shows whether they were said: .45 to .9 of a sentence if so, 0 to .4 of another sentence. A telephone or noise
+deceives the loop more than the aligner. So a whole piece that fails is judged once more: words that were said fit
+better than others under the same noise (:mod:`.text_fit`).
 
 Without a text, the loop's phones of a piece are the second observation of
 :class:`.small_recognizer.JointRecognizer`, as in live audio; but the loop knows the whole piece, and phones are final
@@ -16,6 +15,7 @@ only after :data:`LOOK_AHEAD_S`.
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import groupby
 from math import inf
 
@@ -34,10 +34,11 @@ from fapengine.recognition.loudness import (
 )
 from fapengine.recognition.protocol import RATE_HZ, UNSURE, Recognizer
 from fapengine.recognition.small_recognizer import JointRecognizer, KnownFrames
-from fapengine.recognition.sphinx import MODEL_PHONES, Frames
+from fapengine.recognition.sphinx import Frames
 from fapengine.recognition.sphinx_aligner import Aligned, SphinxAligner
 from fapengine.recognition.sphinx_recognizer import labelled
 from fapengine.recognition.text_fit import fits
+from fapengine.recognition.text_place import frame_scores, words_said
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.speech.prosody import Sounding, with_prosody
 
@@ -50,52 +51,8 @@ KINDS = tuple(
 )  # fmt: skip
 """Groups of similar phones of the model."""
 _KIND = {name: number for number, names in enumerate(KINDS) for name in names}
-OTHER, LEFT_OUT = 1.0, 0.7
-"""Costs of another kind of phone, and of a phone too many or too few; the same kind costs :data:`ALIKE`, the same phone
-0."""
-ALIKE = 0.2
-"""Cost of another phone of the same kind."""
 QUICK_HZ = 25.0
 """More phones a second than anyone speaks."""
-
-_COST = np.array([
-    [0.0 if a == b else ALIKE if _KIND[a] == _KIND[b] else OTHER for b in MODEL_PHONES] for a in MODEL_PHONES
-])  # fmt: skip
-_NUMBER = {name: number for number, name in enumerate(MODEL_PHONES)}
-
-
-def words_said(heard: Sequence[str], words: Sequence[Sequence[str]]) -> int:
-    """Count the words of a text that a piece of audio contains.
-
-    Parameters
-    ----------
-    heard : sequence of str
-        The model's phones that were found, without silences.
-    words : sequence of sequences of str
-        The model's phones of the next words; more than the piece can contain.
-
-    Returns
-    -------
-    int
-        0..len(words).
-
-    Examples
-    --------
-    >>> words_said(["HH", "AH", "N", "OW"], [["HH", "AH"], ["L", "OW"], ["DH", "EH", "R"]])
-    2
-    """
-    expected = [name for word in words for name in word]
-    ends = np.concatenate([[0], np.cumsum([len(word) for word in words])]).astype(int)
-    if not heard or not expected:
-        return 0
-    columns = np.array([_NUMBER[name] for name in expected])
-    slope = LEFT_OUT * np.arange(len(expected) + 1)
-    row = slope.copy()
-    for name in heard:
-        step = row + LEFT_OUT
-        step[1:] = np.minimum(step[1:], row[:-1] + _COST[_NUMBER[name]][columns])
-        row[:] = np.minimum.accumulate(step - slope) + slope
-    return int(np.argmin(row[ends]))
 
 
 def same_kind(one: str, other: str) -> bool:
@@ -220,6 +177,21 @@ class Recording:
     """Pieces, start and end in s, whose text fits, though the phone loop finds other phones: noise, or a telephone."""
 
 
+@dataclass(frozen=True, eq=False)
+class _Piece:
+    """A piece of the recording and what the phone loop finds in it."""
+
+    samples: NDArray[np.int16]
+    found: list[Frames]
+    spoken: NDArray[np.bool_]
+    is_last: bool
+
+    @cached_property
+    def scores(self) -> NDArray[np.float32]:
+        """(T, C) scores of its frames, see :func:`.text_place.frame_scores`."""
+        return frame_scores(self.samples, labelled(self.found, self.spoken))
+
+
 @dataclass(frozen=True, slots=True)
 class _Judged:
     """A word, its frames, and the number of them in which aligner and phone loop agree."""
@@ -293,7 +265,7 @@ def follow(
     Parameters
     ----------
     sound : iterable of (N,) int16
-        As for :func:`listen`.
+        As for :func:`listen`; memory holds 40 s of it.
     aligner : SphinxAligner
         Contains the text.
     is_trusted : bool
@@ -304,12 +276,11 @@ def follow(
     loop = sphinx.new_phone_loop()
     gathered, mismatches, doubted = _Gathered(), list[Mismatch](), list[tuple[float, float]]()
     cursor, unheard = 0, 0
-    for piece, is_last in in_pieces(sound):
-        if not len(piece):
-            continue
-        found, spoken = _hear(loop, piece)
-        is_rest = is_trusted and is_last
-        behind = len(aligner.words) if is_rest else _behind(aligner, found, spoken, cursor, is_last=is_last)
+    pieces = (_Piece(piece, *_hear(loop, piece), is_last) for piece, is_last in in_pieces(sound) if len(piece))
+    for this, following in _with_next(pieces):
+        piece, found, spoken = this.samples, this.found, this.spoken
+        is_rest = is_trusted and following is None
+        behind = len(aligner.words) if is_rest else _behind(aligner, this, following, cursor)
         aligned = aligner.align(piece, cursor, behind)
         if behind > cursor and not aligned:
             aligned = aligner.placed(piece, cursor, behind)
@@ -382,11 +353,20 @@ def _hear(loop: object, piece: NDArray[np.int16]) -> tuple[list[Frames], NDArray
     return found, spoken_frames(found, pitch_hz(piece), loudness_db(piece))
 
 
-def _behind(
-    aligner: SphinxAligner, found: Sequence[Frames], spoken: NDArray[np.bool_], cursor: int, *, is_last: bool
-) -> int:
+def _with_next(pieces: Iterable[_Piece]) -> Iterator[tuple[_Piece, _Piece | None]]:
+    """Each piece and the one after it."""
+    last: _Piece | None = None
+    for piece in pieces:
+        if last is not None:
+            yield last, piece
+        last = piece
+    if last is not None:
+        yield last, None
+
+
+def _behind(aligner: SphinxAligner, piece: _Piece, following: _Piece | None, cursor: int) -> int:
     """Find the word after the last one of a piece."""
-    most = QUICK_HZ * len(spoken) / FRAME_HZ
+    most = QUICK_HZ * (len(piece.spoken) + (len(following.spoken) if following else 0)) / FRAME_HZ
     words: list[list[str]] = []
     expected = 0
     for index in range(cursor, len(aligner.words)):
@@ -394,11 +374,11 @@ def _behind(
         expected += len(words[-1])
         if expected > most:
             break
-    if is_last and cursor + len(words) == len(aligner.words) and expected <= most:
+    is_rest = cursor + len(words) == len(aligner.words) and expected <= most
+    if is_rest and following is None:
         return len(aligner.words)
-    heard = [name for name, start, stop in found if spoken[start:stop].any()]
-    heard = [name for name in heard if same_kind(name, name)]
-    return cursor + words_said(heard, words)
+    is_whole = is_rest and following is not None and following.is_last
+    return cursor + words_said(piece.scores, following.scores if following else None, words, is_whole=is_whole)
 
 
 def _judge(aligned: Sequence[Aligned], names: Sequence[str]) -> list[_Judged]:

@@ -15,7 +15,7 @@ of each is normalised to unit power (Zhang and Sennrich 2019, "Root mean square 
 gives a score for each label and each of the two frames. Together they look :data:`AHEAD` steps ahead and a second and
 more back. ``bench/ear_train.py`` learned the weights.
 
-It always runs two steps at a time, so that rounding does not depend on how the audio is cut.
+It always runs one step at a time, so that rounding does not depend on how the audio is cut.
 """
 
 import io
@@ -123,7 +123,7 @@ OFFSETS = ((-1, 0, 1), (-2, 0, 1), (-4, 0, 1), (-8, -4, 0), (-2, -1, 0), (-16, -
 """Steps that each further layer looks at."""
 AHEAD = FRONT[-1] + sum(max(steps) for steps in OFFSETS)
 """Steps after a step that its scores need."""
-STEPS = 2
+STEPS = 1
 """Steps that are run at a time."""
 WEIGHTS = Path(__file__).with_name("small_recognizer.npz")
 

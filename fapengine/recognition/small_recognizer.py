@@ -6,7 +6,7 @@ The network (:mod:`.small_net`) gives each frame of 10 ms a probability for each
 phone, that is the likelihood of the sound (Bourlard and Morgan 1994, "Connectionist speech recognition"). The best path
 through the phones is then searched (Viterbi 1967): a phone lasts :data:`MIN_FRAMES` frames or more, and the order of
 phones counts as it is in English, a little (:data:`ORDER_WEIGHT`). Phones are final when they are over and
-:data:`LOOK_AHEAD_S` old (:func:`.protocol.due`). Everything is done in blocks of 40 ms, so pieces of any length give
+:data:`LOOK_AHEAD_S` old (:func:`.protocol.due`). Everything is done in blocks of 20 ms, so pieces of any length give
 the same phones.
 
 :class:`JointRecognizer` adds PocketSphinx; the two err in different places. The phone that PocketSphinx's loop finds in
@@ -35,7 +35,6 @@ from fapengine.recognition.loudness import (
     voiced_frames,
 )
 from fapengine.recognition.protocol import MIN_FRAMES, RATE_HZ, BlockRecognizer, Labelled, due, phones_of
-from fapengine.recognition.sphinx_recognizer import BLOCK as SPHINX_BLOCK
 from fapengine.recognition.sphinx_recognizer import SphinxRecognizer
 from fapengine.speech.phone_track import SILENCE, Phone
 
@@ -43,7 +42,7 @@ LOOK_AHEAD_S = 0.15
 """Look-ahead by default."""
 BLOCK_FRAMES = 2 * small_net.STEPS
 BLOCK = BLOCK_FRAMES * HOP
-"""Samples that are processed at a time, 40 ms."""
+"""Samples that are processed at a time, 20 ms."""
 LATE = 2 * small_net.AHEAD + BLOCK_FRAMES
 """Longest delay of the scores after the sound, in frames."""
 ORDER_WEIGHT = 0.6
@@ -54,6 +53,8 @@ SHARE_WEIGHT = 0.5
 """Weight of the frequency of a phone."""
 REMEMBERED = 300
 """Frames of pitch that are kept, 3 s."""
+ONSET_FRAMES = 5
+"""Frames of speech after silence that are heard before it counts as begun: music and noise begin alike."""
 NEAR_VOWEL = 100
 """Frames after a vowel in which a phone may be isolated; elsewhere it is a knock."""
 VOWEL_LETTERS = frozenset("aeiouæɑɔəɛɝɪʊʌ")
@@ -62,17 +63,22 @@ _CONTEXT = 6
 Floats = NDArray[np.float32]
 
 
+def phone_bonus(weights: small_net.Weights) -> Floats:
+    """(C,) for each label: what turns its probability into a likelihood, natural logarithm."""
+    bonus: Floats = (-SHARE_WEIGHT * np.log(np.maximum(weights.shares, 1e-4))).astype(np.float32)
+    return bonus
+
+
 class Search:
     """The best path through the phones, as scores come. Stateful."""
 
     def __init__(self, weights: small_net.Weights) -> None:
-        shares = np.log(np.maximum(weights.shares, 1e-4))
-        self._bonus = (-SHARE_WEIGHT * shares).astype(np.float32)
+        self._bonus = phone_bonus(weights)
         counts = weights.pairs.astype(np.float64) + 0.5
         order = np.log(counts / counts.sum(axis=1, keepdims=True))
         self._order = (ORDER_WEIGHT * order - CHANGE).astype(np.float32)
         np.fill_diagonal(self._order, -np.inf)
-        self._labels = len(shares)
+        self._labels = len(weights.labels)
         self._all = np.arange(self._labels)
         self._state = np.full((MIN_FRAMES, self._labels), -np.inf, np.float32)
         self._began = np.zeros((MIN_FRAMES, self._labels), np.int64)
@@ -161,6 +167,12 @@ class Scores:
         return np.concatenate(found)
 
 
+def whole_scores(samples: NDArray[np.int16]) -> Floats:
+    """(T, C) scores of the shipped network for each frame of a whole piece, (N,) int16."""
+    silence = np.zeros(2 * LATE * HOP + BLOCK, np.int16)
+    return Scores(small_net.shipped()).push(np.concatenate([samples, silence]))[: -(-len(samples) // HOP)]
+
+
 def is_vowel(label: str) -> bool:
     """Whether a label of the network is a vowel."""
     return label[0] in VOWEL_LETTERS
@@ -219,13 +231,26 @@ class Voicing:
         return found
 
 
+def begun(segments: list[Labelled], now: int) -> list[Labelled]:
+    """Leave out speech that began after silence less than :data:`ONSET_FRAMES` before frame ``now``.
+
+    Examples
+    --------
+    >>> begun([("_", 0, 20), ("m", 20, 23)], 23), begun([("_", 0, 20), ("m", 20, 25)], 25)
+    ([('_', 0, 20)], [('_', 0, 20), ('m', 20, 25)])
+    """
+    place = max((number for number, one in enumerate(segments, 1) if one[0] == SILENCE), default=0)
+    follows = place > 0 or (segments and segments[0][1] == 0)
+    return segments[:place] if follows and segments[place:] and now - segments[place][1] < ONSET_FRAMES else segments
+
+
 class SmallRecognizer(BlockRecognizer):
     """The small network as a :class:`.protocol.Recognizer`. Stateful.
 
     Parameters
     ----------
     look_ahead_s : float
-        Delay of phones after their audio, 0.12 to 1 s; they come at most one block (40 ms) later.
+        Delay of phones after their audio, 0.12 to 1 s; they come at most one block (20 ms) later.
     weights : Weights, optional
         By default those of the package.
 
@@ -283,7 +308,7 @@ class SmallRecognizer(BlockRecognizer):
             self._told = chosen[-1][2]
         self._search.forget(self._told)
         end_s = self._came / RATE_HZ
-        self.partial = phones_of(due(segments, self._told, self._search.now), 0.0, end_s)
+        self.partial = phones_of(begun(due(segments, self._told, self._search.now), self._search.now), 0.0, end_s)
         return phones_of(chosen, 0.0, end_s)
 
 
@@ -311,7 +336,7 @@ class KnownFrames:
         self._found += [(label, now + a, now + b) for label, a, b in found]
 
     def push(self, block: NDArray[np.int16]) -> None:
-        """Process a block, (N,) int16; N is :data:`.sphinx_recognizer.BLOCK`."""
+        """Process a block, (N,) int16."""
 
     def end(self, rest: NDArray[np.int16]) -> None:
         """Process the rest, (N,) int16, shorter than a block."""
@@ -340,7 +365,7 @@ class SphinxFrames(KnownFrames):
         self._recognizer.reset()
 
     def push(self, block: NDArray[np.int16]) -> None:
-        """Process a block, (N,) int16; N is :data:`.sphinx_recognizer.BLOCK`."""
+        """Process a block, (N,) int16."""
         self._recognizer.push(block)
         self._found = self._recognizer.hypothesis()
 
@@ -356,7 +381,7 @@ class JointRecognizer(SmallRecognizer):
     Parameters
     ----------
     look_ahead_s : float
-        Delay of phones after their audio, 0.12 to 1 s; they come at most one block (80 ms) later.
+        Delay of phones after their audio, 0.12 to 1 s; they come at most one block (20 ms) later.
     weights : Weights, optional
         By default those of the package.
     other : KnownFrames, optional
@@ -369,8 +394,6 @@ class JointRecognizer(SmallRecognizer):
     >>> {phone.label for phone in told}, told[-1].end_s
     ({'_'}, 1.0)
     """
-
-    _block = SPHINX_BLOCK
 
     def __init__(
         self,
@@ -395,7 +418,12 @@ class JointRecognizer(SmallRecognizer):
             self._other.end(samples[:rest])
         scores = super()._score(samples, rest=rest)
         found = self._other.labels(self._search.now, self._search.now + len(scores), self._numbers)
-        known = found >= 0
-        logs: NDArray[np.float32] = scores - scores.max(axis=1, keepdims=True)
-        logs[known] += np.float32(self._other.weight) * self._weights.other[found[known]]
-        return logs
+        return weighed(scores, found, self._weights, self._other.weight)
+
+
+def weighed(scores: Floats, found: NDArray[np.int64], weights: small_net.Weights, weight: float) -> Floats:
+    """Scores, (T, C), with PocketSphinx's labels as a second observation, (T,), -1 where unknown."""
+    known = found >= 0
+    logs: Floats = scores - scores.max(axis=1, keepdims=True)
+    logs[known] += np.float32(weight) * weights.other[found[known]]
+    return logs

@@ -12,8 +12,9 @@ from fapengine.recognition.protocol import RATE_HZ, BlockRecognizer, due, phones
 from fapengine.recognition.sphinx import Frames, frames_of, ipa_of, new_phone_loop
 from fapengine.speech.phone_track import SILENCE, Phone
 
-LOOK_AHEAD_S = 0.15
-"""Look-ahead that costs nothing (``bench/ears.py``: 100 ms cost .02 of r, 200 ms gain nothing)."""
+LOOK_AHEAD_S = 0.2
+"""Look-ahead that costs nothing (``bench/ears.py``: 100 ms cost .02 of r, 150 ms none). Its blocks are 60 ms longer
+than those of the small recognizer, so a live face is 50 ms later (``host/hearing.py``)."""
 BLOCK = 8 * HOP
 """Samples between two readings of the hypothesis, 80 ms: a reading costs more than decoding."""
 UTTERANCE_S = 8.0
@@ -80,16 +81,18 @@ class SphinxRecognizer(BlockRecognizer):
         """Samples of the utterances before this one."""
         self._told = 0
         """Frames of this utterance that were reported."""
+        self._found: list[Frames] = []
+        """Hypothesis after the last block."""
 
     def hypothesis(self) -> list[Frames]:
-        """Return the phones of this utterance, in IPA without gaps; they may still change."""
+        """Return the phones of this utterance up to the last block, in IPA without gaps; they may still change."""
         before = self._passed // HOP
-        return [(label, before + a, before + b) for label, a, b in self._segments()] if self._begun else []
+        return [(label, before + a, before + b) for label, a, b in self._found] if self._begun else []
 
     def _process(self, block: NDArray[np.int16]) -> list[Phone]:
         self._feed(block)
         now = len(self._sound) // HOP
-        segments = self._segments()
+        segments = self._found = self._segments()
         phones = self._report(due(segments, self._told, now - round(self.look_ahead_s * FRAME_HZ)))
         self.partial = self._phones(due(segments, self._told, now))
         length_s = now / FRAME_HZ

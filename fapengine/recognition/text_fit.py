@@ -16,10 +16,12 @@ from numpy.typing import NDArray
 
 from fapengine.recognition import small_net
 from fapengine.recognition.loudness import HOP, loudness_db
-from fapengine.recognition.small_recognizer import BLOCK, LATE, Scores, is_vowel
+from fapengine.recognition.small_recognizer import is_vowel, whole_scores
 from fapengine.recognition.sphinx import ipa_of
 from fapengine.recognition.sphinx_aligner import Aligned, SphinxAligner
 
+PAUSE = 25
+"""Frames between two words from which on they are a pause."""
 WEIGHT = 0.4
 """Weight of the network's misfit, and of the loop's agreement, beside the misfit of the order of words."""
 NOISY_DB = 25.0
@@ -47,22 +49,33 @@ def fits(aligner: SphinxAligner, aligned: Sequence[Aligned], samples: NDArray[np
     agreeing : float
         Fraction of their frames in which the phone loop agrees, 0..1.
     """
-    first, behind = aligned[0].first, aligned[-1].behind
-    said = samples[first * HOP : behind * HOP]  # pauses fit any text
+    spans = _spans(aligned)
+    said = np.concatenate([samples[first * HOP : behind * HOP] for first, behind in spans])
     in_order = aligner.misfit(said, aligned[0].word, aligned[-1].word + 1)
     likely = _log_likelihoods(samples)
     misfit = in_order + WEIGHT * (_misplaced(aligned, likely) - agreeing)
     low_db, high_db = np.percentile(loudness_db(samples), (10, 95))
     if high_db - low_db < NOISY_DB:
         return misfit <= NOISY_LIMIT
-    entropy = -float((np.exp(likely) * likely)[first:behind].sum(axis=1).mean())
+    said_frames = np.concatenate([likely[first:behind] for first, behind in spans])
+    entropy = -float((np.exp(said_frames) * said_frames).sum(axis=1).mean())
     return misfit <= (CLEAR_LIMIT if entropy < CLEAR else LIMIT)
+
+
+def _spans(aligned: Sequence[Aligned]) -> list[tuple[int, int]]:
+    """Frames between pauses, first and the one after the last: pauses fit any text, and the network is sure of them."""
+    spans = [(aligned[0].first, aligned[0].behind)]
+    for phone in aligned[1:]:
+        if phone.first - spans[-1][1] < PAUSE:
+            spans[-1] = spans[-1][0], phone.behind
+        else:
+            spans.append((phone.first, phone.behind))
+    return spans
 
 
 def _log_likelihoods(samples: NDArray[np.int16]) -> NDArray[np.float32]:
     """(T, C) log-likelihoods of the small network's labels for each frame of a piece, (N,) int16."""
-    silence = np.zeros(2 * LATE * HOP + BLOCK, np.int16)
-    scores = Scores(small_net.shipped()).push(np.concatenate([samples, silence]))[: -(-len(samples) // HOP)]
+    scores = whole_scores(samples)
     scores = scores - scores.max(axis=1, keepdims=True)
     likely: NDArray[np.float32] = scores - np.log(np.exp(scores).sum(axis=1, keepdims=True))
     return likely

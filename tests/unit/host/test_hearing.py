@@ -15,8 +15,7 @@ from fapengine.host import hearing as module
 from fapengine.host.hearing import DELAY_S, IDLE_S, MAX_WAITING_S, Hearing
 from fapengine.host.hub import Hub
 from fapengine.recognition.protocol import RATE_HZ, RecognizedPhones, Recognizer
-from fapengine.recognition.small_recognizer import SmallRecognizer
-from fapengine.recognition.sphinx_recognizer import LOOK_AHEAD_S, SphinxRecognizer
+from fapengine.recognition.small_recognizer import LOOK_AHEAD_S, SmallRecognizer
 from fapengine.speech.phone_track import Phone
 from fapengine.trajectory.style import Style
 from tests.english import english
@@ -43,7 +42,7 @@ class EarHere:
     is_ready: bool = True
     look_ahead_s: float = LOOK_AHEAD_S
     waiting_s: float = 0.0
-    ear: Recognizer = field(default_factory=SphinxRecognizer)
+    ear: Recognizer = field(default_factory=SmallRecognizer)
     told: list[tuple[float, RecognizedPhones]] = field(default_factory=list)
     stream: int = 0
     heard_s: float = 0.0
@@ -81,7 +80,7 @@ class EarHere:
 class Stage:
     """A hub with ears, on the test's clock."""
 
-    recognizer: Callable[[], Recognizer] = SphinxRecognizer
+    recognizer: Callable[[], Recognizer] = SmallRecognizer
     clock: Clock = field(default_factory=Clock)
     ears: list[EarHere] = field(default_factory=list)
     told: list[tuple[float, Command]] = field(default_factory=list)

@@ -7,11 +7,14 @@ import numpy as np
 import pytest
 
 from fapengine.errors import UsageError
-from fapengine.recognition.loudness import loudness_db, pitch_hz, soundings
-from fapengine.recognition.protocol import RATE_HZ
-from fapengine.recognition.recording import MAX_PIECE_S, MIN_PIECE_S, Recording, follow, in_pieces, words_said
-from fapengine.recognition.sphinx import MODEL_NAMES, MODEL_PHONES, SOUNDS_LIKE, heard_as, words_of
+from fapengine.recognition import small_net, sphinx
+from fapengine.recognition.loudness import HOP, loudness_db, pitch_hz, soundings
+from fapengine.recognition.protocol import RATE_HZ, Labelled
+from fapengine.recognition.recording import MAX_PIECE_S, MIN_PIECE_S, Recording, follow, in_pieces
+from fapengine.recognition.sphinx import MODEL_NAMES, MODEL_PHONES, SOUNDS_LIKE, heard_as, ipa_of, words_of
 from fapengine.recognition.sphinx_aligner import Aligned, SphinxAligner, against_loudness, without_quiet
+from fapengine.recognition.sphinx_recognizer import labelled
+from fapengine.recognition.text_place import WORST, frame_scores, words_said
 from fapengine.speech import ipa
 from fapengine.speech.phone_track import Phone
 from fapengine.voices.espeak import EspeakVoice
@@ -201,6 +204,25 @@ def test_a_long_recording_is_followed_piece_by_piece() -> None:
     assert met(truth, closures(found.phones)) >= 0.97 * len(truth)
 
 
+def test_words_are_shared_among_pieces_in_noise_as_well() -> None:
+    """An edit distance of the loop's phones found 1 of the first piece's 15 words."""
+    sounds = [spoken("rms", text).samples for text in (BABY, POPPIES, OTHER)]
+    sound = in_noise(np.concatenate(sounds), 5.0)
+    border = len(sounds[0]) + len(sounds[1])
+    aligner = SphinxAligner(words_of(f"{BABY} {POPPIES} {OTHER}"))
+    words = [aligner.model_phones(index) for index in range(len(aligner.words))]
+    pieces = [frame_scores(piece, found_by_loop(piece)) for piece in (sound[:border], sound[border:])]
+    count = len(words_of(f"{BABY} {POPPIES}"))
+    assert words_said(*pieces, words, is_whole=True) == count
+    assert words_said(*pieces, [*words, *words], is_whole=False) == count  # the text goes on
+
+
+def found_by_loop(piece: np.ndarray) -> list[Labelled]:
+    loop = sphinx.new_phone_loop()
+    sphinx.decode(loop, piece)
+    return labelled(sphinx.frames_of(loop.seg()), np.ones(-(-len(piece) // HOP), bool))
+
+
 def test_pieces_are_cut_in_silence_and_lose_nothing() -> None:
     rng = np.random.default_rng(1)
     sound = (3000 * rng.normal(size=70 * RATE_HZ)).clip(-32768, 32767).astype(np.int16)
@@ -221,11 +243,36 @@ def test_every_ipa_letter_is_heard_as_something() -> None:
     assert set(SOUNDS_LIKE.values()) <= set(MODEL_PHONES)
 
 
-def test_words_said_stops_where_the_sound_does() -> None:
-    words = [["B", "EY", "B", "IY"], ["B", "L", "UW"], ["B", "OW", "L"]]
-    assert words_said(["P", "EY", "B", "IH"], words) == 1
-    assert words_said(["B", "EY", "B", "IY", "B", "L", "UW"], words) == 2
-    assert words_said([], words) == words_said(["B"], []) == 0
+WORDS = [["B", "EY", "B", "IY"], ["B", "L", "UW"], ["B", "OW", "L"], ["M", "AA"], ["S", "IH", "T", "S"]]
+
+
+def scored(names: str, noise: float = 0.0) -> np.ndarray:
+    """Scores of phones of the model that last 60 ms each; "_" is silence."""
+    labels = small_net.shipped().labels
+    columns = np.repeat([labels.index(ipa_of(name)) for name in names.split()], 6)
+    scores = np.full((len(columns), len(labels)), WORST, np.float32)
+    scores[np.arange(len(columns)), columns] = 0.0
+    return scores + np.random.default_rng(3).normal(0, noise, scores.shape).astype(np.float32)
+
+
+@pytest.mark.parametrize("noise", [0.0, 8.0])
+def test_a_piece_contains_the_words_up_to_its_end(noise: float) -> None:
+    first, second = scored("_ B EY B IY B L UW", noise), scored("B OW L _ M AA _ S IH T S _", noise)
+    assert words_said(first, second, WORDS, is_whole=True) == 2
+    assert words_said(first, second, WORDS[:2], is_whole=False) == 2
+    assert words_said(first, None, WORDS, is_whole=False) == 2
+    assert words_said(scored("_ B EY B IY B L UW B OW", noise), scored("L M AA S IH T S"), WORDS, is_whole=True) == 3
+    assert words_said(scored("_ B EY B IY B L UW B"), scored("OW L M AA S IH T S"), WORDS, is_whole=True) == 2
+
+
+def test_words_that_a_piece_lacks_and_sound_that_a_text_lacks_move_no_other_words() -> None:
+    second = scored("B OW L M AA S IH T S")
+    assert words_said(scored("B L UW"), second, WORDS, is_whole=True) == 2
+    assert words_said(scored("B EY B IY F AO R K AE S T P R AA B B L UW"), second, WORDS, is_whole=True) == 2
+    assert words_said(scored("B EY B IY B L UW"), scored("S IH T S"), WORDS, is_whole=True) in (2, 3, 4)
+    page = [["F", "AO", "R", "K", "AE", "S", "T"]] * 40  # more than fits into both
+    assert 2 <= words_said(scored("B EY B IY B L UW"), second, [*WORDS[:2], *page, *WORDS[2:]], is_whole=True) <= 42
+    assert words_said(scored("_ _ _ _"), second, WORDS[2:], is_whole=True) == 0
 
 
 def test_words_of_a_text() -> None:
