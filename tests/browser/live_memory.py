@@ -59,17 +59,19 @@ async def measured(browser: Browser) -> Row:
 
 async def follow(browser: Browser, minutes: int) -> list[Row]:
     """Let it follow the sound; what :func:`measured` found after each minute."""
-    rows, before = [], {"phones": 0, "pictures": 0}
+    rows, pictures = [], 0
     for minute in range(minutes):
         if minute % ANEW == 0:
             await browser.run(BEGIN)
         await asyncio.sleep(60)
         state = await browser.run(STATE)
-        assert all(state[name] > before[name] for name in before), f"the face stands still: {state} after {before}"
-        before = {name: state[name] for name in before}
+        assert state["pictures"] > pictures, f"the face stands still: {state}"
+        assert state["heard"], f"the recognizer hears nothing: {state}"
+        pictures = state["pictures"]
         rows.append(await measured(browser))
         shown = ", ".join(f"{size / 1e6:.2f}" for size in rows[-1])
         print(f"{minute + 1} min: {shown} MB; {state['phones']} phones, {state['pictures']} pictures", flush=True)
+    assert state["phones"] > 10 * minutes, f"it follows too little: {state}; the machine is too busy"
     return rows
 
 
