@@ -1,4 +1,4 @@
-"""Hair: a cap on the scalp, clumps over it (:mod:`.clumps`), and single hairs along the hairline."""
+"""Hair: a cap on the scalp, hair over it (:mod:`.clumps`), and single hairs along the hairline."""
 
 import numpy as np
 
@@ -17,8 +17,6 @@ CAP_ROWS = (-0.03, 0.0, 0.03, 0.09, 0.155, 0.22, 0.32, 0.42, 0.525, 0.63, 0.72, 
 CAP_SHADE, UNDER_CLUMPS_SHADE = 0.85, 0.6
 CAP_TOP_MM, RISES, USUAL_RISE = 144.0, {"short": 0.24}, 0.22
 """Height of the crown of the cap, and fraction of the way there over which the cap gains its thickness, by haircut."""
-ROOT, HARD_ROOT = 0.0, 0.4
-"""Fraction of skin colour where the cap begins: with single hairs along its edge, and without."""
 LEAN_RAD, RELIEF_MM = 0.55, 0.5
 """Angle by which strands of the cap lean back on their way down the sides, and height of their waves."""
 EDGE_HAIRS, EDGE_POINTS = 244, 3
@@ -52,6 +50,8 @@ def _build_edge(builder: MeshBuilder, style: HeadStyle, palette: Palette, detail
     place, wild, other = (2 * golden(number, factor) - 1 for factor in (1.0, 5.77, 3.1))
     angle = np.pi * np.sign(place) * np.abs(place) ** 1.3  # most are over the face
     clear = (np.abs(np.rad2deg(np.abs(angle)) - 104.0) > 24.0) | (number % 4 == 0)  # few beside the ears
+    if style.haircut != "short":  # hair that hangs begins over its line on the forehead
+        clear &= np.abs(np.rad2deg(angle)) > 50.0
     angle, wild, other = angle[clear], wild[clear], other[clear]
     degrees = np.rad2deg(np.abs(angle))
     # On the forehead few begin far before the line; at the nape they hang over it.
@@ -109,9 +109,8 @@ def _build_cap(builder: MeshBuilder, style: HeadStyle, palette: Palette, detail:
     thick = np.where(share[:, None] < 0, -2.0, _cap_height(y, wide, style.haircut))
     thick = thick + combed * RELIEF_MM * np.clip(4 * share, 0, 1)[:, None] * np.sin(2.4 * np.arange(len(angle)))
     points = base + thick[..., None] * out
-    root = (ROOT if combed else HARD_ROOT) * (1 - smoothstep((share - 0.005) / 0.045))
-    if style.haircut == "cropped":  # skin shows between short hairs, most where they begin
-        root = 0.12 + 0.6 * (1 - smoothstep((share + 0.01) / 0.22))
+    # Skin shows between cropped hairs, most where they begin.
+    root = (style.haircut == "cropped") * (0.12 + 0.6 * (1 - smoothstep((share + 0.01) / 0.22)))
     bundles = 1 + 0.16 * np.sin(17.0 * angle + 2.0 * np.sin(5.0 * angle)) + 0.07 * np.sin(43.0 * angle)
     dark = (CAP_SHADE if style.haircut == "cropped" else UNDER_CLUMPS_SHADE) * palette.hair * bundles[:, None]
     albedo = dark + root[:, None, None] * (palette.skin(base) - dark)

@@ -51,6 +51,8 @@ HAIR_NEAR_MM, HAIR_SHADE, JAW_SHADE = 9.0, 0.55, 0.7
 """Distance within which hair shades skin; fraction of the light that hair and jaw remove."""
 EAR_JOINS_MM = 3.5
 """Height above the skin over which an ear takes on its light."""
+GIVEN_NORMALS = 1.5
+"""Weight of normals that parts give relative to those of their triangles."""
 HEAD_PIVOT = np.array([0.0, -45.0, -5.0])
 MOUTH_LINE_Y = -34.6
 """Height of a row of the grid; its vertices at the border of the mouth's block are level with the corners of the mouth.
@@ -312,6 +314,9 @@ def _finish(
     elif style.charm or style.childlike:
         points, head = stylise(points, head, style.charm, style.childlike)
     normals = vertex_normals(points, triangles)
+    given = builder.column("normal")
+    has_own = np.isfinite(given[:, 0])
+    normals[has_own] = unit_vectors(normals[has_own] + GIVEN_NORMALS * given[has_own], 1e-6)
     seam = head.grid[:, [0, -1]]
     normals[seam] = unit_vectors(normals[seam].sum(axis=1, keepdims=True), 1e-9)
     occlusion = average_over_mesh(ambient_light(points, normals), triangles, 2)

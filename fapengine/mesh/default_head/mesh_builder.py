@@ -57,6 +57,8 @@ per mm.
 GOLDEN = 0.6180339887498949
 NOWHERE = (np.nan, np.nan)
 """Place of a vertex that is not on the skin."""
+NOT_GIVEN = (np.nan, np.nan, np.nan)
+"""Normal of a vertex that is lit by its triangles alone."""
 
 
 @dataclass(slots=True)
@@ -81,11 +83,12 @@ class MeshBuilder:
         head_weight: ArrayLike = 1.0,
         uv: ArrayLike = PLAIN_UV,
         place: ArrayLike = NOWHERE,
+        normal: ArrayLike = NOT_GIVEN,
     ) -> Indices:
         """Add vertices, (..., 3) mm; all other arguments broadcast. Returns their indices, (...).
 
         ``place`` is angle, rad, and height, mm, on the bare head, at which the measured face moves a skin vertex
-        (:mod:`.faces`).
+        (:mod:`.faces`). Vertices with a ``normal``, a unit vector, are lit more by it than by their triangles.
         """
         shape = points_mm.shape[:-1]
         size = int(np.prod(shape))
@@ -98,6 +101,7 @@ class MeshBuilder:
             ("head_weight", head_weight, ()),
             ("uv", uv, (2,)),
             ("place", place, (2,)),
+            ("normal", normal, (3,)),
         ):
             spread = np.array(np.broadcast_to(value, (*shape, *tail)).reshape(size, *tail))
             self._fields.setdefault(name, []).append(spread)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import uniform_filter1d
 
 from fapengine.mesh.default_head.clumps import build_clumps
 from fapengine.mesh.default_head.head import build_head
@@ -21,9 +22,11 @@ def test_long_hair_has_no_edges_across(haircut: str, yaw_deg: float) -> None:
     camera = Camera(yaw_deg=yaw_deg, target_mm=(0.0, 10.0, -20.0), distance_mm=900.0, field_deg=5.0)
     with FaceRenderer(head, RenderOptions(size=(256, 256), camera=camera)) as renderer:
         light = np.log(renderer.draw(np.zeros(68))[..., :3].mean(axis=-1) + 8.0)
-    down, across = (np.percentile(np.abs(np.diff(light, axis=axis)), 99.9) for axis in (0, 1))
+    # Edges of locks that swing are staircases of pixels: a step down counts as wide as seven columns share it.
+    down = np.percentile(np.abs(uniform_filter1d(np.diff(light, axis=0), 7, axis=1)), 99.9)
+    across = np.percentile(np.abs(np.diff(light, axis=1)), 99.9)
     assert across > 0.2
-    assert down < 0.3 * across  # 0.45 to 0.85 while each lock went its own way and pierced others
+    assert down < 0.13 * across  # 0.07 to 0.11; 0.14 to 0.26 with locks that pierce each other
 
 
 @pytest.mark.parametrize("haircut", ["short", "bob", "long"])
