@@ -3,7 +3,8 @@
     python -m bench.words_train CMUDICT [-o design/words-en.bin] [--steps 7000]
 
 CMUDICT is ``cmudict.dict`` of github.com/cmusphinx/cmudict (BSD-2-Clause, Copyright (C) 1993-2015 Carnegie Mellon
-University), here commit 0f8072f. It needs JAX and optax. Seeded; 7000 steps take 20 minutes on a busy machine with two cores.
+University), here commit 0f8072f. It needs JAX and optax. Seeded; 7000 steps take 20 minutes on a busy
+machine with two cores.
 
 Theory of operation
 -------------------
@@ -14,7 +15,7 @@ Theory of operation
    The best label of each place is read; repeated labels count once.
 3. Weights are stored as int8 with a scale for each row. A twentieth of the words is left out of the training, and
    measured. Every word of the dictionary that the network gets wrong is stored with its phones, so the whole dictionary
-   is exact.
+   is exact; and those without a vowel letter, because others of that kind are spelled.
 
 The words are sorted; each begins with the number of letters that it shares with the one before (as a byte), then come
 its other letters and a zero. Phones of all words follow in the same order, a byte each, each word with a zero after it.
@@ -44,6 +45,7 @@ BATCH = 96
 RATE = 3e-3
 LEFT_OUT = 20
 """One word of so many is left out of the training."""
+VOWELS = frozenset("aeiouy")
 LIPS = ("pbm", "fv")
 """Phones that close the lips, or bring the lip to the teeth."""
 
@@ -242,11 +244,12 @@ def main() -> None:
     arrays, used = rounded(train(words, learned, labels, given.steps))
     print(f"{len(left_out)} words left out: {measure(words, left_out, said(used, labels, left_out))}", flush=True)
     every = sorted(words)
-    wrong = [word for word, phones in zip(every, said(used, labels, every), strict=True) if phones != words[word]]
-    print(f"{len(wrong)} of {len(every)} words are stored")
+    found = zip(every, said(used, labels, every), strict=True)
+    stored = [word for word, phones in found if phones != words[word] or not VOWELS & set(word)]
+    print(f"{len(stored)} of {len(every)} words are stored")
     number_of = {label: number for number, label in enumerate(labels, 1)}
-    phones = b"".join(bytes(number_of[label] for label in words[word]) + b"\0" for word in wrong)
-    arrays["words"] = np.frombuffer(front_coded(wrong), np.int8)
+    phones = b"".join(bytes(number_of[label] for label in words[word]) + b"\0" for word in stored)
+    arrays["words"] = np.frombuffer(front_coded(stored), np.int8)
     arrays["phones"] = np.frombuffer(phones, np.int8)
     shape = {"channels": CHANNELS, "reach": REACH, "letterLayers": LETTER_LAYERS, "layers": LAYERS, "places": PLACES}
     given.output.write_bytes(packed({"labels": labels, "alphabet": LETTERS} | shape, arrays))

@@ -196,7 +196,7 @@ export class Live extends EventTarget {
     for (const [name, given] of Object.entries({ clock, pronounce })) {
       if (given !== undefined && typeof given !== "function") throw new TypeError(`say: got the ${name} ${given}, expected a function`);
     }
-    if (!isPhones) return this.sayWords(typeof said === "string" ? said : said.map(checkedWord), clock, add, pronounce);
+    if (!isPhones) return this.sayWords(typeof said === "string" ? said : said.map(checkedWord).sort((one, other) => one.start - other.start), clock, add, pronounce);
     const checked = said.map(checkedPhone);
     if (!add || !this.clock || this.run) {
       this.stop();

@@ -8,6 +8,8 @@ const { TICKS_HZ } = services;
 
 // Viseme events of Azure's SDK, { audioOffset (ticks of 100 ns), visemeId }, to phones; each lasts until the next.
 export function azurePhones(events) {
+  const wrong = events.find(({ audioOffset, visemeId }) => !Number.isFinite(audioOffset) || AZURE[visemeId] === undefined);
+  if (wrong) throw new TypeError(`azurePhones: got ${JSON.stringify(wrong)}, expected { audioOffset, visemeId } with an id of 0 to 21`);
   const starts = events.map(({ audioOffset }) => audioOffset / TICKS_HZ);
   return events
     .map(({ visemeId }, index) => ({ label: AZURE[visemeId], start: starts[index], end: starts[index + 1] ?? starts[index] + LAST_S }))
@@ -45,6 +47,7 @@ function charactersOf(chunk) {
     return texts.map((text, index) => ({ text, start: seconds[index], end: ends[index] }));
   }
   const [starts, lengths] = [inner.charStartTimesMs ?? inner.char_start_times_ms, inner.charDurationsMs ?? inner.char_durations_ms];
+  if (texts.length && !(starts && lengths)) throw new TypeError("elevenLabsWords: got characters without times");
   return texts.map((text, index) => ({ text, start: starts[index] / 1000, end: starts[index] / 1000 + lengths[index] / 1000 }));
 }
 

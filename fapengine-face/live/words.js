@@ -90,11 +90,12 @@ function groupsOf(words, pauses) {
 
 function partsOf(spoken) {
   const labels = typeof spoken === "string" ? spoken.trim().split(/\s+/) : (spoken ?? []);
+  if (!Array.isArray(labels)) throw new TypeError(`pronounce: got ${JSON.stringify(spoken)}, expected phones, a list or a text with spaces between them`);
   return labels.filter(Boolean).map((label) => ({ label }));
 }
 
 async function pronounced(texts, voice) {
-  const hums = texts.map((text) => HUM.exec(text.replace(/[^\p{L}]/gu, "")));
+  const hums = texts.map((text) => HUM.exec(text.replace(/[^\p{L}\p{N}]/gu, "")));
   const others = texts.filter((text, index) => !hums[index] && READ.test(text));
   const spoken = others.length ? await voice.pronounce(others) : [];
   let next = 0;

@@ -12,10 +12,11 @@ import { SPOKEN } from "./table.js";
 const TABLE = new URL("../assets/words-en.bin", import.meta.url);
 const STARTERS = new RegExp(`^(?:${SPOKEN.starters})\\b`);
 const ABBREVIATION = /^(?:St|Ave|Rd|No|pp|[Ff]igs?|vol|Mrs|Jr|Sr|e\.g|(?:[A-Za-z]\.)*[A-Za-z])\.$/;
-const SIGNS = { "%": "percent", "&": "and", "@": "at", "+": "plus", "=": "equals", "°": "degrees", $: "dollars", "£": "pounds", "€": "euros", "¥": "yen", "₹": "rupees" };
+const SIGNS = { "-": "minus", "−": "minus", "%": "percent", "&": "and", "@": "at", "+": "plus", "=": "equals", "°": "degrees", $: "dollars", "£": "pounds", "€": "euros", "¥": "yen", "₹": "rupees" };
 const PLAIN = { ß: "ss", æ: "ae", œ: "oe", ø: "o", ł: "l", đ: "d", ð: "th", þ: "th" };
-const INITIALS = /^\P{L}*((?:\p{L}\.)+\p{L}?)\P{L}*$/u;
-const TOKEN = /(\d\d?):(\d\d)(?!\d)|(\d[\d,]*(?:\.\d+)?)(st|nd|rd|th)?|([\p{L}\p{Mn}'’]+)|([%&@+=°$£€¥₹])|(\.)(?=[\p{L}])/giu;
+const INITIALS = /^[^\p{L}\p{N}]*((?:\p{L}\.)+\p{L}?)[^\p{L}\p{N}]*$/u;
+const LONGEST = 60; // letters of a word that are read
+const TOKEN = /(\d\d?):(\d\d)(?!\d)|(\d+(?:,\d{3}(?!\d))*(?:\.\d+)?)(?:(st|nd|rd|th)(?!\p{L}))?|([\p{L}\p{Mn}'’]+)|([%&@+=°$£€¥₹]|(?<![\p{L}\p{N}])[-−](?=\d))|(\.)(?=[\p{L}])/giu;
 const SPELLED = new Set("AI API CEO EU FAQ ID IO IP IT OS UI UK UN URL US USA USB".split(" ")); // of capitals that could be read
 // Before another word of the same phrase; the second, if there is one, before a vowel.
 const WEAK = {
@@ -74,7 +75,7 @@ export class English {
     for (const [, hour, minutes, number, ending, letters, sign, point] of (initials ?? said).matchAll(TOKEN)) {
       if (hour) words.push(...clock(Number(hour), Number(minutes)).split(" "));
       else if (initials && letters) words.push(...letters);
-      else if (number) words.push(...(ending ? ordinal(Number(number.replace(/,/g, ""))) : inWords(number)).split(" "));
+      else if (number) words.push(...(ending && number.length < 16 ? ordinal(Number(number.replace(/,/g, ""))) : inWords(number)).split(" "));
       else if (sign) words.push(SIGNS[sign]);
       else if (point) words.push("dot");
       else words.push(...this.wordOf(letters));
@@ -89,7 +90,7 @@ export class English {
     if (!/^[a-z']+$/.test(word)) return [null];
     const isSpelled = SPELLED.has(text) || (word.length > 1 && !/[aeiouy]/.test(word) && !this.letters.stored.has(word));
     if (isSpelled) return [...word.replace(/'/g, "")].map((letter) => letter.toUpperCase());
-    return [word];
+    return [word.slice(0, LONGEST)];
   }
 
   // Phones of a word between the word before and the phones of the next; a capital is the name of a letter.

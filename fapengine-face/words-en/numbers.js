@@ -6,6 +6,8 @@ const SCALES = ["", " thousand", " million", " billion", " trillion"];
 const ORDINALS = { one: "first", two: "second", three: "third", five: "fifth", eight: "eighth", nine: "ninth", twelve: "twelfth" };
 const MOST = 10 ** (3 * SCALES.length);
 
+const digits = (text) => [...text].map((digit) => SMALL[digit]).join(" ");
+
 function underThousand(number) {
   const [hundreds, rest] = [Math.floor(number / 100), number % 100];
   const words = hundreds ? [SMALL[hundreds], "hundred"] : [];
@@ -56,8 +58,6 @@ export function clock(hour, minutes) {
   const after = minutes === 0 ? "o'clock" : minutes < 10 ? `oh ${SMALL[minutes]}` : cardinal(minutes);
   return `${cardinal(hour)} ${after}`;
 }
-
-const digits = (text) => [...text].map((digit) => SMALL[digit]).join(" ");
 
 // A number as it is written, 1,234.5: in words.
 export function inWords(written) {

@@ -220,6 +220,7 @@ SAYINGS = {
     "He has read it": "h i|h ə z|ɹ ɛ d|ɪ t",
     "It's 3:30 - 21st of May": "ɪ t s|θ ɹ i θ ɝ d i||t w ɛ n t i f ɝ s t|ə v|m eɪ",
     "café 东京 me@b.com": "k ə f eɪ||m i ə t b i d ɑ t k ɑ m",
+    "The nth xkcd: -5, 2x. 1,2": "ð i|ɛ n θ|ɛ k s k eɪ s i d i|m aɪ n ə s f aɪ v|t u ɛ k s|w ʌ n t u",
     "What is it made of": "w ʌ t|ɪ z|ɪ t|m eɪ d|ʌ v",
 }
 
@@ -259,10 +260,11 @@ def test_a_face_says_words(package: Path) -> None:
     more = {"said": [{"text": "mama", "start": 2}], "add": True}
     steps = [
         {"said": "My mama 东京", "clock": 5}, more, {"said": "oh"}, {"said": "oh", "cancel": True},
-        {"said": [{"text": "a", "start": -1}]}, {"said": "oh", "pronounce": "oʊ"}, {"said": 5},
+        {"said": [{"text": "oh", "start": 2}, {"text": "my", "start": 1}]}, {"said": [{"text": "a", "start": -1}]},
+        {"said": "oh", "pronounce": "oʊ"}, {"said": 5},
     ]  # fmt: skip
     (found,) = run(package, live=[steps])["live"]
-    first, added, other, cancelled, *reasons = found
+    first, added, other, cancelled, in_order, *reasons = found
     assert [(phone["label"], phone["word"]) for phone in first["coming"]] == [
         *((label, "My") for label in MY), *((label, "mama") for label in MAMA)
     ]  # fmt: skip
@@ -271,6 +273,7 @@ def test_a_face_says_words(package: Path) -> None:
     assert [phone["label"] for phone in added["coming"]] == MY + MAMA + MAMA
     assert [phone["label"] for phone in other["coming"]] == OH
     assert (cancelled["said"], cancelled["coming"]) == (None, [])
+    assert [phone["label"] for phone in in_order["coming"]] == MY + OH
     assert "expected a word { text, start, end }" in reasons[0]
     assert reasons[1].startswith("say: got the pronounce oʊ")
     assert reasons[2].startswith("say: got Number")
