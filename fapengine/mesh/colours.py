@@ -40,10 +40,10 @@ EYE_COLOURS: dict[str, tuple[float, float, float]] = {
 LIP = LIPS[1]
 DARK_BROWS = 0.06
 """Mean linear RGB of hair above which brows are darker than the hair."""
-MOUTH = np.array([0.26, 0.085, 0.075])
+MOUTH = np.array([0.28, 0.092, 0.081])
 GUM = np.array([0.50, 0.16, 0.15])
 TONGUE = np.array([0.48, 0.158, 0.147])
-TEETH = np.array([0.72, 0.63, 0.55])
+TEETH = np.array([0.76, 0.63, 0.53])
 """Warmer than ivory: light on teeth has been reflected by lips and tongue, and the renderer's light is that of the sky.
 """
 EYE = np.array([0.80, 0.77, 0.74])
@@ -89,8 +89,8 @@ class Palette:
         """(..., 3) skin: redder cheeks, nose, ears and chin, darker around the eyes, lighter bridge and forehead."""
         colour = np.broadcast_to(self.base, points.shape).copy()
         for centre, size, share in (
-            ((45, -2), (21, 18), 0.42), ((0, 0), (15, 11), 0.42), ((0, -66), (15, 9), 0.18), ((20, 0), (5, 10), 0.20),
-            ((0, -22), (30, 7), 0.10), ((78, 10), (12, 34), 0.30), ((31, 25), (15, 4), 0.14), ((31, 45), (17, 4), 0.20),
+            ((45, -2), (21, 18), 0.50), ((0, 0), (15, 11), 0.50), ((0, -66), (15, 9), 0.18), ((20, 0), (5, 10), 0.20),
+            ((0, -22), (30, 7), 0.10), ((78, 10), (12, 34), 0.45), ((31, 25), (15, 4), 0.14), ((31, 45), (17, 4), 0.20),
         ):  # fmt: skip
             colour += share * _spot(points, centre, size) * (self.blush - colour)
         colour *= 1 - 0.10 * _spot(points, (30, 36), (20, 13)) - 0.06 * _spot(points, (18, 32), (6, 8))

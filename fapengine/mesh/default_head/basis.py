@@ -19,6 +19,7 @@ import numpy as np
 
 from fapengine._arrays import Array, Indices
 from fapengine.geometry.smooth import smoothstep
+from fapengine.geometry.surface import unit_vectors
 from fapengine.mesh.default_head.eyes import Eye, lash_displacement, lid_displacement
 from fapengine.mesh.default_head.folds import fold_shares
 from fapengine.mesh.default_head.mouth import HALF_WAY
@@ -36,6 +37,12 @@ EASE, ROUND_TO_CORNER = 0.35, 0.35
 """Weight along the contour: fraction from middle to half way that is a cosine, the rest being a parabola; fraction from
 there to the corner that is a parabola, the rest being a line. So contours of recorded speech have no kink half way.
 """
+SMILE_TEETH_FAPU, TEETH_FALL_MM = (100.0, 330.0), 2.2
+"""FAPU of both corners over which the upper teeth come down in front of the lower ones, and how far: a smile shows one
+row, but films of speech show less of the upper and more of the lower teeth.
+"""
+THROAT_FAPU = (340.0, 560.0)
+"""FAPU of the jaw over which the throat becomes dark: from the widest vowels on."""
 BACK_BY_STRETCH = dict.fromkeys((6, 7, 53, 54), 0.5)
 """Millimetres that a corner of the lips moves back per millimetre outwards: lips slide around the teeth."""
 JAW_FAP = 3
@@ -48,6 +55,8 @@ PUFF_MM, PUFF_DOWN, PUFF_FORWARD, PUFF_CORNER_MM = 32.0, 1.5, 0.35, 16.0
 """A puffed cheek: its radius; how much farther it reaches down; its way forwards per millimetre outwards; and the
 distance from the corner of the lips within which it is held.
 """
+SWELLING_MM = 0.0015
+"""Swelling of a lower lid per FAPU of its rise."""
 BROW_ABOVE_MM, BROW_TO_LID_MM, SQUEEZE_ABOVE_MM = 36.0, 14.5, 14.0
 """How far above a brow, which moves as one piece, the skin follows; how far below its middle; and how far above it skin
 moves inwards.
@@ -125,6 +134,12 @@ def build_basis(
     _tongue(points, head, feature_points, linear, collector)
     for number, teeth in teeth_by_light(points, head):  # it changes their light
         collector.add_shade(Channel(number, -np.inf, np.inf), teeth)
+    for number in RAISE_CORNERS:
+        start, stop = SMILE_TEETH_FAPU
+        teeth = head.upper_teeth[CROWNS].ravel()
+        fall = np.broadcast_to([0.0, -TEETH_FALL_MM / 2 / (stop - start), 0.0], (len(teeth), 3))
+        collector.add(Channel(number, start, stop), teeth, fall)
+    collector.add_shade(Channel(JAW_FAP, *THROAT_FAPU), throat(head))
     chin = points[feature_points[fap.spec(JAW_FAP).point]]
     jaw_weight = _jaw_weight(points, head, skin, fields[JAW_FAP], chin)
     # The jaw is a bone; where its weight varies over the skin, the skin also tilts.
@@ -174,12 +189,14 @@ def _lips(head: HeadParts, linear: Linear) -> None:
     for ring, numbers in ((inner, (4, 5, 8, 9, 10, 11)), (outer, (51, 52, 55, 56, 57, 58))):
         for number, (at, lip) in zip(numbers, [(0.0, on_upper), (0.0, on_lower), *knots], strict=True):
             add(number, ring * _along(t, at) * lip)
-    for ring, corners in ((inner, (6, 7, 12, 13)), (outer, (53, 54, 59, 60))):
+    # Cheeks follow the corners, or their inside would cover the teeth of a wide mouth.
+    cheeks = np.where(level < 0, 1 - smoothstep((-level - 0.35) / 0.65), inner)
+    for ring, corners in ((cheeks, (6, 7, 12, 13)), (outer, (53, 54, 59, 60))):
         for number, end in zip(corners, (1, -1, 1, -1), strict=True):
             # Stretching draws the whole lip along, most at its corner; lifting lifts the corner alone.
             shape = np.clip(end * t, 0, 1) ** 1.2 if number in (6, 7, 53, 54) else _along(t, end)
             add(number, ring * shape)
-    forward = (1 - t**2) ** 1.5
+    forward = 1 - t**2
     add(17, both * forward * on_upper)
     add(16, both * forward * on_lower)
 
@@ -290,7 +307,10 @@ def _lids(
                 closing = (angle - neutral_rad) / (eye.closed[own] - eye.angles[own])
                 turn = np.where(mine, closing * (eye.closed - eye.angles), 0.0)
                 shut = float(smoothstep(closing)) if direction < 0 else 0.0
-                lids = lid_displacement(neutral, eye, turn, shut)[1:].reshape(-1, 3)
+                moves = lid_displacement(neutral, eye, turn, shut)
+                if direction > 0:
+                    moves += max(value, 0.0) * _swelling_below(neutral, eye)
+                lids = moves[1:].reshape(-1, 3)
                 lashes = lash_displacement(points[eye.lashes], eye, turn[eye.lash_roots]).reshape(-1, 3)
                 poses.append(np.concatenate([lids, lashes]))
             for (start, before), (stop, after) in pairwise(zip(knots, poses, strict=True)):
@@ -300,11 +320,25 @@ def _lids(
                 collector.add(Channel(RAISE_CORNERS[side], *SMILE_FAPU), moving, rise / (SMILE_FAPU[1] - SMILE_FAPU[0]))
 
 
+def _swelling_below(neutral: Array, eye: Eye) -> Array:
+    """(levels, N, 3) mm per FAPU: skin of a lower lid, which is pushed together as it rises, away from the ball."""
+    level, across = eye.lids.level[:, None], 1 - eye.lids.t**2
+    roll = np.clip(np.exp(-(((level - 1.40) / 0.22) ** 2)) - 0.05, 0, None) * (level > 1)
+    height = SWELLING_MM * roll * ~eye.lids.upper * across
+    return height[..., None] * unit_vectors(neutral - eye.centre)
+
+
 def teeth_by_light(points: Array, head: HeadParts) -> list[tuple[int, Indices]]:
     """FAPs that change the light on teeth, each with the vertices, (N,)."""
     upper, lower = (teeth[CROWNS].ravel() for teeth in (head.upper_teeth, head.lower_teeth))
     left = points[upper, 0] > 0
     return [(PUSH_LOWER_LIP, lower), *zip(RAISE_CORNERS, (upper[left], upper[~left]), strict=True)]
+
+
+def throat(head: HeadParts) -> Indices:
+    """(N,): the back of the mouth, and the vertex that closes it, which comes after its last ring."""
+    back = head.mouth.indices[head.mouth.level <= -0.7].ravel()
+    return np.append(back, back.max() + 1)
 
 
 def _tongue(

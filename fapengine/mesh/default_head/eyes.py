@@ -176,7 +176,7 @@ def _build_lashes(
     """Strands on the lids' margins, the upper ones longer and bent upwards."""
     order = np.argsort(t)
     spines, half_widths, asides, roots = [], [], [], []
-    for is_upper, count, length_mm in ((True, 30, 6.0), (False, 14, 2.6)):
+    for is_upper, count, length_mm in ((True, 30, 5.6), (False, 14, 2.6)):
         mine = order[(upper[order] == is_upper) & (np.abs(t[order]) < 1)]
         for number, along_rim in enumerate(np.linspace(-0.86, 0.97, max(8, round(count * min(detail, 1.5))))):
             root = int(mine[np.abs(t[mine] - along_rim).argmin()])
@@ -184,13 +184,13 @@ def _build_lashes(
             outwards = unit_vectors(base - centre)
             aside = np.array([side, 0.0, 0.0])
             length = length_mm * (0.72 + 0.28 * along_rim) * (0.88 + 0.12 * np.sin(7.3 * number))
-            length *= 1 - 0.5 * smoothstep((-along_rim - 0.5) / 0.4)
+            length *= 1 - 0.5 * smoothstep((-along_rim - 0.5) / 0.4) - 0.35 * smoothstep((along_rim - 0.6) / 0.4)
             lift = np.array([0.0, 0.42 if is_upper else -0.30, 0.0])
-            grow = outwards + (0.62 * along_rim + 0.1 * np.sin(11.0 * number)) * aside + 0.4 * lift
+            grow = outwards + (0.42 * along_rim + 0.1 * np.sin(11.0 * number)) * aside + 0.4 * lift
             middle = base + 0.5 * length * grow
             tip = base + length * (grow + lift)
             spines.append([base, middle, tip])
-            half_widths.append(np.array([1.0, 0.6, 0.1]) * (0.21 if is_upper else 0.13))
+            half_widths.append(np.array([1.0, 0.6, 0.1]) * (0.18 if is_upper else 0.13))
             asides.append([1.0 if is_upper else -1.0, 0.0, 0.0])  # ribbons face forwards
             roots.append(root)
     lashes = builder.strands(np.array(spines), np.array(half_widths), np.array(asides), albedo=colours.LASH)

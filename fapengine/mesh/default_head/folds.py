@@ -95,9 +95,9 @@ def _crows_feet(x: Array, y: Array) -> Iterator[Furrow]:
 def _under_eye(x: Array, y: Array) -> Iterator[Furrow]:
     across = np.abs(x)
     t = (across - 31.0) / 15.0
-    for number, (drop, depth) in enumerate(((9.5, 0.5), (13.0, 0.4))):
+    for number, (drop, depth) in enumerate(((9.5, 0.26), (13.0, 0.16))):
         middle = 35.0 - drop + 3.2 * t**2 - 1.0 * t + 0.4 * np.sin(0.4 * across + number)
-        yield y - middle, smoothstep((1.0 - np.abs(t)) / 0.35) * (t < 1.0), 1.1, depth
+        yield y - middle, smoothstep((1.0 - np.abs(t)) / 0.35) * (t < 1.0), 1.6, depth
 
 
 def _on_nose(x: Array, y: Array) -> Iterator[Furrow]:

@@ -17,7 +17,7 @@ from fapengine.geometry.smooth import smoothstep
 from fapengine.geometry.surface import ambient_light, average_over_mesh, unit_vectors, vertex_normals
 from fapengine.mesh.colours import EYE_COLOURS
 from fapengine.mesh.default_head import faces, parts
-from fapengine.mesh.default_head.basis import JAW_PIVOT, build_basis, teeth_by_light
+from fapengine.mesh.default_head.basis import JAW_FAP, JAW_PIVOT, THROAT_FAPU, build_basis, teeth_by_light, throat
 from fapengine.mesh.default_head.eyes import build_lids
 from fapengine.mesh.default_head.folds import KEY_FROM, fold_map, resting_folds
 from fapengine.mesh.default_head.hair import build_hair
@@ -34,13 +34,15 @@ from fapengine.mesh.face_mesh import Bone, DeformationBasis, FaceMesh, Folds, Ma
 from fapengine.mpeg4.fap import FapUnit
 from fapengine.mpeg4.fapu import Fapu
 
-LIT_INSIDE = {Material.TEETH: 0.20, Material.GUM: 0.5, Material.TONGUE: 0.37, Material.MOUTH: 0.72}
+LIT_INSIDE = {Material.TEETH: 0.20, Material.GUM: 0.5, Material.TONGUE: 0.52, Material.MOUTH: 0.72}
 """Least light, relative, on parts inside the mouth."""
 THRUST_TONGUE = 45
 TONGUE_LIGHT_PER_MM = 0.05
 """Change of the relative light on the tip of the tongue per millimetre forward."""
 TEETH_LIGHT_PER_MM = {16: -0.045, 12: 0.08, 13: 0.08}
 """Change of the relative light on teeth per millimetre of a FAP: lower lip pushed, corners raised."""
+DARK_THROAT = 0.7
+"""Light that the throat of a wide open mouth loses."""
 SHADED_TEETH = 0.04
 """Least light on upper teeth, which are in the shadow of the lip."""
 LID_FOLDS_AT = 1.46
@@ -255,16 +257,23 @@ def _light_mouth(
 ) -> None:
     """Make the light in the mouth follow lips and tongue: set ``shades`` and ``rest`` of their vertices.
 
-    The tongue is dark when drawn back and lit when it comes out; lower teeth are dark behind a lip that is pushed
-    forward, and upper teeth, otherwise in the shadow of their lip, are lit when a smile lifts it.
+    The tongue is dark when drawn back and lit when it comes out; the throat of a wide open mouth is dark; lower teeth
+    are dark behind a lip that is pushed forward, and upper teeth, otherwise in the shadow of their lip, are lit when a
+    smile lifts it.
     """
     fap = np.array([channel.fap for channel in basis.channels])[basis.entry_channels]
     owner = basis.entry_vertices
     of_tongue = (fap == THRUST_TONGUE) & np.isin(owner, head.tongue)
     shades[of_tongue] = TONGUE_LIGHT_PER_MM * basis.entry_mm[of_tongue, 2]
     rest[owner[of_tongue]] = -1.0
+    whole = np.array([channel.start == -np.inf for channel in basis.channels])
+    wide = np.array([channel.fap == JAW_FAP and channel.start == THROAT_FAPU[0] for channel in basis.channels])
+    back = throat(head)
+    of_throat = wide[basis.entry_channels] & np.isin(owner, back)
+    shades[of_throat] = -DARK_THROAT / (THROAT_FAPU[1] - THROAT_FAPU[0])
+    rest[back] = -1.0
     for number, teeth in teeth_by_light(points, head):
-        chosen = (fap == number) & np.isin(owner, teeth)
+        chosen = (fap == number) & whole[basis.entry_channels] & np.isin(owner, teeth)
         shades[chosen] = TEETH_LIGHT_PER_MM[number] * mm_per_fapu
         rest[teeth] = -1.0
 

@@ -72,8 +72,8 @@ def bulge(share: Array, t: Array, upper: Mask, fullness: float) -> Array:
     body_lower = 0.2 + 2.9 * np.sin(np.pi * lip**0.85) * (1 - 0.2 * lip) - 0.4 * lip
     beyond = 1 - smoothstep((share - 1) / 0.45)
     groove = -1.3 * np.exp(-(((share - 1.3) / 0.2) ** 2)) * (~upper)
-    philtrum = -0.8 * np.exp(-((t / 0.11) ** 2)) * smoothstep((share - 1) / 0.2) * smoothstep((2 - share) / 0.4) * upper
-    columns = 0.45 * np.exp(-(((np.abs(t) - 0.24) / 0.09) ** 2)) * smoothstep((share - 0.9) / 0.2)
+    philtrum = -1.0 * np.exp(-((t / 0.11) ** 2)) * smoothstep((share - 1) / 0.2) * smoothstep((2 - share) / 0.4) * upper
+    columns = 0.6 * np.exp(-(((np.abs(t) - 0.24) / 0.09) ** 2)) * smoothstep((share - 0.9) / 0.2)
     columns = columns * smoothstep((1.9 - share) / 0.5) * upper
     body = np.where(upper, body_upper + tubercle, body_lower) * beyond
     return fullness * middle * (body + groove) + philtrum + columns - 1.4 * (1 - middle) * beyond
@@ -110,13 +110,14 @@ def build_mouth(builder: MeshBuilder, border: Indices, block: Block, style: Head
             [0 * t, np.where(upper, away, -away) * middle, -back * (0.4 + 0.6 * middle)], axis=-1
         )
         dark = smoothstep((-level - 0.05) / 0.5)
-        deep = 1 - 0.45 * smoothstep((-level - 0.3) / 0.6)
-        albedo = palette.lip(rim, t, 0.0) * (1 - dark) + colours.MOUTH * deep * dark
+        albedo = palette.lip(rim, t, 0.0) * (1 - dark) + colours.MOUTH * dark
         material = Material.LIP if level > -0.15 else Material.MOUTH
         grids.append(builder.add(points, albedo=albedo, material=material, place=place))
         levels.append(level)
     rings = np.stack(grids)
     builder.quads(rings, closed=True)
-    end = builder.add(points.mean(axis=0) - [0, 0, 14.0], albedo=colours.MOUTH, material=Material.MOUTH, place=MIDDLE)
+    end = builder.add(
+        points.mean(axis=0) - [0, 0, 14.0], albedo=0.7 * colours.MOUTH, material=Material.MOUTH, place=MIDDLE
+    )
     builder.fan(rings[-1], int(end))
     return Rings(rings, np.array(levels), t, upper)

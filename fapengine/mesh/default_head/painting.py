@@ -177,7 +177,7 @@ def _hairs(x: Array, y: Array, angle: Array, front: Mask, style: HeadStyle) -> A
     across = np.abs(x)
     share = np.interp(across, middle[:, 0], np.linspace(0, 1, 101))
     off = (y - np.interp(across, middle[:, 0], middle[:, 1])) / np.maximum(np.interp(across, middle[:, 0], half), 0.5)
-    ends = smoothstep((across - middle[0, 0] + 2.5) / 6.5) * smoothstep((middle[-1, 0] + 1.0 - across) / 7.0)
+    ends = smoothstep((across - middle[0, 0] + 1.5) / 9.5) * smoothstep((middle[-1, 0] + 0.5 - across) / 10.0)
     ragged = off + 0.10 * _mirrored(_cloud(shape, 21, (2.0, 0.9)))
     brow = (
         smoothstep((1.25 - np.abs(ragged)) / 0.85) * ends * front * np.interp(share, (0, 0.25, 1), (0.70, 0.90, 0.86))

@@ -68,7 +68,7 @@ def build_teeth(builder: MeshBuilder, detail: float, *, upper: bool) -> Indices:
         y = gum_y + direction * abs(edge_y - gum_y) * (np.where(height > 0, height * tip, height) + scallop)
         rows.append(np.stack([xz[:, 0], y, xz[:, 1]], axis=-1))
         gap = 0.55 + 0.45 * round_off
-        far = 1 - 0.55 * smoothstep((np.abs(share) - 0.2) / 0.6)
+        far = 1 - 0.40 * smoothstep((np.abs(share) - 0.2) / 0.6)
         # A smile shows the light half above the upper edges; lower teeth come out of the lip's shadow.
         shade = 1.5 - 0.7 * np.clip(height, 0, 1) if upper else 0.54
         colour = colours.GUM if is_gum else colours.TEETH * (shade * gap)[:, None]
@@ -106,7 +106,7 @@ def build_tongue(builder: MeshBuilder, detail: float) -> Indices:
         [np.cos(around) * half_width[:, None], y[:, None] + height + groove, np.broadcast_to(z[:, None], height.shape)],
         axis=-1,
     )
-    shade = (0.45 + 0.55 * share)[:, None, None]
+    shade = (0.3 + 0.7 * share)[:, None, None]
 
     def add(where: Array, albedo: Array) -> Indices:
         weight = 1 - (1 - BACK_ON_JAW) * smoothstep((TONGUE_TIP[2] - where[..., 2] - 3.0) / 22.0)
@@ -189,21 +189,23 @@ def build_brow(builder: MeshBuilder, style: HeadStyle, side: float, detail: floa
     slope = np.rad2deg(np.arctan2(line[:, 1], line[:, 0])) + np.interp(
         at, (0.0, 0.12, 0.35, 1.0), (62.0, 36.0, 9.0, 0.0)
     )
-    slope -= np.interp(at, (0.0, 0.2, 1.0), (4.0, 13.0, 15.0)) * spread - 7.0 * wild
+    slope -= np.interp(at, (0.0, 0.2, 1.0), (4.0, 15.0, 17.0)) * spread - 11.0 * wild
     along = np.stack([np.cos(np.deg2rad(slope)), np.sin(np.deg2rad(slope))], axis=-1)
     length = (4.6 + 1.0 * wild) * np.interp(at, (0.0, 0.1, 0.7, 1.0), (0.6, 1.0, 1.0, 0.5))
-    half_width = np.interp(at, (0.0, 0.2, 1.0), (0.12, 0.19, 0.15))[:, None] * [1.0, 0.1]
+    half_width = np.interp(at, (0.0, 0.2, 0.7, 1.0), (0.08, 0.16, 0.15, 0.09))[:, None] * [1.0, 0.1]
     tip = root + length[:, None] * along
     flat = np.stack([root, tip], axis=1)
     angle, y = angle_of(flat[..., 0], flat[..., 1], style), flat[..., 1]
     spine = (position(angle, y, style) + np.array([0.30, 0.60])[:, None] * normal(angle, y, style)) * [side, 1, 1]
     aside = side * np.stack([side * along[:, 1], -along[:, 0], 0 * at], axis=-1)
     tint = palette.brows * (0.6 + 0.35 * golden(number, 3.7))[:, None]
+    # Single hairs at the inner end are fine, and let the skin shine through.
+    tint += 0.35 * (1 - smoothstep(at / 0.14))[:, None] * (palette.base - tint)
     place = np.stack([side * angle, y], axis=-1)
     return builder.strands(spine, half_width, aside, albedo=tint, place=place).ravel()
 
 
-EAR_MIDDLE = np.array([80.6, 19.0, -4.0])
+EAR_MIDDLE = np.array([82.0, 19.0, -4.0])
 EAR_UP, EAR_BACK = np.array([0.12, 0.970, -0.212]), np.array([0.21, -0.235, -0.949])
 EAR_ROOT = (np.deg2rad(93.0), 10.0)
 """Place on the bare head that an ear follows."""
@@ -215,7 +217,7 @@ EAR_EDGE = np.array([(1.0, -1.2), (0.98, -3.2), (0.9, -5.5), (0.72, -10.0)])
 """Around the edge: share, height."""
 EAR_BUMPS = (
     (-2.0, (-0.02, 0.40), (0.24, 0.14)),  # triangular fossa
-    (4.6, (-0.70, -0.16), (0.17, 0.15)),  # tragus
+    (4.8, (-0.62, -0.14), (0.15, 0.16)),  # tragus
     (2.4, (0.12, -0.52), (0.18, 0.10)),  # antitragus
     (2.6, (-0.42, 0.10), (0.22, 0.085)),  # root of the helix
     (2.0, (-0.05, -0.80), (0.4, 0.16)),  # lobe
@@ -235,7 +237,7 @@ def _relief(share: Array, up: Array, back: Array) -> Array:
     antihelix *= smoothstep((up + 0.92) / 0.3)
     relief = 3.9 * helix * _ridge(share, 0.91, 0.075) - 3.0 * helix * _ridge(share, 0.755, 0.075)
     relief += 2.6 * antihelix * _ridge(share, 0.58, 0.10)
-    relief -= 6.5 * np.exp(-((((u + 0.16) / 0.36) ** 2 + ((v + 0.14) / 0.36) ** 2) ** 1.6))  # concha
+    relief -= 4.6 * np.exp(-((((u + 0.16) / 0.36) ** 2 + ((v + 0.14) / 0.36) ** 2) ** 1.6))  # concha
     for bulge_mm, centre, size in EAR_BUMPS:
         relief += bulge_mm * spot(u, v, centre, size)
     return relief
@@ -254,7 +256,7 @@ def build_ear(builder: MeshBuilder, style: HeadStyle, side: float, detail: float
     # Its front grows out of the cheek: no rim stands off there, from the root of the helix to the lobe.
     lobe = 0.3 * smoothstep((-up - 0.5) / 0.4)
     joined = smoothstep((lobe - back - 0.25) / 0.6) * smoothstep((0.8 - up) / 0.5)
-    shell = shell - EAR_JOIN_MM * joined * smoothstep((share - 0.45) / 0.45)
+    shell = shell - EAR_JOIN_MM * joined * smoothstep((share - 0.56) / 0.38)
     narrow = 1 - 0.20 * smoothstep((-up * share - 0.05) / 0.75)
     full = 1 + 0.07 * smoothstep((up - 0.2) / 0.5) * np.clip(back, 0, 1)
     long, wide = EAR_HALF_LENGTH * outline * up * share, EAR_HALF_WIDTH * outline * narrow * full * back * share
@@ -263,7 +265,7 @@ def build_ear(builder: MeshBuilder, style: HeadStyle, side: float, detail: float
     points = (points + faces.displacement(EAR_ROOT, style.weights)) * [side, 1, 1]
     palette = palette_of(style)
     albedo = palette.skin(points)
-    deep = np.clip(-height / 7.0, 0, 1)[..., None]
+    deep = np.clip(-height / 4.5, 0, 1)[..., None]
     albedo = (albedo + 0.22 * (palette.blush - albedo)) * (1 - 0.45 * deep)
     albedo = albedo * (1 - 0.05 * BLOOD)  # as the texture does to the skin next to it
     grid = builder.add(points, albedo=albedo)

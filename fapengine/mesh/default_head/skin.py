@@ -163,12 +163,18 @@ def _put_right(
 def _averaged(
     basis: DeformationBasis, triangles: Indices, free: Array, faps: Iterable[int], rounds: int
 ) -> DeformationBasis:
-    """Average the displacements of some FAPs over neighbours, where there are entries, weighted by ``free``, (V,)."""
+    """Average the displacements of some FAPs over neighbours, where there are entries, weighted by ``free``, (V,).
+
+    They fade to 0 at the last vertices with entries, or skin would have a step there.
+    """
     chosen = np.array([number for number, channel in enumerate(basis.channels) if channel.fap in faps])
     mine = np.isin(basis.entry_channels, chosen)
     at = basis.entry_vertices[mine], np.searchsorted(chosen, basis.entry_channels[mine])
     moves = np.zeros((len(free), len(chosen), 3))
     moves[at] = basis.entry_mm[mine]
+    has_entry = np.zeros((len(free), len(chosen)))
+    has_entry[at] = 1.0
+    inside = np.clip(2 * average_over_mesh(has_entry, triangles, rounds, 0.5 * free) - 1, 0, 1)
     entries = basis.entry_mm.copy()
-    entries[mine] = average_over_mesh(moves, triangles, rounds, 0.5 * free)[at]
+    entries[mine] = (average_over_mesh(moves, triangles, rounds, 0.5 * free) * inside[..., None])[at]
     return replace(basis, entry_mm=entries)

@@ -121,8 +121,11 @@ def radius(angle: ArrayLike, y: ArrayLike, style: HeadStyle) -> Array:
     r = r + style.chin_mm * spot(x, h, (0.0, -68.0), (20.0, 11.0))
     # Two muscles run from behind the ears to the notch above the breastbone, with the larynx between them.
     towards_notch = np.interp(h, (-128.0, -30.0), np.deg2rad((13.0, 92.0)))
-    r = r + 3.4 * np.exp(-(((a - towards_notch) / 0.19) ** 2)) * smoothstep((-48.0 - h) / 34.0)
-    r = r + 2.0 * spot(x, h, (0.0, -98.0), (9.0, 11.0)) - 3.0 * spot(x, h, (0.0, -122.0), (10.0, 12.0))
+    r = r + 2.6 * (1 - 0.8 * style.childlike) * np.exp(-(((a - towards_notch) / 0.21) ** 2)) * smoothstep(
+        (-48.0 - h) / 34.0
+    )
+    larynx = 2.0 * spot(x, h, (0.0, -98.0), (9.0, 11.0)) - 3.0 * spot(x, h, (0.0, -122.0), (10.0, 12.0))
+    r = r + (1 - 0.7 * style.childlike) * larynx
     # With age a fold forms from the nose's wing past the corner of the mouth, and a groove under the eye.
     fold = spot(x + 0.42 * (h + 12.0), h, (24.0, -26.0), (3.0, 18.0))
     swell = spot(x + 0.42 * (h + 12.0), h, (31.0, -24.0), (5.0, 16.0))
