@@ -1,11 +1,14 @@
 """The avatar worker in rooms of the real ``rtc.Room``, on a stand-in for the server (:mod:`.livekit_server`).
 
-Real are LiveKit's SDK with its WebRTC, its agents' classes, and the worker; not the server.
+Real are LiveKit's SDK with its WebRTC, its agents' classes, and the worker; not the server. The SDK gives up a remote
+procedure call after 7 s: on a machine that is so busy that the stand-in passes one on later, the end of an utterance is
+never told, and the test is skipped (:func:`until`).
 """
 
 import asyncio
 import subprocess
 import sys
+import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -23,11 +26,12 @@ from fapengine.agents.livekit import SAMPLE_RATE_HZ, AvatarSession
 from fapengine.engine.commands import Express
 from fapengine.errors import ResourceError, UsageError
 from tests.frameworks.check_livekit import Room, Session, pieces, sound
+from tests.frameworks.clock import skip_if_busy
 from tests.frameworks.livekit_server import LiveKitDouble
 from tests.processes import free_port, start
 
 ROOT = Path(__file__).resolve().parents[2]
-LIMIT_S = 300
+LIMIT_S = 120
 
 
 def token(identity: str, **attributes: str) -> str:
@@ -75,7 +79,7 @@ async def room_with(url: str) -> AsyncIterator[tuple[Visitor, rtc.Room, DataStre
     """A visitor, an agent that speaks by the avatar, and what it is told of its speech."""
     visitor, agent, events = Visitor(), rtc.Room(), []
     await visitor.room.connect(url, token("visitor"))
-    await agent.connect(url, token("agent"))
+    await agent.connect(url, token("agent"), rtc.RoomOptions(auto_subscribe=False))
     output = DataStreamAudioOutput(
         agent, destination_identity="avatar", sample_rate=SAMPLE_RATE_HZ, wait_remote_track=rtc.TrackKind.KIND_VIDEO,
         wait_playback_start=True,
@@ -104,9 +108,18 @@ async def say_low(output: DataStreamAudioOutput, length_s: float) -> None:
 
 
 async def until(condition: Any) -> None:
-    async with asyncio.timeout(LIMIT_S):
-        while not condition():
-            await asyncio.sleep(0.05)
+    """Wait until something is so; where it never comes, and the machine has far too much to do, the test is skipped."""
+    stop_s = time.monotonic() + LIMIT_S
+    while not condition():
+        if time.monotonic() > stop_s:
+            skip_if_busy("what was waited for did not come")
+            raise AssertionError(f"it did not come in {LIMIT_S} s")
+        await asyncio.sleep(0.05)
+
+
+def finished(events: list[Any]) -> list[Any]:
+    """The ends of utterances; a call that tells of a begin may have been given up."""
+    return [event for event in events if event != "started"]
 
 
 @pytest.mark.timeout(1200)
@@ -117,21 +130,24 @@ def test_an_agent_speaks_by_a_worker_in_its_room() -> None:
         async with LiveKitDouble().open() as url, worker(url), room_with(url) as (visitor, _, output, events):
             async with asyncio.timeout(LIMIT_S):
                 await say(output, 2.0)
-            await until(lambda: len(events) == 2)
-            await say(output, 30.0)
-            await until(lambda: len(events) == 3)
+            await until(lambda: finished(events))
+            await say_low(output, 30.0)
+            await until(lambda: events.count("started") == 2 or len(finished(events)) == 2)
             output.clear_buffer()
-            await until(lambda: len(events) == 4)
+            await until(lambda: len(finished(events)) == 2)
             await until(lambda: visitor.pictures > 5 and visitor.loudest > 2000)
             return visitor, events
 
     visitor, events = asyncio.run(spoken())
-    assert (events[0], events[2]) == ("started", "started")
-    assert not events[1].interrupted
-    assert events[1].playback_position == pytest.approx(2.0, abs=0.05)
-    assert events[3].interrupted
-    assert events[3].playback_position < 30.0
-    print(f"{visitor.pictures} pictures; loudest {visitor.loudest}; interrupted at {events[3].playback_position:.2f} s")
+    whole, interrupted = finished(events)
+    assert "started" in events
+    assert not whole.interrupted
+    assert whole.playback_position == pytest.approx(2.0, abs=0.05)
+    assert interrupted.interrupted
+    assert interrupted.playback_position < 30.0
+    print(
+        f"{visitor.pictures} pictures; loudest {visitor.loudest}; interrupted at {interrupted.playback_position:.2f} s"
+    )
 
 
 @pytest.mark.timeout(1200)
@@ -141,19 +157,19 @@ def test_a_worker_that_is_killed_leaves_and_the_next_one_speaks() -> None:
             async with worker(url) as first:
                 async with asyncio.timeout(LIMIT_S):
                     await say(output, 1.0)
-                await until(lambda: len(events) == 2)
+                await until(lambda: finished(events))
                 first.kill()
                 await until(lambda: "avatar" not in agent.remote_participants)
             async with worker(url):
                 await until(lambda: "avatar" in agent.remote_participants)
                 await until(lambda: len(agent.remote_participants["avatar"].track_publications) == 2)
                 await say(output, 1.0)
-                await until(lambda: len(events) == 4)
+                await until(lambda: len(finished(events)) == 2)
             assert visitor.loudest > 2000
             return events
 
     events = asyncio.run(spoken())
-    assert [event.interrupted for event in events[1::2]] == [False, False]
+    assert [event.interrupted for event in finished(events)] == [False, False]
 
 
 @asynccontextmanager

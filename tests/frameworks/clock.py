@@ -25,9 +25,14 @@ def in_time(measure: Callable[[], Value], is_met: Callable[[Value], bool]) -> Va
         if is_met(values[-1]):
             print(f"measured: {values}")
             return values[-1]
-    if (waited := _waited()) > MAX_WAITING:
-        pytest.skip(f"programs waited for a core in {waited:.0%} of the time; measured: {values}")
+    skip_if_busy(f"measured: {values}")
     raise AssertionError(f"never met: {values}")
+
+
+def skip_if_busy(what: str) -> None:
+    """Skip the test if the machine has far too much to do."""
+    if (waited := _waited()) > MAX_WAITING:
+        pytest.skip(f"programs waited for a core in {waited:.0%} of the time; {what}")
 
 
 def _waited() -> float:

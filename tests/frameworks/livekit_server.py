@@ -47,6 +47,8 @@ class Member:
     """What is known of received tracks, and the tracks."""
     gets: set[str] = field(default_factory=set)
     """Ids of the tracks that are sent to the participant."""
+    subscribes: bool = True
+    """False if it asked for no tracks (``auto_subscribe=False``)."""
     turn: asyncio.Lock = field(default_factory=asyncio.Lock)
     answered: asyncio.Event = field(default_factory=asyncio.Event)
 
@@ -60,7 +62,7 @@ class Member:
         async with self.turn:
             new = []
             for other in self.room.members:
-                for info, track in other.tracks if other is not self else ():
+                for info, track in other.tracks if self.subscribes and other is not self else ():
                     if info.sid in self.gets:
                         continue
                     self.gets.add(info.sid)
@@ -104,6 +106,8 @@ class Room:
         self.info = models.Room(sid=f"RM_{next(NUMBERS)}", name=name)
         self.members: list[Member] = []
         self.relay = MediaRelay()
+        self.streams: dict[str, set[str]] = {}
+        """Whom byte and text streams are for; only their headers say it."""
 
     async def tell(self, member: Member) -> None:
         """Tell the others what a participant is now."""
@@ -116,6 +120,11 @@ class Room:
         packet = models.DataPacket.FromString(data)
         packet.participant_identity, packet.participant_sid = member.info.identity, member.info.sid
         wanted = set(packet.destination_identities)
+        kind = packet.WhichOneof("value") or ""
+        if kind == "stream_header":
+            self.streams[packet.stream_header.stream_id] = wanted
+        elif kind.startswith("stream_"):
+            wanted = self.streams.get(getattr(packet, kind).stream_id, set())
         for other in self.members:
             if other is not member and (not wanted or other.info.identity in wanted):
                 other.pass_on(label, packet.SerializeToString())
@@ -166,7 +175,7 @@ class LiveKitDouble:
             attributes=claims.get("attributes", {}),
             permission=models.ParticipantPermission(can_subscribe=True, can_publish=True, can_publish_data=True),
         )  # fmt: skip
-        member = Member(room, info, socket)
+        member = Member(room, info, socket, subscribes=request.query.get("auto_subscribe") != "0")
         self._listen(member)
         others = [other.info for other in room.members]
         room.members.append(member)
@@ -215,7 +224,9 @@ class LiveKitDouble:
 
     async def _published(self, member: Member) -> None:
         await member.room.tell(member)
-        await asyncio.gather(*(other.offer() for other in list(member.room.members) if other is not member))
+        await asyncio.gather(
+            *(other.offer() for other in list(member.room.members) if other is not member and other.subscribes)
+        )
 
     async def _hear(self, member: Member, request: Any) -> None:
         kind = request.WhichOneof("message")
