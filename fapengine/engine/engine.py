@@ -260,7 +260,7 @@ class Engine:
             rows = dict(zip(self._shown.sessions, shown, strict=True))
             shown = np.array([rows.get(name, np.zeros(fap.FAP_COUNT)) for name in self._names]).reshape(faps.shape)
         steps = np.abs(faps[:, JAW_AND_LIPS] - shown[:, JAW_AND_LIPS]).max(axis=1, initial=0)
-        fast = np.flatnonzero(steps > most)
+        fast = (steps > most).nonzero()[0]
         if len(fast):
             mouths, share = np.ix_(fast, MOUTH), most / steps[fast, None]
             faps[mouths] = np.rint(shown[mouths] + share * (faps[mouths] - shown[mouths]))

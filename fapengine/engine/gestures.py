@@ -194,7 +194,7 @@ class BatchGestures:
 
     def overlay(self, now_s: float) -> Overlay:
         """Everything but speech, of all rows, at a time that never goes back."""
-        for row in np.flatnonzero(self._due_s <= now_s):
+        for row in (self._due_s <= now_s).nonzero()[0]:
             self.draw(int(row), now_s)
         levels = self._ramps.values(now_s)
         expression = self._expression_faps @ levels[: len(EXPRESSIONS)]

@@ -76,6 +76,15 @@ SIDE_OPENING = 0.6
 """Opening at the sides, as a share of the middle's."""
 
 
+_COLUMNS = np.array([[fap.column(number) for number in numbers] for numbers in PAIRS]).T
+_INNER, _OUTER = _COLUMNS[:2], _COLUMNS[2:]
+"""(2, 3): columns of the upper and lower lip, in the middle, left and right."""
+_LEAST, _MOST = (
+    np.array(ends).reshape(3, 2).T for ends in zip(*(limits(n) for pair in PAIRS for n in pair[:2]), strict=True)
+)
+_SCALE = np.array([1.0, SIDE_OPENING, SIDE_OPENING])
+
+
 @dataclass(frozen=True, slots=True)
 class Hold:
     """Time in which a contact holds."""
@@ -161,28 +170,27 @@ def settle(faps: Array, held: Array) -> Array:
     """
     lips, teeth, vowels, jaw = held
     settled = faps.copy(order="K")
-    down = settled[..., fap.column(3)]
+    columns = settled.transpose(-1, *range(settled.ndim - 1))
+    down = columns[fap.column(3)]
     free = (1.0 - teeth) * (1.0 - vowels)
     down -= jaw * soft_positive(down + SOFTNESS_FAPU / 2 - SIBILANT_FAPU, SOFTNESS_FAPU)
-    for index, numbers in enumerate(PAIRS):
-        wished = [settled[..., fap.column(number)].copy() for number in numbers[:2]]
-        upper, lower = (np.clip(lip, *limits(number)) for lip, number in zip(wished, numbers, strict=False))
-        scale = SIDE_OPENING if index else 1.0
-        parted = vowels * soft_positive(scale * OPEN_FAPU + SOFTNESS_FAPU / 2 + upper + lower, SOFTNESS_FAPU)
-        upper, lower = upper - (1 - LOWER_SHARE) * parted, lower - LOWER_SHARE * parted
-        short = soft_positive(TEETH_FAPU + SOFTNESS_FAPU / 2 - lower, SOFTNESS_FAPU)
-        beyond = soft_positive(lower + SOFTNESS_FAPU / 2 - BITTEN_FAPU, SOFTNESS_FAPU)
-        lower = lower + teeth * (short - beyond)
-        opening = -(upper + lower)
-        parting = soft_positive(opening, SOFTNESS_FAPU)
-        # as far as nothing holds them open
-        near = NEAR_SHARE * free * (1.0 - smoothstep(parting / (scale * NEAR_FAPU)))
-        change = opening - (1.0 - lips) * ((1.0 - near) * parting)
-        share = LOWER_SHARE * (1.0 - teeth)
-        upper, lower = upper + (1.0 - share) * change, lower + share * change
-        carried = np.clip(upper, *limits(numbers[0]))
-        lips_now = carried, lower + upper - carried
-        for alike, before, now in zip((numbers[::2], numbers[1::2]), wished, lips_now, strict=True):
-            for number in alike:
-                settled[..., fap.column(number)] += now - before
+    least, most, scale = (part.reshape(*part.shape, *(1,) * lips.ndim) for part in (_LEAST, _MOST, _SCALE))
+    wished = columns[_INNER]
+    upper, lower = np.minimum(np.maximum(wished, least), most)  # (3, ...): middle, left, right
+    parted = vowels * soft_positive(scale * OPEN_FAPU + SOFTNESS_FAPU / 2 + upper + lower, SOFTNESS_FAPU)
+    upper, lower = upper - (1 - LOWER_SHARE) * parted, lower - LOWER_SHARE * parted
+    short = soft_positive(TEETH_FAPU + SOFTNESS_FAPU / 2 - lower, SOFTNESS_FAPU)
+    beyond = soft_positive(lower + SOFTNESS_FAPU / 2 - BITTEN_FAPU, SOFTNESS_FAPU)
+    lower = lower + teeth * (short - beyond)
+    opening = -(upper + lower)
+    parting = soft_positive(opening, SOFTNESS_FAPU)
+    # as far as nothing holds them open
+    near = NEAR_SHARE * free * (1.0 - smoothstep(parting / (scale * NEAR_FAPU)))
+    change = opening - (1.0 - lips) * ((1.0 - near) * parting)
+    share = LOWER_SHARE * (1.0 - teeth)
+    upper, lower = upper + (1.0 - share) * change, lower + share * change
+    carried = np.minimum(np.maximum(upper, least[0]), most[0])
+    change_of = np.stack([carried, lower + upper - carried]) - wished
+    columns[_INNER] += change_of
+    columns[_OUTER] += change_of
     return settled

@@ -99,7 +99,8 @@ class Composer:
         modes += jaws
         layer *= layer_gain(self._style.lips_gain * overlay.lips)
         faps = (self._lift @ weights).T
-        faps += give_way(overlay.expression, layer[ROUND]).T
+        if overlay.expression.any():
+            faps += give_way(overlay.expression, layer[ROUND]).T
         held[2] *= np.minimum(1.0, self._style.jaw_gain * overlay.jaw)
         settled = faps if self._style.method == "published" else settle(faps, held)
         settled += overlay.gestures.T

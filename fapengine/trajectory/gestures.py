@@ -460,7 +460,7 @@ def gesture_faps(levels: Array, waves: Array, since_s: Array) -> Array:
             _add(faps, numbers, DRIFTS_FAPU[numbers] * idle * drift)
     faps[fap.column(48)] += NOD_RAD / AU_RAD * nod
     _add(faps, (31, 32, 33, 34, 35, 36), BROW_FAPU * nod)
-    shut = np.clip(levels[Channel.BLINK], 0.0, 1.0)
+    shut = np.minimum(np.maximum(levels[Channel.BLINK], 0.0), 1.0)
     _add(faps, (19, 20), UPPER_LID * shut)
     _add(faps, (21, 22), LOWER_LID * shut)
     _move_eyes(faps, levels)

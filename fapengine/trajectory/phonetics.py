@@ -189,10 +189,8 @@ def give_way(expression: Array, held: Array) -> Array:
         Of rounded lips nothing is drawn wide or back, of spread ones nothing narrow.
     """
     narrow, spread = smoothstep(held / HELD), smoothstep(-held / HELD)
-    kept = expression.copy()
-    for column in CORNERS:
-        kept[column] -= narrow * soft_positive(expression[column], SOFT_FAPU)
-        kept[column] += spread * soft_positive(-expression[column], SOFT_FAPU)
-    for column in PUSHED:
-        kept[column] += narrow * soft_positive(-expression[column], SOFT_FAPU)
+    kept, corners, pushed = expression.copy(), list(CORNERS), list(PUSHED)
+    kept[corners] -= narrow * soft_positive(expression[corners], SOFT_FAPU)
+    kept[corners] += spread * soft_positive(-expression[corners], SOFT_FAPU)
+    kept[pushed] += narrow * soft_positive(-expression[pushed], SOFT_FAPU)
     return kept

@@ -191,7 +191,7 @@ class Ramps:
 
     def values(self, now_s: float) -> Array:
         """(C, rows): the value of every channel."""
-        for row in np.flatnonzero(self._due_s[: self._count] <= now_s):
+        for row in (self._due_s[: self._count] <= now_s).nonzero()[0]:
             self._begin_due(int(row), now_s)
         share = (now_s - self._begun_s[:, : self._count]) * self._rate[..., : self._count]
         way, momentum = _horner(self._quintic[..., : self._count], share)
