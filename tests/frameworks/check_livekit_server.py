@@ -31,7 +31,7 @@ from tests.frameworks.livekit_server import LiveKitDouble
 from tests.processes import free_port, start
 
 ROOT = Path(__file__).resolve().parents[2]
-LIMIT_S = 120
+LIMIT_S = 300
 
 
 def token(identity: str, **attributes: str) -> str:
@@ -94,8 +94,14 @@ async def room_with(url: str) -> AsyncIterator[tuple[Visitor, rtc.Room, DataStre
 
 
 async def say(output: DataStreamAudioOutput, length_s: float) -> None:
-    for frame in pieces(sound(length_s)):
-        await output.capture_frame(frame)
+    """Say something; the first audio waits for the face."""
+    try:
+        async with asyncio.timeout(LIMIT_S):
+            for frame in pieces(sound(length_s)):
+                await output.capture_frame(frame)
+    except TimeoutError:
+        skip_if_busy("no face came")
+        raise
     output.flush()
 
 
@@ -128,8 +134,7 @@ def test_an_agent_speaks_by_a_worker_in_its_room() -> None:
 
     async def spoken() -> tuple[Visitor, list[Any]]:
         async with LiveKitDouble().open() as url, worker(url), room_with(url) as (visitor, _, output, events):
-            async with asyncio.timeout(LIMIT_S):
-                await say(output, 2.0)
+            await say(output, 2.0)
             await until(lambda: finished(events))
             await say_low(output, 30.0)
             await until(lambda: events.count("started") == 2 or len(finished(events)) == 2)
@@ -155,8 +160,7 @@ def test_a_worker_that_is_killed_leaves_and_the_next_one_speaks() -> None:
     async def spoken() -> list[Any]:
         async with LiveKitDouble().open() as url, room_with(url) as (visitor, agent, output, events):
             async with worker(url) as first:
-                async with asyncio.timeout(LIMIT_S):
-                    await say(output, 1.0)
+                await say(output, 1.0)
                 await until(lambda: finished(events))
                 first.kill()
                 await until(lambda: "avatar" not in agent.remote_participants)
@@ -211,8 +215,7 @@ def test_a_remote_face_joins_speaks_and_leaves_with_its_agent() -> None:
             avatar = AvatarSession(remote=workers, **secrets)
             await avatar.start(session, agent)  # type: ignore[arg-type]
             session.output.tail.on("playback_finished", events.append)
-            async with asyncio.timeout(LIMIT_S):
-                await say(session.output.tail, 2.0)
+            await say(session.output.tail, 2.0)
             await until(lambda: events and visitor.pictures > 5 and visitor.loudest > 2000)
             attributes = dict(visitor.room.remote_participants[avatar.avatar_identity].attributes)
             await avatar.aclose()
