@@ -23,9 +23,9 @@ from tests.unit.recognition.speech import BABY, FAPU_MM, closures, no_speech, op
 
 PIECE = RATE_HZ // 50
 MIN_LIKENESS = 0.75
-"""Correlation with the lips of the true phones: 0.88, and 0.81 if the process is as late as :data:`LAG_S` allows."""
+"""Correlation with the lips of the true phones: 0.905; less if the process is as late as :data:`LAG_S` allows."""
 LAG_S = 0.04
-"""Sound that an ear may not have heard yet: two frames. The face follows after 0.3 s: more shows in its lips."""
+"""Sound that an ear may not have heard yet: two frames. The face follows after 0.25 s: more shows in its lips."""
 
 
 async def tell_sound(face: Client, server: Server, clock: PatientClock, samples: NDArray[np.int16]) -> None:
