@@ -7,7 +7,7 @@ from design.face_page import pose
 from fapengine.files.profiles import load_profile
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.deform import deform
-from fapengine.mesh.face_mesh import FaceMesh, Material
+from fapengine.mesh.face_mesh import Bone, FaceMesh, Material
 
 
 def smile(head: FaceMesh) -> np.ndarray:
@@ -50,3 +50,27 @@ def test_a_smile_bends_the_cheek_no_more_than_a_cheek_bends() -> None:
     first, second = normals(smile(head), triangles)[pairs]
     bend_deg = np.rad2deg(np.arccos(np.clip((first * second).sum(axis=-1), -1, 1)))
     assert np.percentile(bend_deg, 95) < 15.0  # 26 at the dent
+
+
+def test_a_lifted_cheek_has_no_step_beside_the_mouth() -> None:
+    """Where its motion ends, which was seen as a ripple above the corner of a smiling mouth."""
+    head = build_head()
+    basis = head.basis
+    lifts = [number for number, channel in enumerate(basis.channels) if channel.fap == 41]
+    mine = np.isin(basis.entry_channels, lifts)
+    moves = np.zeros(len(head.vertices_mm))
+    moves[basis.entry_vertices[mine]] = np.linalg.norm(basis.entry_mm[mine], axis=1)
+    triangles = skin_triangles(head, (15.0, -30.0), (45.0, -12.0))
+    at_the_end = triangles[(moves[triangles] == 0).any(axis=1)]
+    assert len(at_the_end) > 20
+    assert moves[at_the_end].max() < 0.1 * moves.max()  # 0.21 where it was cut off
+
+
+def test_a_smile_lowers_the_upper_teeth_before_the_lower_ones() -> None:
+    """Films of speech show less of them, so they come down with the corners of the mouth alone."""
+    head = build_head()
+    upper = (head.material == Material.TEETH) & (head.bone == Bone.NONE)
+    assert upper.sum() > 200
+    fallen = (head.vertices_mm - smile(head))[upper, 1]
+    assert fallen == pytest.approx(2.2, abs=0.01)
+    assert deform(head, pose(load_profile("grid_s1_en"), "ɑ"))[upper] == pytest.approx(head.vertices_mm[upper])
