@@ -26,7 +26,7 @@ def run(cases: int, seed: int, python_every: int) -> None:
     decoded = compared = 0
     for case in range(cases):
         rng = np.random.default_rng([seed, case])
-        frames, pieces = int(rng.integers(1, 40)), int(rng.choice([3, 50, 100_000]))
+        frames, pieces = int(rng.integers(1, 40)), int(rng.choice([60, 1000, 100_000]))
         kernels.loops = compiled
         stream = random_stream(rng, frames)
         noise = stream[: rng.integers(5, 60)] + rng.bytes(int(rng.integers(200)))
