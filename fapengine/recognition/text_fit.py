@@ -63,7 +63,13 @@ def fits(aligner: SphinxAligner, aligned: Sequence[Aligned], samples: NDArray[np
 
 
 def _spans(aligned: Sequence[Aligned]) -> list[tuple[int, int]]:
-    """Frames between pauses, first and the one after the last: pauses fit any text, and the network is sure of them."""
+    """Frames between pauses, first and the one after the last: pauses fit any text, and the network is sure of them.
+
+    Examples
+    --------
+    >>> _spans([Aligned(0, "a", 0, *frames, "AA") for frames in ((3, 9), (20, 40), (65, 80))])
+    [(3, 40), (65, 80)]
+    """
     spans = [(aligned[0].first, aligned[0].behind)]
     for phone in aligned[1:]:
         if phone.first - spans[-1][1] < PAUSE:
