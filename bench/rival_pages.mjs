@@ -113,7 +113,7 @@ function transform(real, imaginary) {
   }
 }
 
-// As its own example shows it: the viseme comes, the others go, by a fifth a frame for vowels, by two fifths else.
+// wawa names a viseme; here its weight rises and the others fall by a fifth a frame for vowels, by two fifths else.
 async function wawa() {
   let analyser = null;
   globalThis.window = { AudioContext: class { sampleRate = rate; createAnalyser = () => (analyser = new Analyser()); } };
