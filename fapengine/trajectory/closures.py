@@ -79,7 +79,7 @@ SIDE_OPENING = 0.6
 _COLUMNS = np.array([[fap.column(number) for number in numbers] for numbers in PAIRS]).T
 _INNER, _OUTER = _COLUMNS[:2], _COLUMNS[2:]
 """(2, 3): columns of the upper and lower lip, in the middle, left and right."""
-_LEAST, _MOST = (
+_LOW, _HIGH = (
     np.array(ends).reshape(3, 2).T for ends in zip(*(limits(n) for pair in PAIRS for n in pair[:2]), strict=True)
 )
 _SCALE = np.array([1.0, SIDE_OPENING, SIDE_OPENING])
@@ -174,9 +174,9 @@ def settle(faps: Array, held: Array) -> Array:
     down = columns[fap.column(3)]
     free = (1.0 - teeth) * (1.0 - vowels)
     down -= jaw * soft_positive(down + SOFTNESS_FAPU / 2 - SIBILANT_FAPU, SOFTNESS_FAPU)
-    least, most, scale = (part.reshape(*part.shape, *(1,) * lips.ndim) for part in (_LEAST, _MOST, _SCALE))
+    low, high, scale = (part.reshape(*part.shape, *(1,) * lips.ndim) for part in (_LOW, _HIGH, _SCALE))
     wished = columns[_INNER]
-    upper, lower = np.minimum(np.maximum(wished, least), most)  # (3, ...): middle, left, right
+    upper, lower = np.minimum(np.maximum(wished, low), high)  # (3, ...): middle, left, right
     parted = vowels * soft_positive(scale * OPEN_FAPU + SOFTNESS_FAPU / 2 + upper + lower, SOFTNESS_FAPU)
     upper, lower = upper - (1 - LOWER_SHARE) * parted, lower - LOWER_SHARE * parted
     short = soft_positive(TEETH_FAPU + SOFTNESS_FAPU / 2 - lower, SOFTNESS_FAPU)
@@ -189,7 +189,7 @@ def settle(faps: Array, held: Array) -> Array:
     change = opening - (1.0 - lips) * ((1.0 - near) * parting)
     share = LOWER_SHARE * (1.0 - teeth)
     upper, lower = upper + (1.0 - share) * change, lower + share * change
-    carried = np.minimum(np.maximum(upper, least[0]), most[0])
+    carried = np.minimum(np.maximum(upper, low[0]), high[0])
     change_of = np.stack([carried, lower + upper - carried]) - wished
     columns[_INNER] += change_of
     columns[_OUTER] += change_of
