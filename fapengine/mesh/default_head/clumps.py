@@ -33,7 +33,7 @@ TOP_MM = 144.0
 """Height above which the scalp is not measured."""
 EARS_MM = 36.0
 """Height from which long hair hangs."""
-FRONT_MM = 5.0
+FRONT_MM = 2.5
 """Additional height of short hair over the forehead."""
 EAR_MM, CLOSE_SIDES = 7.0, 0.5
 """Additional height of hanging hair over an ear; fraction of its height that short hair loses there."""
@@ -110,7 +110,7 @@ CUTS = {
         layers=(
             _Layer(np.linspace(0.05, 0.90, 9), 0.16, 0.96, 0.03, 26.0, 1.8),
             _Layer(np.linspace(0.02, 0.84, 7), 0.40, 0.98, 0.03, 22.0, 2.0),
-            _Layer(np.linspace(0.45, 0.90, 5), 0.05, 0.68, 0.10, 24.0, 3.4),
+            _Layer(np.linspace(0.45, 0.90, 5), 0.05, 0.68, 0.10, 24.0, 2.8),
         ),
     ),
     "bob": _Cut(
