@@ -1,8 +1,9 @@
 """Cost of a voice agent's face: seconds of processor for a second of face, and so agents on one core.
 
-``python -m bench.agents`` measures each part by itself on one spoken text, at 25 frames a second and 512 x 512, and
-prints agents a core; ``--plot FILE.svg`` draws it (matplotlib). Drawing is on this machine's OpenGL; without a GPU that
-is Mesa's llvmpipe, which takes all cores: processor time counts, not the clock. ``--json`` for programs.
+``python -m bench.agents`` measures each part by itself on one spoken text, at 25 frames a second and 512 x 512 or
+``--size``, and prints agents a core; ``--plot FILE.svg`` draws it (matplotlib). It draws by ``--renderer``: ``native``,
+``gl``, or by default as an agent would. OpenGL in software takes all cores: processor time counts, not the clock.
+``--json`` for programs.
 
 ``--minutes N`` has two bots of Pipecat speak in one process beside a process that only computes, and counts: audio that
 went in and came out, images drawn and skipped, memory. It needs the environment of :mod:`bench.latency`'s Pipecat.
@@ -17,6 +18,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -32,6 +34,7 @@ from fapengine.recognition.protocol import Recognizer
 from fapengine.recognition.small_recognizer import SmallRecognizer
 from fapengine.recognition.sphinx_recognizer import SphinxRecognizer
 from fapengine.render.drawing import RenderOptions, parse_edges
+from fapengine.render.native import NativeRenderer, open_renderer
 from fapengine.render.renderer import FaceRenderer
 from fapengine.speech.marks import words_of
 from fapengine.voices.espeak import EspeakVoice
@@ -71,6 +74,7 @@ SAID_NOW = (
 )
 """Sentences whose cost is measured: 39 of their 65 words are among :data:`DIALOGUE`."""
 RATE_HZ, SIDE_PX = 25, 512
+Renderer = FaceRenderer | NativeRenderer
 DRAWN = 100
 """Frames of which drawing and encoding are measured."""
 
@@ -94,7 +98,7 @@ def _cpu_s(work: Callable[[], object], seconds: float, repeats: int = 3) -> floa
     return min(costs)
 
 
-def measured() -> dict[str, float]:
+def measured(side_px: int = SIDE_PX, renderer: str = "auto") -> dict[str, float]:
     """Processor time of each part for a second of face, s."""
     voice, profile = EspeakVoice("en-us"), load_profile("grid_s1_en")
     speech = voice.speak(TEXT)
@@ -108,56 +112,54 @@ def measured() -> dict[str, float]:
         stage.words(words)
         return _shown(stage, speech.samples, speech.sample_rate_hz)
 
-    def by_ear(ear: Callable[[], Recognizer]) -> list[np.ndarray]:
-        stage = StreamHost(profile, rng=np.random.default_rng(1), recognizer=DirectRecognizer(ear()))
+    def by_recognizer(make: Callable[[], Recognizer]) -> list[np.ndarray]:
+        stage = StreamHost(profile, rng=np.random.default_rng(1), recognizer=DirectRecognizer(make()))
         return _shown(stage, speech.samples, speech.sample_rate_hz)
 
     frames = by_words()
     costs = {"stage, alone": _cpu_s(by_words, length_s)}
     costs |= _pronouncing(voice)
-    ears: dict[str, Callable[[], Recognizer]] = {"PocketSphinx": SphinxRecognizer, "small ear": SmallRecognizer}
-    for name, ear in ears.items():
-        costs[name] = max(_cpu_s(partial(by_ear, ear), length_s) - costs["stage, alone"], 0.0)
+    for name, make in {"PocketSphinx": SphinxRecognizer, "small recognizer": SmallRecognizer}.items():
+        costs[name] = max(_cpu_s(partial(by_recognizer, make), length_s) - costs["stage, alone"], 0.0)
     count = len(frames)
     track = FapTrack.from_values(np.array(frames), rate_hz=RATE_HZ)
     costs["FAPs as OSC"] = _cpu_s(lambda: encode_track(track, session="a"), count / RATE_HZ)
-    return costs | _pictures(frames)
+    return costs | _pictures(frames, RenderOptions(size=(side_px, side_px), renderer=renderer))
 
 
-def _pictures(frames: list[np.ndarray]) -> dict[str, float]:
+def _pictures(frames: list[np.ndarray], drawing: RenderOptions) -> dict[str, float]:
     """Processor time of drawing and encoding for a second of face: as an agent speaks, and as it listens."""
-    size: tuple[int, int] = (SIDE_PX, SIDE_PX)
     listening: list[bytes] = []
-    head = load_head_for_calls("default", size)
-    hard = RenderOptions(size=size, samples=parse_edges("none"))
-    with FaceRenderer(head, RenderOptions(size=size)) as renderer, FaceRenderer(head, hard) as other:
+    head = load_head_for_calls("default", drawing.size)
+    hard = replace(drawing, samples=parse_edges("none"))
+    with open_renderer(head, drawing) as renderer, open_renderer(head, hard) as other:
         pictures = [renderer.draw(faps).copy() for faps in frames[:DRAWN]]
         works: dict[str, Callable[[], object]] = {
             "drawing": lambda: [renderer.draw(faps).tobytes() for faps in frames[:DRAWN]],
             "drawing, listening": lambda: listening.extend(_listened(renderer)),
             "drawing, hard edges": lambda: [other.draw(faps).tobytes() for faps in frames[:DRAWN]],
             "VP8, 500 kbit/s": lambda: _vp8(pictures),
-            "VP8, listening": lambda: _vp8([_as_picture(each) for each in listening[:DRAWN]]),
+            "VP8, listening": lambda: _vp8([_as_picture(each, drawing.size) for each in listening[:DRAWN]]),
         }
         rounds = [{name: _cpu_s(work, DRAWN / RATE_HZ, repeats=1) for name, work in works.items()} for _ in range(6)]
     return {name: min(costs[name] for costs in rounds) for name in works}
 
 
-def _as_picture(pixels: bytes) -> np.ndarray:
-    return np.frombuffer(pixels, np.uint8).reshape(SIDE_PX, SIDE_PX, 3)
+def _as_picture(pixels: bytes, size: tuple[int, int]) -> np.ndarray:
+    return np.frombuffer(pixels, np.uint8).reshape(size[1], size[0], 3)
 
 
 class _PainterHere:
     """Stands in for the process that draws."""
 
-    def __init__(self, renderer: FaceRenderer) -> None:
+    def __init__(self, renderer: Renderer) -> None:
         self._renderer = renderer
 
     async def picture(self, faps: np.ndarray) -> bytes:
         return self._renderer.draw(faps).tobytes()
 
 
-def _listened(renderer: FaceRenderer) -> list[bytes]:
+def _listened(renderer: Renderer) -> list[bytes]:
     """Pictures of an agent that nobody lets speak, its stage's work among them."""
     actor = AgentFace(StreamHost(load_profile("grid_s1_en"), rng=np.random.default_rng(1)), RATE_HZ)
     actor.painter = _PainterHere(renderer)  # type: ignore[assignment]
@@ -205,7 +207,7 @@ def _vp8(pictures: list[np.ndarray]) -> None:
     }  # fmt: skip
     with av.open(io.BytesIO(), "w", format="webm") as container:
         stream = container.add_stream("libvpx", rate=RATE_HZ, options=options)
-        stream.width = stream.height = SIDE_PX
+        stream.height, stream.width = pictures[0].shape[:2]
         stream.pix_fmt, stream.bit_rate, stream.thread_count = "yuv420p", 500_000, 1
         for picture in pictures:
             container.mux(stream.encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24")))
@@ -214,12 +216,12 @@ def _vp8(pictures: list[np.ndarray]) -> None:
 
 KINDS = {
     "drawn, PocketSphinx": ("stage, alone", "PocketSphinx", "drawing", "VP8, 500 kbit/s"),
-    "drawn, small ear": ("stage, alone", "small ear", "drawing", "VP8, 500 kbit/s"),
+    "drawn, small recognizer": ("stage, alone", "small recognizer", "drawing", "VP8, 500 kbit/s"),
     "drawn, with words": ("stage, alone", "words, one by one", "drawing", "VP8, 500 kbit/s"),
     "drawn, hard edges, words": ("stage, alone", "words, one by one", "drawing, hard edges", "VP8, 500 kbit/s"),
     "drawn, listening": ("drawing, listening", "VP8, listening"),
     "FAPs, PocketSphinx": ("stage, alone", "PocketSphinx", "FAPs as OSC"),
-    "FAPs, small ear": ("stage, alone", "small ear", "FAPs as OSC"),
+    "FAPs, small recognizer": ("stage, alone", "small recognizer", "FAPs as OSC"),
     "FAPs, word by word": ("stage, alone", "words, one by one", "FAPs as OSC"),
     "FAPs, by sentences": ("stage, alone", "words, by sentences", "FAPs as OSC"),
     "FAPs, with phones": ("stage, alone", "FAPs as OSC"),
@@ -324,21 +326,23 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--plot", type=Path, metavar="FILE.svg")
+    parser.add_argument("--size", type=int, default=SIDE_PX, metavar="PIXELS", help="width and height")
+    parser.add_argument("--renderer", choices=("auto", "native", "gl"), default="auto")
     parser.add_argument("--minutes", type=float, help="two bots that speak for so long")
     given = parser.parse_args()
     if given.minutes:
         asyncio.run(soak(given.minutes))
         return
-    costs = measured()
+    costs = measured(given.size, given.renderer)
     if given.plot:
         _plot(costs, given.plot)
     if given.json:
         print(json.dumps({"cpu_s": costs, "agents_a_core": agents_a_core(costs)}))
         return
     for part, cost_s in costs.items():
-        print(f"{part:20s} {1e3 * cost_s:7.1f} ms of processor for a second of face")
+        print(f"{part:25s} {1e3 * cost_s:7.1f} ms of processor for a second of face")
     for kind, count in agents_a_core(costs).items():
-        print(f"{kind:20s} {count:7.1f} agents on one core")
+        print(f"{kind:25s} {count:7.1f} agents on one core")
 
 
 if __name__ == "__main__":
