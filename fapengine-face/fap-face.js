@@ -210,7 +210,7 @@ export class FapFace extends (globalThis.HTMLElement ?? Object) {
     await session.play(true);
   }
 
-  // Sound that somebody speaks, as an Int16Array, mono: it is played 0.3 s later, when the face says it.
+  // Sound that somebody speaks, as an Int16Array, mono: it is played 0.25 s later, when the face says it.
   push(samples, rate) {
     return this.serverSession("push").push(samples, rate);
   }

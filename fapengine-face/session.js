@@ -7,7 +7,7 @@ import { Utterances } from "./utterances.js";
 
 const LAGS = 90;
 const PIECE_S = 0.1; // of sound, in one message
-const EAR_DELAY_S = 0.3; // the face moves so long after the sound that moves it was sent
+const EAR_DELAY_S = 0.25; // the face moves so long after the sound that moves it was sent
 
 // Events, each with a detail: connection (name), refused (why), hello and message (what the server said), stand (whether
 // the face stands still), begin, phone (utterance, label, word, position_s), started, finished, cancelled (utterance).
@@ -129,7 +129,7 @@ export class Session extends EventTarget {
     return this.send("cancel");
   }
 
-  // Sound of somebody who speaks, int16 and mono: the server's ear hears it, and the face moves 0.3 s later, when
+  // Sound of somebody who speaks, int16 and mono: the server's ear hears it, and the face moves 0.25 s later, when
   // it is played here, too.
   // It may come faster than it is heard, as of a TTS or a file: it is sent on as a microphone would.
   push(samples, rate) {

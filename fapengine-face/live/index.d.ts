@@ -16,7 +16,7 @@ export interface TimedWord {
   /** s, 0 or later. */
   start: number;
   /** By default the next start, or as long as it takes to say. */
-  end?: number;
+  end?: number | null;
 }
 
 /** How a face speaks. */
@@ -78,7 +78,7 @@ export interface HearOptions {
 export interface LiveSayOptions {
   /** Position of what is heard now, s. */
   clock?: () => number;
-  /** What is said before goes on, with its clock; by default it ends. */
+  /** What is said before goes on, with its clock, and a text follows it; by default it ends. */
   add?: boolean;
   /** Phones of a word (IPA), a list or a text with spaces, for languages other than English. */
   pronounce?: (word: string, index: number, words: string[]) => Spoken | Promise<Spoken>;
@@ -88,7 +88,7 @@ export type Spoken = string | string[] | null | undefined;
 
 /** Words that are said. */
 export interface SaidWords {
-  words: Required<TimedWord>[];
+  words: { text: string; start: number; end: number }[];
   /** Those that have no phones. */
   unread: string[];
 }

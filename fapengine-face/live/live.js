@@ -75,6 +75,7 @@ export class Live extends EventTarget {
     this.deaf = 0; // phones of sound before it are not said
     this.isSpeaking = false;
     this.spokenUntil = -Infinity;
+    this.saidUntil = 0; // where a text that is added begins
     this.pause = 0;
     this.sampled = -Infinity; // when, by the page's clock
     this.recognizer = this.pieces = null;
@@ -187,7 +188,8 @@ export class Live extends EventTarget {
   }
 
   // Says phones, { label, start, end, word?, loudness? }, s; or, later, a text, or words, { text, start, end? }. clock: gives
-  // the position of what is heard now, s; by default it begins now. add: what is said before goes on, with its clock.
+  // the position of what is heard now, s; by default it begins now. add: what is said before goes on, with its clock; a text
+  // follows it.
   // pronounce: gives the phones of a word, a list or a text with spaces, or a promise of them; by default words-en does.
   // Of words it resolves to { words, unread }: their times, and those without phones; null if something else was begun.
   say(said, { clock, add = false, pronounce } = {}) {
@@ -204,18 +206,24 @@ export class Live extends EventTarget {
       this.clock = clock ?? (() => seconds() - begun);
     }
     this.coming = [...this.coming, ...checked].sort((one, other) => one.start - other.start);
+    this.saidUntil = Math.max(this.saidUntil, ...checked.slice(-1).map(({ end }) => end));
   }
 
   async sayWords(said, clock, add, pronounce) {
     const turn = (this.turn = (add && this.turn) || {});
     const voice = pronounce
       ? { pronounce: (words) => Promise.all(words.map((word, index) => pronounce(word, index, words))) }
-      : await this.english();
-    const { phones, words, unread } = await phonesOf(said, voice);
+      : this.english();
+    const made = Promise.resolve(voice).then((known) => phonesOf(said, known));
+    await (turn.last = Promise.allSettled([made, turn.last])); // what is added keeps its order
+    const { phones, words, unread, end } = await made;
     if (this.turn !== turn) return null;
-    this.say(phones, { clock, add });
+    const from = typeof said === "string" && add && this.clock && !this.run ? Math.max(this.saidUntil, this.now()) : 0;
+    const moved = (one) => ({ ...one, start: one.start + from, end: one.end + from });
+    this.say(phones.map(moved), { clock, add });
+    this.saidUntil = Math.max(this.saidUntil, from + end);
     this.turn = turn; // whoever adds to these goes on
-    return { words, unread };
+    return { words: words.map(moved), unread };
   }
 
   async english() {
@@ -245,6 +253,7 @@ export class Live extends EventTarget {
     this.fed = [];
     this.coming = [];
     this.turn = null;
+    this.saidUntil = 0;
     if (this.isSpeaking) this.tell("cancelled");
     this.isSpeaking = false;
   }
@@ -278,11 +287,16 @@ export class Live extends EventTarget {
     return faps;
   }
 
+  // Position of what is shown now, s.
+  now() {
+    const heard = this.clock?.();
+    return Math.max(Number.isFinite(heard) ? heard : 0, this.position, 0);
+  }
+
   // Writes the FAPs of now, by the page's clock in s; returns the position of what is shown.
   sample(now, faps) {
     this.sampled = now;
-    const heard = this.clock?.();
-    const time = Math.max(Number.isFinite(heard) ? heard : 0, this.position, 0);
+    const time = this.now();
     this.feed(time);
     if (!this.still) this.gestures ??= new Gestures(this.seed, now);
     this.gestures?.draw(now, this.planner.phones, now - time);
@@ -350,7 +364,8 @@ export class Live extends EventTarget {
 }
 
 function checkedWord(word) {
-  const { text, start, end } = word ?? {};
+  const { text, start } = word ?? {};
+  const end = word?.end ?? undefined; // in JSON, what is not known is null
   const isEnd = end === undefined || (Number.isFinite(end) && end >= start);
   if (typeof text === "string" && Number.isFinite(start) && start >= 0 && isEnd) return { text, start, end };
   throw new TypeError(`say: got ${JSON.stringify(word)}, expected a word { text, start, end } with times in s`);

@@ -90,7 +90,7 @@ function groupsOf(words, pauses) {
 
 function partsOf(spoken) {
   const labels = typeof spoken === "string" ? spoken.trim().split(/\s+/) : (spoken ?? []);
-  if (!Array.isArray(labels)) throw new TypeError(`pronounce: got ${JSON.stringify(spoken)}, expected phones, a list or a text with spaces between them`);
+  if (!Array.isArray(labels) || labels.some((label) => label && typeof label !== "string")) throw new TypeError(`pronounce: got ${JSON.stringify(spoken)}, expected phones, a list or a text with spaces between them`);
   return labels.filter(Boolean).map((label) => ({ label }));
 }
 
@@ -107,7 +107,7 @@ async function pronounced(texts, voice) {
 
 // Phones of a text, or of words with times. voice: its pronounce gives the phones of words that follow each other, a list
 // or a text with spaces for each; its continues tells whether a word's point is an abbreviation's. Returns phones, the
-// words with their times, and the words that have no phones.
+// words with their times, the words that have no phones, and where what follows a text begins.
 export async function phonesOf(said, voice) {
   const isText = typeof said === "string";
   const words = isText ? said.trim().split(/\s+/).filter(Boolean).map((text) => ({ text })) : timesOf(said);
@@ -128,5 +128,5 @@ export async function phonesOf(said, voice) {
     timed.push(placed);
     now = placed.end + (isText ? pauses[index] : 0);
   });
-  return { phones, words: timed, unread };
+  return { phones, words: timed, unread, end: now };
 }

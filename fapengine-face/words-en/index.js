@@ -4,7 +4,7 @@
 import { bytesOf } from "../live/bytes.js";
 import { isVowel } from "../live/words.js";
 import { Letters } from "./letters.js";
-import { clock, inWords, ordinal } from "./numbers.js";
+import { clock, decade, inWords, ordinal } from "./numbers.js";
 import { spokenForms } from "./spoken.js";
 import { SPOKEN } from "./table.js";
 
@@ -16,7 +16,9 @@ const SIGNS = { "-": "minus", "−": "minus", "%": "percent", "&": "and", "@": "
 const PLAIN = { ß: "ss", æ: "ae", œ: "oe", ø: "o", ł: "l", đ: "d", ð: "th", þ: "th" };
 const INITIALS = /^[^\p{L}\p{N}]*((?:\p{L}\.)+\p{L}?)[^\p{L}\p{N}]*$/u;
 const LONGEST = 60; // letters of a word that are read
-const TOKEN = /(\d\d?):(\d\d)(?!\d)|(\d+(?:,\d{3}(?!\d))*(?:\.\d+)?)(?:(st|nd|rd|th)(?!\p{L}))?|([\p{L}\p{Mn}'’]+)|([%&@+=°$£€¥₹]|(?<![\p{L}\p{N}])[-−](?=\d))|(\.)(?=[\p{L}])/giu;
+const WRITTEN = 400; // characters between two spaces that are read
+const HALF_OF_DAY = /^ ?[ap]\.?m\b/i;
+const TOKEN = /(\d\d?):(\d\d)(?!\d)|(\d*)([¼½¾⅓⅔⅛])|(?<!\d)([2-9]0)s(?!\p{L})|(\d+(?:,\d{3}(?!\d))*(?:\.\d+)?)(?:(st|nd|rd|th)(?!\p{L}))?|([\p{L}\p{Mn}'’]+)|([%&@+=°$£€¥₹]|(?<![\p{L}\p{N}])[-−](?=\d))|(\.)(?=[\p{L}])/giu;
 const SPELLED = new Set("AI API CEO EU FAQ ID IO IP IT OS UI UK UN URL US USA USB".split(" ")); // of capitals that could be read
 // Before another word of the same phrase; the second, if there is one, before a vowel.
 const WEAK = {
@@ -51,7 +53,8 @@ export class English {
 
   // Phones of words that follow each other, without a pause between them: a list for each, null where it is not English.
   pronounce(texts) {
-    const tokens = spokenForms(texts).flatMap((said, owner) => this.tokens(said).map((word) => ({ word, owner })));
+    const forms = spokenForms(texts.map((text) => text.slice(0, WRITTEN)));
+    const tokens = forms.flatMap((said, owner) => this.tokens(said, forms[owner - 1], forms[owner + 1]).map((word) => ({ word, owner })));
     const found = texts.map(() => []);
     for (let index = tokens.length - 1, next = null; index >= 0; --index) {
       const { word, owner } = tokens[index];
@@ -69,16 +72,24 @@ export class English {
   }
 
   // Words of letters, as they are read; null for what is not in Latin letters. Capitals without a vowel are read one by one.
-  tokens(said) {
+  tokens(said, before = "", next = "") {
     const words = [];
+    let isHour = /\d$/.test(before);
     const initials = INITIALS.exec(said)?.[1].replace(/\./g, "").toUpperCase();
-    for (const [, hour, minutes, number, ending, letters, sign, point] of (initials ?? said).matchAll(TOKEN)) {
-      if (hour) words.push(...clock(Number(hour), Number(minutes)).split(" "));
+    for (const match of (initials ?? said).matchAll(TOKEN)) {
+      const [all, hour, minutes, whole, part, tens, number, ending, letters, sign, point] = match;
+      if (hour) {
+        const isInHalf = HALF_OF_DAY.test(`${said.slice(match.index + all.length)} ${next}`);
+        words.push(...clock(Number(hour), Number(minutes), isInHalf ? "" : "o'clock").split(" "));
+      } else if (part) words.push(...`${whole && `${inWords(whole)} and `}${SPOKEN.fractions[part.normalize("NFKD").replace("⁄", "/")]}`.split(" "));
+      else if (tens) words.push(...decade(Number(tens)).split(" "));
       else if (initials && letters) words.push(...letters);
+      else if (isHour && /^am$/i.test(letters)) words.push("A", "M");
       else if (number) words.push(...(ending && number.length < 16 ? ordinal(Number(number.replace(/,/g, ""))) : inWords(number)).split(" "));
       else if (sign) words.push(SIGNS[sign]);
       else if (point) words.push("dot");
       else words.push(...this.wordOf(letters));
+      isHour = Boolean(hour || number);
     }
     return words;
   }
@@ -95,7 +106,7 @@ export class English {
 
   // Phones of a word between the word before and the phones of the next; a capital is the name of a letter.
   inPhrase(word, before, next) {
-    if (word === "A") return ["eɪ"];
+    if (word === "A" || (word === "a" && before && !next)) return ["eɪ"]; // plan A, Q&A
     const isWeak = next && Object.hasOwn(WEAK, word);
     if (isWeak) {
       const [usual, beforeVowel = usual] = WEAK[word];

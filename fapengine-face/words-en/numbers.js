@@ -54,9 +54,10 @@ export function roman(letters) {
   return values.reduce((total, value, index) => total + (value < Math.max(...values.slice(index)) ? -value : value), 0);
 }
 
-export function clock(hour, minutes) {
-  const after = minutes === 0 ? "o'clock" : minutes < 10 ? `oh ${SMALL[minutes]}` : cardinal(minutes);
-  return `${cardinal(hour)} ${after}`;
+// onTheHour: what follows the hour then.
+export function clock(hour, minutes, onTheHour) {
+  const after = minutes === 0 ? onTheHour : minutes < 10 ? `oh ${SMALL[minutes]}` : cardinal(minutes);
+  return `${cardinal(hour)} ${after}`.trim();
 }
 
 // A number as it is written, 1,234.5: in words.

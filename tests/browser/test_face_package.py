@@ -15,6 +15,7 @@ import pytest
 from design import face_package
 from fapengine.codec.fapfile import format_fap
 from fapengine.files.sound import save_wav
+from fapengine.host.hearing import DELAY_S
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack
 from fapengine.retarget.blend import ARKIT_NAMES
@@ -179,6 +180,11 @@ def test_a_file_is_played_with_its_sound_and_without_a_server(shop: Page, site: 
     assert told[0] == 31
     for part, text in zip(("frame 30", "2.1 name rate", "no frame"), told[1:], strict=True):
         assert part in text
+
+
+def test_a_page_plays_what_it_pushes_when_the_server_moves_the_face() -> None:
+    source = (face_package.SOURCE / "session.js").read_text(encoding="utf-8")
+    assert f"EAR_DELAY_S = {DELAY_S};" in source
 
 
 def test_frames_of_a_data_channel_are_shown(shop: Page) -> None:

@@ -222,12 +222,22 @@ SAYINGS = {
     "café 东京 me@b.com": "k ə f eɪ||m i ə t b i d ɑ t k ɑ m",
     "The nth xkcd: -5, 2x. 1,2": "ð i|ɛ n θ|ɛ k s k eɪ s i d i|m aɪ n ə s f aɪ v|t u ɛ k s|w ʌ n t u",
     "What is it made of": "w ʌ t|ɪ z|ɪ t|m eɪ d|ʌ v",
+    "3:00 pm 3:05 AM 7am 3:00": "θ ɹ i|p i ɛ m|θ ɹ i oʊ f aɪ v|eɪ ɛ m|s ɛ v ə n eɪ ɛ m|θ ɹ i ə k l ɑ k",
+    "the '90s 1½ ½": "ð ə|n aɪ n t i z|w ʌ n ə n d w ʌ n h æ f|w ʌ n h æ f",
+    "A Q&A": "ə|k j u ə n d eɪ",
 }
 
 
 def test_it_reads_letters_numbers_weak_forms_and_words_of_two_readings(package: Path) -> None:
     found = run(package, pronounce=[text.split() for text in SAYINGS])["pronounce"]
     assert ["|".join(" ".join(word or []) for word in one) for one in found] == list(SAYINGS.values())
+
+
+def test_a_word_without_an_end_is_read_in_part(package: Path) -> None:
+    words = ["1" * 100_000, "a@" * 50_000, "$1" * 30_000, "-" * 100_000]
+    (found,) = run(package, pronounce=[words])["pronounce"]
+    assert [0 < len(phones) < 3000 for phones in found[:3]] == [True] * 3
+    assert found[3] is None
 
 
 def test_what_services_report_is_pythons(package: Path) -> None:
@@ -261,10 +271,10 @@ def test_a_face_says_words(package: Path) -> None:
     steps = [
         {"said": "My mama 东京", "clock": 5}, more, {"said": "oh"}, {"said": "oh", "cancel": True},
         {"said": [{"text": "oh", "start": 2}, {"text": "my", "start": 1}]}, {"said": [{"text": "a", "start": -1}]},
-        {"said": "oh", "pronounce": "oʊ"}, {"said": 5},
+        {"said": "oh", "pronounce": "oʊ"}, {"said": 5}, {"said": [{"text": "oh", "start": 1, "end": None}]},
     ]  # fmt: skip
     (found,) = run(package, live=[steps])["live"]
-    first, added, other, cancelled, in_order, *reasons = found
+    first, added, other, cancelled, in_order, *reasons, endless = found
     assert [(phone["label"], phone["word"]) for phone in first["coming"]] == [
         *((label, "My") for label in MY), *((label, "mama") for label in MAMA)
     ]  # fmt: skip
@@ -277,3 +287,17 @@ def test_a_face_says_words(package: Path) -> None:
     assert "expected a word { text, start, end }" in reasons[0]
     assert reasons[1].startswith("say: got the pronounce oʊ")
     assert reasons[2].startswith("say: got Number")
+    assert [phone["label"] for phone in endless["coming"]] == OH
+
+
+def test_a_text_that_is_added_follows_what_is_said(package: Path) -> None:
+    steps = [{"said": "My mama.", "clock": 0}, {"said": "Oh my", "add": True}, {"said": "mama", "add": True}]
+    late = [{"said": "oh", "clock": 9}, {"said": "my", "add": True}]
+    found, after = run(package, live=[steps, late])["live"]
+    words = [word for step in found for word in step["said"]["words"]]
+    assert [word["text"] for word in words] == ["My", "mama.", "Oh", "my", "mama"]
+    assert [later["start"] - word["end"] for word, later in pairwise(words)] == pytest.approx([0, 0.35, 0, 0])
+    assert [phone["label"] for phone in found[-1]["coming"]] == MY + MAMA + OH + MY + MAMA
+    starts = [phone["start"] for phone in found[-1]["coming"]]
+    assert starts == sorted(starts)
+    assert after[1]["said"]["words"][0]["start"] == 9  # what is over is not said
