@@ -218,7 +218,7 @@ def _write_fap(track: FapTrack, path: Path, options: SaveOptions) -> None:
 
 
 def _write_stream(track: FapTrack, path: Path, options: SaveOptions) -> None:
-    from fapengine.codec.encoder import encode  # with Numba, whose import takes 0.2 s
+    from fapengine.codec.encoder import encode
 
     data = encode(track, options.encoding)
     write_bytes(path, data)

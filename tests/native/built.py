@@ -6,6 +6,7 @@ import shutil
 import sys
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import ModuleType
 
 HERE = Path(__file__).resolve().parents[2]
@@ -38,11 +39,16 @@ def built(flags: tuple[str, ...] = ()) -> Path:
     digest = hashlib.sha256(b"".join(file.read_bytes() for file in files) + repr(flags).encode()).hexdigest()[:16]
     folder = OUT / digest
     if not folder.is_dir():
-        new = OUT / f"{digest}.new"
-        shutil.rmtree(new, ignore_errors=True)
-        shutil.copytree(SOURCE / "fapengine_native", new / "fapengine_native", ignore=shutil.ignore_patterns("lib*"))
-        build_hook().compile_library(new / "fapengine_native", flags=flags)
-        new.rename(folder)
+        OUT.mkdir(parents=True, exist_ok=True)
+        with TemporaryDirectory(dir=OUT) as scratch:
+            package = Path(scratch) / "new" / "fapengine_native"
+            shutil.copytree(SOURCE / "fapengine_native", package, ignore=shutil.ignore_patterns("lib*"))
+            build_hook().compile_library(package, flags=flags)
+            try:
+                package.parent.rename(folder)
+            except OSError:
+                if not folder.is_dir():  # as it is if another process compiled it meanwhile
+                    raise
     return folder
 
 

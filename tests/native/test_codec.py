@@ -4,6 +4,7 @@ import importlib
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from types import ModuleType
 
 import numpy as np
@@ -116,6 +117,25 @@ def test_without_the_package_the_loops_are_those_in_python() -> None:
         "sys.exit(kernels.loops is not kernels)"
     )
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
+
+
+def test_two_processes_may_compile_the_library_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Compiler:
+        calls = 0
+
+        def compile_library(self, folder: Path, **_: object) -> None:
+            self.calls += 1
+            if self.calls == 1:
+                built.built()
+            (folder / "library").touch()
+
+    compiler = Compiler()
+    monkeypatch.setattr(built, "OUT", tmp_path)
+    monkeypatch.setattr(built, "build_hook", lambda: compiler)
+    folder = built.built()
+    assert compiler.calls == 2
+    assert list(tmp_path.iterdir()) == [folder]
+    assert (folder / "fapengine_native" / "library").exists()
 
 
 @pytest.mark.nightly
