@@ -15,7 +15,7 @@ const { FAP_COUNT } = fap;
 
 const startOf = ({ start }) => start;
 const endOf = ({ end }) => end;
-const isSame = (one, other) => ["label", "start", "end", "word", "loudness"].every((name) => one[name] === other[name]);
+const isSame = (one, other) => ["label", "start", "end", "stress", "word", "loudness"].every((name) => one[name] === other[name]);
 // As np.rint: a half goes to the even neighbour.
 const rounded = (value) => {
   const nearest = Math.round(value);
@@ -24,14 +24,14 @@ const rounded = (value) => {
 
 // A phone as the planner keeps it; says what is wrong.
 export function checkedPhone(phone) {
-  const { label, start, end, word = "", loudness = 0 } = phone ?? {};
+  const { label, start, end, stress = 0, word = "", loudness = 0 } = phone ?? {};
   const isRight =
     typeof label === "string" && label && typeof word === "string" && Number.isFinite(start) && start >= 0 && Number.isFinite(end) &&
-    start < end && Number.isFinite(loudness) && loudness >= LOUDNESS_DB[0] && loudness <= LOUDNESS_DB[1];
+    start < end && [0, 1, 2].includes(stress) && Number.isFinite(loudness) && loudness >= LOUDNESS_DB[0] && loudness <= LOUDNESS_DB[1];
   if (!isRight) {
-    throw new TypeError(`phone: got ${JSON.stringify(phone)}, expected { label, start, end }, 0 <= start < end in s, and a loudness of ${LOUDNESS_DB.join(" to ")} dB`);
+    throw new TypeError(`phone: got ${JSON.stringify(phone)}, expected { label, start, end }, 0 <= start < end in s, a stress of 0, 1 or 2, and a loudness of ${LOUDNESS_DB.join(" to ")} dB`);
   }
-  return { label, start, end, word, loudness };
+  return { label, start, end, stress, word, loudness };
 }
 
 // FAPs of a profile's speech in a style: fapengine/trajectory/faps.py.
@@ -113,10 +113,10 @@ export class Planner {
 
   // Time of the first frame before which a plan must be made; infinity if all is planned.
   get planBy() {
-    return this.due ? -Infinity : this.waits ? this.sure : Infinity;
+    return this.due ? -Infinity : this.waits ? this.sure - this.horizon : Infinity;
   }
 
-  // Adds phones in any order: { label, start, end, word?, loudness? }, s and dB. Each replaces what it overlaps; label "_",
+  // Adds phones in any order: { label, start, end, stress?, word?, loudness? }, s and dB. Each replaces what it overlaps; label "_",
   // a silence, removes what it overlaps.
   feed(phones) {
     const { edge, counts } = this;

@@ -171,7 +171,7 @@ def settle(faps: Array, held: Array) -> Array:
     lips, teeth, vowels, jaw = held
     settled = faps.copy(order="K")
     columns = settled.transpose(-1, *range(settled.ndim - 1))
-    down = columns[fap.column(3)]
+    down = columns[fap.column(3), ...]  # a view, also of a single frame
     free = (1.0 - teeth) * (1.0 - vowels)
     down -= jaw * soft_positive(down + SOFTNESS_FAPU / 2 - SIBILANT_FAPU, SOFTNESS_FAPU)
     low, high, scale = (part.reshape(*part.shape, *(1,) * lips.ndim) for part in (_LOW, _HIGH, _SCALE))

@@ -255,7 +255,7 @@ class StreamingPlanner:
         edge = self._cancelled_s = max(at_s, self.edge_s)
         self.counts.cancelled += sum(phone.end_s > edge for phone in self._phones)
         self._known += [phone for phone in self._phones if phone.end_s <= edge]
-        self._phones = []
+        self._phones, self.sure_s = [], -np.inf
         self._due = edge, fade_s
         self._kept_holds = [hold_until(hold, edge) for hold in self.holds if hold.start_s - RAMP_S < edge]
         self._holds = {}
@@ -336,7 +336,7 @@ class StreamingPlanner:
     @property
     def plan_by_s(self) -> float:
         """Time of the first frame before which :func:`plan_together` must come; infinity if all is planned."""
-        return -np.inf if self._due else self.sure_s if self._waits else np.inf
+        return -np.inf if self._due else self.sure_s - self.horizon_s if self._waits else np.inf
 
     @property
     def holds(self) -> list[Hold]:

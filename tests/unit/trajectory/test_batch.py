@@ -281,6 +281,28 @@ def test_refuses():
             call(session)
 
 
+@pytest.mark.parametrize("horizon_s", [0.0, 0.5])
+def test_phones_that_wait_are_planned_before_the_horizon_reaches_them(horizon_s):
+    said = [Phone(label, 1 + 0.09 * n, 1.09 + 0.09 * n) for n, label in enumerate("loʊmɑpitusæbɪkʌv" * 3)]
+    early, batch = (BatchPlanner(english(), horizon_s=horizon_s) for _ in range(2))
+    for planner in (early, batch):
+        planner.open()
+    early.feed(0, said)
+    for frame in range(150):
+        batch.feed(0, said[2 * frame : 2 * frame + 2])
+        np.testing.assert_array_equal(batch.frames(frame / 25), early.frames(frame / 25))
+
+
+def test_nothing_waits_after_a_cancel():
+    batch = BatchPlanner(english())
+    batch.open()
+    batch.feed(0, [Phone("a", 1.0 + n, 1.1 + n) for n in range(9)])
+    batch.frames(0.0)
+    assert batch.sure_s(0) > 3
+    batch.cancel(0, 0.1)
+    assert batch.sure_s(0) == -np.inf
+
+
 def test_by_default_nothing_after_the_last_frame_is_settled() -> None:
     """A phone that begins 0.1 s after the last frame is shown as by a planner without a horizon."""
     bank, own = BatchPlanner(english()), SingleStream(english(), Style.speech_only(), 0.0)

@@ -192,6 +192,13 @@ def test_each_contact_of_one_frame(upper: float, lower: float) -> None:
             assert changed[0, below] - faps[0, below] == pytest.approx(changed[0, bottom] - faps[0, bottom])
 
 
+def test_a_single_frame_is_settled_like_many() -> None:
+    faps = lips(-200.0, -300.0)
+    faps[0, fap.column(3)] = 600.0
+    held = np.array([0.0, 0.0, 0.0, 1.0])
+    np.testing.assert_array_equal(settle(faps[0], held), settle(faps, held[:, None])[0])
+
+
 def test_lips_that_are_far_apart_stay_as_they_are_but_for_the_softness() -> None:
     free = settle(lips(-200.0, -300.0), np.zeros((4, 1)))
     assert free[0, fap.column(4)] == pytest.approx(-196.0)
