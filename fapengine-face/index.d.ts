@@ -199,7 +199,7 @@ export interface FapFaceAttributes {
   transparent?: boolean | "";
   edges?: "fine" | "soft";
   rest?: number | string;
-  /** Without a server: no blinks, glances and head motion. */
+  /** Without a server: no blinks, glances, nods and head motion. */
   still?: boolean | "";
 }
 

@@ -1,5 +1,5 @@
-// What makes a face look alive: blinks, glances, a head that moves, breath and drifts. GestureGenerator and gesture_faps of
-// fapengine/trajectory/gestures.py, without nods: phones have no stress here. Stateful.
+// What makes a face look alive: blinks, glances, nods on accents, a head that moves, breath and drifts. GestureGenerator and
+// gesture_faps of fapengine/trajectory/gestures.py. Stateful.
 
 import { fap, fapu, gestures } from "./constants.js";
 import { clamp } from "./path.js";
@@ -7,23 +7,30 @@ import { Ramp } from "./ramp.js";
 import { Random } from "./random.js";
 
 const {
-  BLINKS_PER_S, BLINK_BEFORE_END_S, BLINK_BEHIND_END_S, BLINK_CLOSE_S, BLINK_OPEN_S, BLINK_SHUT_S, BREATH_HZ, BREATH_RAD, DRIFTS_FAPU,
-  DRIFT_BAND_HZ, EDGE_S, FIRST_BLINK_S, FIXATION_S, GLANCE_RAD, HEAD_AMPLITUDE_RAD, HEAD_BAND_HZ, KEPT_S, LIDS_FOLLOW, LOWER_LID,
-  MIN_BLINK_INTERVAL_S, ONSET_AHEAD_S, ONSET_PAUSE_S, ONSET_S, PAUSE_S, SACCADE_S, SETTLED, SETTLED_PITCH_RAD, SETTLE_S, SINES, STANCE_RAD,
-  UPPER_LID,
+  BLINKS_PER_S, BLINK_BEFORE_END_S, BLINK_BEHIND_END_S, BLINK_CLOSE_S, BLINK_OPEN_S, BLINK_SHUT_S, BREATH_HZ, BREATH_RAD, BROW_FAPU,
+  DB_PER_DOUBLE_LENGTH, DB_PER_DOUBLE_NOD, DRIFTS_FAPU, DRIFT_BAND_HZ, EDGE_S, FIRST_BLINK_S, FIXATION_S, GLANCE_RAD, HEAD_AMPLITUDE_RAD,
+  HEAD_BAND_HZ, KEPT_S, LIDS_FOLLOW, LOWER_LID, MIN_BLINK_INTERVAL_S, NOD_FALL_S, NOD_HOLD, NOD_RAD, NOD_RISE_S, NOD_STRENGTH, ONSET_AHEAD_S,
+  ONSET_PAUSE_S, ONSET_S, PAUSE_S, REACH_S, SACCADE_S, SECONDARY_DB, SETTLED, SETTLED_PITCH_RAD, SETTLE_S, SINES, STANCE_RAD, UPPER_LID,
+  USUAL_S,
 } = gestures;
 const { AU_RAD } = fapu;
-const CHANNELS = ["glanceYaw", "glancePitch", "blink", "headMotion", "idle", "stancePitch", "stanceYaw", "stanceRoll"];
+const CHANNELS = ["glanceYaw", "glancePitch", "blink", "nod", "headMotion", "idle", "stancePitch", "stanceYaw", "stanceRoll"];
 const STANCES = ["stancePitch", "stanceYaw", "stanceRoll"];
 const MOST_BLINKS = Math.max(...Object.values(BLINKS_PER_S));
 const NEAR_S = 0.1; // a phrase whose beginning is revised by less is the same; two are farther apart
 const UNSEEN_S = 60; // what would have begun before a longer time without frames is not drawn
-const [BLINKS, HEAD, GAZE, IDLE] = [0, 1, 2, 3]; // streams of random numbers, in the order of the generators there
+const [BLINKS, HEAD, GAZE, IDLE, EMPHASIS] = [0, 1, 2, 3, 4]; // streams of random numbers, in the order of the generators there
+
+// Strength of an accent, dB: its kind, loudness and length.
+function strengthOf({ start, end, stress, loudness }) {
+  const length = DB_PER_DOUBLE_LENGTH * Math.log2((end - start) / USUAL_S);
+  return Number(((stress === 1 ? 0 : -SECONDARY_DB) + loudness + length).toFixed(6));
+}
 
 export class Gestures {
   // begins: time at which the face begins, neutral, s.
   constructor(seed, begins) {
-    this.random = [BLINKS, HEAD, GAZE, IDLE].map((stream) => new Random(seed, stream));
+    this.random = [BLINKS, HEAD, GAZE, IDLE, EMPHASIS].map((stream) => new Random(seed, stream));
     this.begins = begins;
     this.channels = Object.fromEntries(CHANNELS.map((name) => [name, new Ramp()]));
     this.blinkAt = begins - BLINK_CLOSE_S + this.random[BLINKS].uniform(...FIRST_BLINK_S);
@@ -32,6 +39,8 @@ export class Gestures {
     this.waves = this.drawnWaves();
     this.turned = STANCES.map(() => 0);
     this.phrases = []; // beginnings and ends, in the time of the phones
+    this.nods = new Map(); // accents that are coming, by their beginning: since when each is known, and whether it was judged
+    this.noddedAt = -Infinity;
     this.movedAt = this.drawnUntil = begins;
     this.spokenFrom = null; // where the phrase begins for which the head has moved, in the time of the phones; null while it has settled
     for (const name of ["headMotion", "idle"]) this.channels[name].then(1, begins, EDGE_S);
@@ -60,6 +69,7 @@ export class Gestures {
     this.phrases = this.phrases.filter(([, end]) => end + shift > until - KEPT_S);
     while (this.blinkAt <= until) this.blink(this.blinkAt, shift);
     while (this.glanceAt <= until) this.glance(this.glanceAt);
+    this.drawNods(until, phones.filter(({ stress }) => stress), shift);
     for (let at = this.nextStance(shift); at <= until; at = this.nextStance(shift)) this.stance(at, shift);
     this.drawnUntil = until;
   }
@@ -72,8 +82,10 @@ export class Gestures {
     this.phrases = [...this.phrases.filter((phrase) => !isNear(phrase)), joined].sort(([one], [other]) => one - other);
   }
 
-  // Forgets what was to be spoken after a time of the phones.
+  // Forgets what was to be spoken after a time of the phones, and ends the current nod.
   hush(from) {
+    this.nods.clear();
+    this.channels.nod.to(0, this.drawnUntil, NOD_FALL_S);
     this.phrases = this.phrases.filter(([start]) => start <= from).map(([start, end]) => [start, Math.min(end, from)]);
   }
 
@@ -93,6 +105,38 @@ export class Gestures {
     this.channels.glanceYaw.then(random.normal(GLANCE_RAD), at, SACCADE_S);
     this.channels.glancePitch.then(random.normal(GLANCE_RAD / 2), at, SACCADE_S);
     this.glanceAt = at + this.fixation();
+  }
+
+  // Each accent is judged when its nod begins; one that has begun when it becomes known makes none.
+  drawNods(until, accents, shift) {
+    const known = this.nods;
+    const coming = accents.filter(({ start }) => known.has(start) || start + shift > until);
+    this.nods = new Map(coming.map(({ start }) => [start, known.get(start) ?? { since: until, isJudged: false }]));
+    const isDue = ({ at, phone }) => at <= until && !this.nods.get(phone.start).isJudged && phone.start + shift > this.drawnUntil;
+    const timed = coming.map((phone) => ({ phone, at: Math.max(phone.start + shift - NOD_RISE_S, this.nods.get(phone.start).since) }));
+    for (const { at, phone } of timed.filter(isDue).sort((one, other) => one.at - other.at)) {
+      this.nods.get(phone.start).isJudged = true;
+      if (this.isOutstanding(phone, accents, shift)) this.nod(at, phone, shift);
+    }
+  }
+
+  // Whether an accent is the strongest of those near it.
+  isOutstanding(phone, accents, shift) {
+    const { start } = phone;
+    const [begins, ends] = this.phrases.findLast(([first]) => first <= start) ?? [start, start];
+    const last = this.noddedAt - shift;
+    if (begins <= last && start - last < REACH_S) return false;
+    if (start - Math.max(begins, last) >= 2 * REACH_S) return true;
+    const strength = strengthOf(phone);
+    const rivals = accents.filter((other) => other.start > start && other.start <= Math.min(start + REACH_S, ends));
+    return rivals.every((other) => strengthOf(other) <= strength);
+  }
+
+  nod(at, { start, end, stress, loudness }, shift) {
+    this.noddedAt = start + shift;
+    const strength = (stress === 1 ? 1 : 0.5) * this.random[EMPHASIS].uniform(...NOD_STRENGTH) * 2 ** (loudness / DB_PER_DOUBLE_NOD);
+    this.channels.nod.to(strength, at, NOD_RISE_S);
+    this.channels.nod.then(0, at + NOD_RISE_S + NOD_HOLD * (end - start), NOD_FALL_S);
   }
 
   // Speaking, pausing or silent at a time of the phones.
@@ -150,6 +194,8 @@ export class Gestures {
     const breath = Object.keys(HEAD_AMPLITUDE_RAD).length;
     add([48], (BREATH_RAD / AU_RAD) * level.idle * wander[breath]);
     DRIFTS_FAPU.forEach(([numbers, size], index) => add(numbers, size * level.idle * wander[breath + 1 + index]));
+    add([48], (NOD_RAD / AU_RAD) * level.nod);
+    add([31, 32, 33, 34, 35, 36], BROW_FAPU * level.nod);
     const shut = clamp(level.blink, 0, 1);
     add([19, 20], UPPER_LID * shut);
     add([21, 22], LOWER_LID * shut);

@@ -5,6 +5,8 @@ export interface TimedPhone {
   /** s, 0 or later. */
   start: number;
   end: number;
+  /** 0 none (default), 1 primary, 2 secondary: the strongest accents nod. In `say` marks of the label, `ˈa`, count as well. */
+  stress?: 0 | 1 | 2;
   word?: string;
   /** Relative to the speaker's usual loudness, -12 to 8 dB. */
   loudness?: number;
@@ -80,7 +82,7 @@ export interface LiveSayOptions {
   clock?: () => number;
   /** What is said before goes on, with its clock, and a text follows it; by default it ends. */
   add?: boolean;
-  /** Phones of a word (IPA), a list or a text with spaces, for languages other than English. */
+  /** Phones of a word (IPA), a list or a text with spaces, for languages other than English; `ˈ` and `ˌ` make nods. */
   pronounce?: (word: string, index: number, words: string[]) => Spoken | Promise<Spoken>;
 }
 
@@ -117,7 +119,7 @@ export interface LiveEventMap {
 export class Live extends EventTarget {
   static make(
     options?: LiveStyle & {
-      /** No blinks, glances, head motion and drifts. */
+      /** No blinks, glances, nods, head motion and drifts. */
       still?: boolean;
       /** Of these, an integer. */
       seed?: number;
@@ -126,12 +128,12 @@ export class Live extends EventTarget {
     },
   ): Promise<Live>;
   readonly isSpeaking: boolean;
-  /** Follow sound; resolves to the delayed sound. */
+  /** Follow sound; resolves to the delayed sound. What is heard has no stress, and does not nod. */
   hear(input: MediaStream | AudioNode, options?: HearOptions): Promise<AudioNode>;
   /** Follow sound without Web Audio, as it comes. @param samples -1 to 1, mono. @param rate Hz, the same until `stop()`. */
   push(samples: Float32Array, rate: number, options?: { delay?: number; lookAhead?: number }): Promise<void>;
   say(phones: TimedPhone[], options?: LiveSayOptions): void;
-  /** A text, or words; resolves to null if something else was begun meanwhile. */
+  /** A text, or words; resolves to null if something else was begun meanwhile. English without `pronounce` has no stress, and does not nod. */
   say(words: string | TimedWord[], options?: LiveSayOptions): Promise<SaidWords | null>;
   /** @param level 0 to 2. */
   express(name: string, level?: number, fields?: { attack_s?: number; hold_s?: number; release_s?: number }): void;

@@ -6,7 +6,7 @@ import { changing, expression, hearing, phone_track, protocol } from "./constant
 import { Gestures } from "./gestures.js";
 import { placeAfter } from "./path.js";
 import { Planner, checkedPhone } from "./planner.js";
-import { Profile } from "./profile.js";
+import { Profile, marked } from "./profile.js";
 import { Ramp } from "./ramp.js";
 import { Recognizer } from "./recognizer.js";
 import { Pieces } from "./tap-worklet.js";
@@ -48,7 +48,7 @@ const isAs = (one, other) => one.label === other.label && one.start === other.st
 
 // Events: started, phone, finished, cancelled, error. Stateful.
 export class Live extends EventTarget {
-  // style: see Planner. still: no blinks, glances, head motion and drifts. seed: of these, an integer; by default it is
+  // style: see Planner. still: no blinks, glances, nods, head motion and drifts. seed: of these, an integer; by default it is
   // drawn. assets: addresses of planner.bin, recognizer.bin, words-en.bin,
   // worker.js and tap-worklet.js elsewhere.
   static async make({ assets = {}, ...options } = {}) {
@@ -187,7 +187,7 @@ export class Live extends EventTarget {
     if (seconds() - this.sampled > UNSEEN_S) this.sample(seconds(), this.faps); // a tab in the background draws nothing
   }
 
-  // Says phones, { label, start, end, word?, loudness? }, s; or, later, a text, or words, { text, start, end? }. clock: gives
+  // Says phones, { label, start, end, stress?, word?, loudness? }, s; or, later, a text, or words, { text, start, end? }. clock: gives
   // the position of what is heard now, s; by default it begins now. add: what is said before goes on, with its clock; a text
   // follows it.
   // pronounce: gives the phones of a word, a list or a text with spaces, or a promise of them; by default words-en does.
@@ -199,7 +199,7 @@ export class Live extends EventTarget {
       if (given !== undefined && typeof given !== "function") throw new TypeError(`say: got the ${name} ${given}, expected a function`);
     }
     if (!isPhones) return this.sayWords(typeof said === "string" ? said : said.map(checkedWord).sort((one, other) => one.start - other.start), clock, add, pronounce);
-    const checked = said.map(checkedPhone);
+    const checked = said.map(checkedPhone).map(marked);
     if (!add || !this.clock || this.run) {
       this.stop();
       const begun = seconds();

@@ -22,6 +22,13 @@ export function lettersOf(label, letters) {
   return found;
 }
 
+// Stress marks of a phone's label as its stress: split_stress of fapengine/speech/ipa.py.
+export function marked(phone) {
+  const marks = [...phone.label].filter((letter) => Object.hasOwn(STRESS, letter));
+  if (!marks.length || marks.length === [...phone.label].length) return phone;
+  return { ...phone, label: [...phone.label].filter((letter) => !Object.hasOwn(STRESS, letter)).join(""), stress: STRESS[marks[0]] };
+}
+
 export class Profile {
   // buffer: the package's assets/planner.bin.
   constructor(buffer) {

@@ -55,7 +55,7 @@ const { Gestures } = await imported("gestures.js");
 const drawn = ({ seed, phones, times }) => {
   const gestures = new Gestures(seed, 0);
   return times.map((time) => {
-    gestures.draw(time, phones, 0);
+    gestures.draw(time, phones.filter(({ known }) => known <= time), 0);
     return [...gestures.faps(time)];
   });
 };

@@ -6,6 +6,7 @@ import json
 import shutil
 import subprocess
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,7 @@ from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.trajectory.batch import BatchPlanner
 from fapengine.trajectory.expression import expression_faps
 from fapengine.trajectory.faps import Overlay
-from fapengine.trajectory.gestures import GestureGenerator, gesture_faps, start_levels
+from fapengine.trajectory.gestures import Channel, GestureGenerator, gesture_faps, start_levels
 from fapengine.trajectory.planner import plan
 from fapengine.trajectory.ramps import Ramp, sample_ramps
 from fapengine.trajectory.style import Style
@@ -99,14 +100,15 @@ def spoken(rng: np.random.Generator, known: list[str], count: int, start_s: floa
         )
         word = str(rng.choice(NAMES_OF_LETTERS)) if rng.random() < 0.2 else ""
         loudness_db = float(rng.uniform(-12, 8)) if rng.random() < 0.2 else 0.0
-        found.append(Phone(str(rng.choice(labels)), start_s, end_s, word=word, loudness_db=loudness_db))
+        stress = int(rng.choice([0, 0, 0, 1, 2]))
+        found.append(Phone(str(rng.choice(labels)), start_s, end_s, stress, word, loudness_db=loudness_db))
         start_s = end_s
     return found
 
 
 def as_json(phone: Phone) -> dict[str, Any]:
     named = {"label": phone.label, "start": phone.start_s, "end": phone.end_s}
-    return named | {"word": phone.word, "loudness": phone.loudness_db}
+    return named | {"stress": phone.stress, "word": phone.word, "loudness": phone.loudness_db}
 
 
 def events_of(
@@ -252,7 +254,8 @@ const [m, faps, said] = [{ label: "m", start: 1.2, end: 1.3 }, new Float32Array(
 await live.push(new Float32Array(160), 16000);
 for (const wrong of [
   () => live.say(5), () => live.say([null]), () => live.say([["m", 1.2, 1.3]]), () => live.say([m], { clock: 5 }),
-  () => live.say([{ ...m, start: "1.2" }]), () => live.say([{ ...m, loudness: NaN }]), () => live.express("happy"),
+  () => live.say([{ ...m, start: "1.2" }]), () => live.say([{ ...m, loudness: NaN }]),
+  () => live.say([{ ...m, stress: 3 }]), () => live.express("happy"),
   () => live.express("joy", NaN), () => live.push(new Int16Array(160), 16000),
   () => live.push(new Float32Array(160), 0),
   () => live.push(new Float32Array(160), 8000), () => live.push(new Float32Array(160), 16000, { delay: NaN }),
@@ -274,12 +277,20 @@ const frames = (until) => {
   for (; now < until; now += 1 / 30) live.sample(now, faps);
   return live.gestures.random[1].drawn; // numbers drawn for the head
 };
-await writeFile(output, JSON.stringify({ said, drawn: [frames(0.1), frames(3), frames(13)] }));
+const drawn = [frames(0.1), frames(3), frames(13)];
+const nods = ["a", "ˈa", "a"].map((label) => {
+  const begun = now;
+  live.say([{ label, start: 1, end: 1.2 }], { clock: () => now - begun });
+  frames(begun + 3);
+  return live.gestures.random[4].drawn;
+});
+await writeFile(output, JSON.stringify({ said, drawn, nods }));
 live.close();
 """
 REASONS = (
     "say: got Number", "phone: got null", 'phone: got ["m",1.2,1.3]', "say: got the clock 5", '"start":"1.2"',
-    "loudness", "express: got happy, expected joy", "got level NaN", "push: got Int16Array, expected a Float32Array",
+    "loudness", "a stress of 0, 1 or 2",
+    "express: got happy, expected joy", "got level NaN", "push: got Int16Array, expected a Float32Array",
     "a rate of 0", "push: got 8000 Hz after 16000 Hz", "a delay of NaN", "hear: got no AudioWorklet", "frame: got NaN",
     "cancel: got NaN", "rate: got 0", "steps: got 0", "push: got Float32Array, expected an Int16Array",
 )  # fmt: skip
@@ -290,6 +301,7 @@ def test_who_uses_it_wrongly_is_told_what_is_wrong(package: Path) -> None:
     found = node(package, script, None)
     for told, reason in zip(found["said"], REASONS, strict=True):
         assert reason in told
+    assert found["nods"] == [0, 1, 1]
     before, after, later = found["drawn"]
     assert before < after == later  # the head moved when it spoke, and rests while its clock stands still
 
@@ -398,19 +410,34 @@ class CounterGenerator:
         return sides[self.uniform() >= 0.5]
 
 
+LATE = 7
+"""Seed of a face whose phones become known in any order, some too late."""
+
+
 def test_gestures_are_pythons(package: Path, profile: Profile) -> None:
     rng = np.random.default_rng(4)
     times_s = np.arange(0.0, 30.0, 1 / 25)
-    given, expected = [], []
-    for seed in (0, 1, 2**32 - 1):
+    given, expected, nods = [], [], 0
+    for seed in (0, 1, 2**32 - 1, LATE):
         phones = [*spoken(rng, list(profile.phones), 60, 1.5), *spoken(rng, list(profile.phones), 40, 20.0)]
+        ahead_s = rng.uniform(-0.1, 2.0, len(phones)) if seed == LATE else np.full(len(phones), 30.0)
+        known_s = np.array([phone.start_s for phone in phones]) - ahead_s
         generator = GestureGenerator(CounterGenerator(seed), Style())  # type: ignore[arg-type]  # has its methods
-        generator.hear(((phone.start_s, phone) for phone in phones), 0.0)
-        levels = sample_ramps(start_levels(Style()), [*generator.begin(), *generator.draw(30.0)], times_s)
+        made = generator.begin()
+        for before_s, now_s in pairwise([-np.inf, *times_s.tolist()]):
+            new = np.flatnonzero((known_s > before_s) & (known_s <= now_s))
+            generator.hear(((phones[number].start_s, phones[number]) for number in new), now_s)
+            made += generator.draw(now_s)
+        levels = sample_ramps(start_levels(Style()), made, times_s)
+        nods += sum(ramp.channel == Channel.NOD and ramp.goal > 0 for ramp in made)
         expected.append(gesture_faps(levels, generator.waves[..., None], times_s).T)
-        given.append({"seed": seed, "phones": [*map(as_json, phones)], "times": times_s.tolist()})
+        known = [as_json(phone) | {"known": at_s} for phone, at_s in zip(phones, known_s.tolist(), strict=True)]
+        given.append({"seed": seed, "phones": known, "times": times_s.tolist()})
     found = np.array(node(package, RUNNER, {"faces": given})["drawn"])
-    assert np.abs(found - expected).max() < 1e-5
+    differs = np.abs(found - expected) > 1e-5
+    assert not differs[:-1].any()
+    assert not differs[-1][:, [fap.column(number) for number in range(31, 37)]].any()  # brows go with nods
+    assert nods > 20
     assert np.abs(found[0] - found[1]).max() > 100
     assert (found[..., fap.column(19)] > 900).any(axis=1).all()  # they blink
 
