@@ -58,7 +58,7 @@ from livekit.agents.types import (
     ATTRIBUTE_TRANSCRIPTION_EXPRESSION,
     TOPIC_TRANSCRIPTION,
 )
-from livekit.agents.utils import wait_for_participant
+from livekit.agents.utils import wait_for_participant, wait_for_track_publication
 from livekit.agents.voice import avatar
 from livekit.agents.voice.io import AudioOutputCapabilities
 
@@ -189,13 +189,19 @@ class RemoteOutput(avatar.DataStreamAudioOutput):  # type: ignore[misc, unused-i
         self._acting: asyncio.Task[None] | None = None
 
     def act(self, name: str, *given: Any) -> None:
-        """Send an act of :func:`acts_of`, in order."""
+        """Send an act of :func:`acts_of`, in order, as soon as the face shows itself."""
         self._acts.append((name, *given))
         if self._acting is None or self._acting.done():
             self._acting = asyncio.create_task(self._send())
 
     async def _send(self) -> None:
         while self._acts:
+            try:
+                await wait_for_track_publication(self._room, identity=IDENTITY, kind=rtc.TrackKind.KIND_VIDEO)
+            except RuntimeError as error:  # the face or the agent has left
+                log.warning("the remote face did not receive words, cues or a pause: %s", error)
+                self._acts.clear()
+                return
             acts, self._acts = self._acts[:MAX_ACTS], self._acts[MAX_ACTS:]
             try:
                 await self._room.local_participant.perform_rpc(

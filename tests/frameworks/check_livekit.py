@@ -15,7 +15,15 @@ from livekit.agents.types import TimedString
 from livekit.agents.voice.avatar import AudioSegmentEnd, QueueAudioOutput
 
 from fapengine.agents.face import AgentFace, AgentOptions
-from fapengine.agents.livekit import SAMPLE_RATE_HZ, AvatarSession, FaceGenerator, FaceOutput, runner_of
+from fapengine.agents.livekit import (
+    IDENTITY,
+    SAMPLE_RATE_HZ,
+    AvatarSession,
+    FaceGenerator,
+    FaceOutput,
+    RemoteOutput,
+    runner_of,
+)
 from tests.frameworks.clock import in_time
 from tests.leaping import LeapingLoop
 
@@ -272,3 +280,33 @@ async def _session() -> None:
 
 def test_the_session_takes_the_sound_and_the_words() -> None:
     asyncio.run(_session())
+
+
+def test_what_is_sent_before_a_remote_face_has_joined_reaches_it_and_is_dropped_if_it_leaves() -> None:
+    async def sent() -> list[str]:
+        room, payloads = Room(), []
+        room.remote_participants = {}
+
+        async def perform_rpc(*, payload: str, **_: str) -> str:
+            payloads.append(payload)
+            return ""
+
+        room.local_participant = SimpleNamespace(perform_rpc=perform_rpc)
+        output = RemoteOutput(room)  # type: ignore[arg-type]
+        output.act("expect", "[nod] Hello.")
+        output.pause()
+        await asyncio.sleep(0.01)
+        assert payloads == []
+        video = SimpleNamespace(kind=rtc.TrackKind.KIND_VIDEO)
+        face = SimpleNamespace(identity=IDENTITY, track_publications={"v": video})
+        room.remote_participants[IDENTITY] = face
+        room.emit("track_published", video, face)
+        await output._acting
+        room.remote_participants.clear()
+        output.resume()
+        await asyncio.sleep(0.01)
+        room.emit("participant_disconnected", face)
+        await output._acting
+        return payloads
+
+    assert asyncio.run(sent()) == ['[["expect", "[nod] Hello."], ["pause"]]']

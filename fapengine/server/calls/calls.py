@@ -302,7 +302,7 @@ class Calls:
         for transceiver in senders:
             if transceiver.kind == "audio":
                 transceiver.sender.replaceTrack(tracks.audio)
-        call.leave.callback(self._drop, tracks.audio)
+                call.leave.callback(self._drop, tracks.audio)
         try:
             call.leave.callback(self._studio.watch(*film, tracks))
         except (UsageError, ResourceError) as error:

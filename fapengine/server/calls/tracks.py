@@ -272,7 +272,7 @@ class PictureEncoder:
                 image = await self._encoded(*await self._next())
                 for viewer in self._viewers:
                     viewer.put(image)
-        except av.FFmpegError:
+        except Exception:  # the library fails in many ways
             log.exception("video cannot be encoded")
         finally:
             for viewer in self._viewers:

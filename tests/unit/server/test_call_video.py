@@ -7,6 +7,7 @@ from contextlib import suppress
 import av
 import numpy as np
 import pytest
+from aiortc import RTCConfiguration, RTCPeerConnection
 from aiortc.codecs.vpx import Vp8Decoder, Vp8Encoder, vp8_depayload
 from aiortc.jitterbuffer import JitterFrame
 from aiortc.mediastreams import MediaStreamError
@@ -156,9 +157,27 @@ def test_the_viewer_that_can_receive_least_decides_the_bit_rate() -> None:
     run(work)
 
 
-def test_a_codec_that_fails_ends_the_tracks_and_the_next_viewer_gets_images(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_library_has_what_calls_replace() -> None:
+    """Names that are not public: where a new version has others, pyproject.toml may not permit it yet."""
+
+    async def work() -> None:
+        peer = RTCPeerConnection(RTCConfiguration(iceServers=[]))
+        video = peer.addTransceiver("video")
+        assert hasattr(video, "_codecs")
+        assert hasattr(video.sender, "_RTCRtpSender__encoder")
+        assert hasattr(video.sender, "_send_keyframe")
+        assert hasattr(video.receiver, "_RTCRtpReceiver__remote_bitrate_estimator")
+        await peer.close()
+
+    asyncio.run(work())
+
+
+@pytest.mark.parametrize("error", [av.error.ExternalError(1, "broken"), ValueError("broken")])
+def test_a_codec_that_fails_ends_the_tracks_and_the_next_viewer_gets_images(
+    error: Exception, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
     def fail(*_: object) -> object:
-        raise av.error.ExternalError(1, "broken")
+        raise error
 
     async def work(encoder: PictureEncoder) -> None:
         with monkeypatch.context() as patch:
@@ -166,6 +185,7 @@ def test_a_codec_that_fails_ends_the_tracks_and_the_next_viewer_gets_images(monk
             one = Viewer(encoder)
             await show([one], 5)
             assert one.track.readyState == "ended"
+            assert [record.message for record in caplog.records] == ["video cannot be encoded"]
         two = Viewer(encoder)
         await show([two], 5)
         await asyncio.sleep(0.5)
