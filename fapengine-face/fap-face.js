@@ -38,7 +38,7 @@ export class FapFace extends (globalThis.HTMLElement ?? Object) {
     this.run = 0; // counts beginnings: what an older one fetched is not shown any more
     this.source = null;
     this.muted = false;
-    this.cancels = 0;
+    this.cancels = this.removals = 0;
   }
 
   connectedCallback() {
@@ -46,6 +46,7 @@ export class FapFace extends (globalThis.HTMLElement ?? Object) {
   }
 
   disconnectedCallback() {
+    this.removals += 1;
     this.stop();
     this.beginning = null;
   }
@@ -161,13 +162,15 @@ export class FapFace extends (globalThis.HTMLElement ?? Object) {
   // The source, if it is a server's session; says so otherwise.
   serverSession(method) {
     if (this.source instanceof Session) return this.source;
+    if (!this.hasAttribute("server")) throw new Error(`fap-face: ${method} needs the attribute server`);
     throw new Error(`fap-face: ${method} needs a server that is there; wait for the event "ready"`);
   }
 
   // The source that needs no server (live/live.js), for an element without server and src; it is fetched at the first call.
   async local(method) {
+    const { removals } = this;
     await this.ready;
-    if (!this.source) throw new Error(AWAY);
+    if (!this.source || removals !== this.removals) throw new Error(AWAY);
     if (this.hasAttribute("server") || this.hasAttribute("src")) throw new Error(`fap-face: ${method} needs an element without server and src`);
     if (!this.living) {
       const living = (this.living = this.live(this.run));

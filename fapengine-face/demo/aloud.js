@@ -1,5 +1,7 @@
 // Lets a browser's voice say a text, and a face say it with it.
 
+globalThis.speechSynthesis?.getVoices(); // browsers give none at first, and fetch them then
+
 // How far the voice is, by its reports of words: between two of them the face goes on by itself, and waits at the next word
 // until it is reported. A voice that reports none leads nothing: then the face has the clock from its start.
 export class VoiceClock {
@@ -42,7 +44,10 @@ export async function sayAloud(face, text, isAloud) {
   Object.assign(utterance, { voice, lang: voice.lang });
   utterance.onstart = () => clock.began();
   utterance.onboundary = ({ charIndex, name }) => name !== "sentence" && clock.heard(charIndex);
-  utterance.onend = () => (clock.next = Infinity);
+  utterance.onend = utterance.onerror = () => {
+    clock.began(); // a voice that failed keeps no mouth waiting
+    clock.next = Infinity;
+  };
   speechSynthesis.speak(utterance);
   return { ...said, isSilent: false };
 }

@@ -94,7 +94,7 @@ at("track").addEventListener("change", attempt(async ({ target }) => {
 at("microphone").addEventListener("click", attempt(async () => {
   quiet();
   stream = await navigator.mediaDevices.getUserMedia({ audio: true });
-  await face.hear(stream); // what it returns is not connected: nobody wants to hear himself
+  await face.hear(stream); // what it returns is not connected: nobody wants to hear themselves
   show("Speak, in English.");
 }));
 

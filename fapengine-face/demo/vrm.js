@@ -40,7 +40,7 @@ async function load(url) {
   camera.position.set(foot.x, foot.y + 0.35 * size, foot.z + 3.8 * size);
   camera.lookAt(foot.x, foot.y + 0.3 * size, foot.z);
   avatar = { scene, vrm, meshes, head, rest: head?.quaternion.clone(), side: isVrm0 ? -1 : 1 };
-  tell(vrm ? "" : "This file is no VRM: shapes of ARKit's names move.");
+  tell(vrm ? "" : "This file is not a VRM: its shapes with ARKit's names move.");
 }
 
 // Expressions that every VRM has, from ARKit's weights: rough, for avatars without ARKit's shapes.
@@ -89,9 +89,9 @@ const attempt = (action) => async (event) => {
   }
 };
 at("file").addEventListener("change", attempt(async ({ target }) => {
+  if (!target.files.length) return;
   const url = URL.createObjectURL(target.files[0]);
-  await load(url);
-  URL.revokeObjectURL(url);
+  await load(url).finally(() => URL.revokeObjectURL(url));
 }));
 at("text").addEventListener("submit", attempt(async () => {
   const found = await sayAloud(face, at("words").value, at("aloud").checked);

@@ -92,6 +92,8 @@ export class Live extends EventTarget {
     const isStream = input instanceof MediaStream;
     if (!isStream && !(input instanceof AudioNode)) throw new TypeError(`hear: got ${input}, expected a MediaStream or an AudioNode`);
     if (isStream && !input.getAudioTracks().length) throw new TypeError("hear: got a MediaStream without sound, expected one with an audio track");
+    if (!isStream && context !== input.context) throw new TypeError("hear: got an AudioNode of another context, expected one of the context that is given");
+    if (context?.state === "closed") throw new Error("hear: got a context that is closed");
     checkTimes("hear", { delay, lookAhead });
     this.stop();
     const run = (this.run = {});

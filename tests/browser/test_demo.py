@@ -78,6 +78,11 @@ def test_a_voice_that_reports_its_words_leads_the_face(demo: Page) -> None:
     assert demo.run("at()") > my_s
     demo.run("utterance.onend()")
     demo.until("told.length === 10")
+    demo.run("delete window.utterance, told.length = 0")
+    say(demo, "Mama.")
+    demo.until("window.utterance")
+    demo.run("utterance.onerror()")  # it fails before it begins
+    demo.until("told.length === 4")
 
 
 @pytest.mark.parametrize("way", ["track", pytest.param("file", marks=pytest.mark.nightly)])

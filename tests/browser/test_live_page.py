@@ -155,6 +155,10 @@ def test_what_does_not_begin_leaves_nothing(static: Page) -> None:
     assert "delay of -1" in static.run("why(face.hear(new OscillatorNode(new AudioContext()), { delay: -1 }))")
     static.run("window.own = new AudioContext(), null")
     assert "output" in static.run("why(face.hear(own.destination))")  # it has none
+    other = "why(face.hear(new OscillatorNode(own), { context: new OfflineAudioContext(1, 99, 8000) }))"
+    assert "of another context" in static.run(other)
+    static.run("window.over = new OscillatorNode(new AudioContext()), over.context.close()")
+    assert static.run("why(face.hear(over))") == "hear: got a context that is closed"
     assert static.run("alive") == {"workers": 0, "contexts": 2}  # both are the page's
     static.run("window.stream = new MediaStreamAudioDestinationNode(own).stream")
     two = "Promise.all([why(face.hear(stream)), why(face.hear(stream))])"
@@ -169,7 +173,18 @@ def test_what_does_not_begin_leaves_nothing(static: Page) -> None:
     assert static.run("why(face.hear(stream))") != "nothing"
     assert static.run("alive") == {"workers": 0, "contexts": 2}
     away = "(() => { const heard = why(face.hear(stream)); face.remove(); return heard; })()"
-    assert static.run(away) == "fap-face: it was taken away, or begun again, meanwhile"
+    gone = "fap-face: it was taken away, or begun again, meanwhile"
+    assert static.run(away) == gone
+    twice = """(() => {
+        document.body.append(face);
+        const first = why(face.hear(stream));
+        face.remove();
+        document.body.append(face);
+        return Promise.all([first, why(face.hear(stream))]);
+    })()"""  # as React's strict mode does
+    assert static.run(twice) == [gone, "nothing"]
+    assert static.run("alive") == {"workers": 1, "contexts": 3}
+    static.run("face.remove()")
     static.complaints[:] = [one for one in static.complaints if "404" not in one]
 
 
@@ -259,6 +274,8 @@ def test_it_goes_on_when_the_loudspeaker_changes(static: Page) -> None:
 
 
 def test_frames_of_elsewhere_need_an_element_of_their_own(static: Page) -> None:
+    pushed = "(() => { try { face.push(new Int16Array(1), 16000) } catch (e) { return e.message } })()"
+    assert static.run(pushed) == "fap-face: push needs the attribute server"
     static.run("window.at = 0, face.say([{ label: 'm', start: 5, end: 9 }], { clock: () => at })")
     assert "neither hears nor says" in static.run(
         "(() => { try { face.feed(new ArrayBuffer(288)) } catch (e) { return e.message } })()"
