@@ -41,6 +41,8 @@ FORWARD_MM, BACKWARD_MM = 32.0, 8.0
 """Distances by which long hair falls before and behind the shoulder."""
 SWING_MM, WAVE_MM = (3.0, 1.5), 95.0
 """Swing of hanging hair to the sides and outwards, and its wave length."""
+MOST_DETAIL = 2.0
+"""Hair is not divided further at level ``finest``."""
 STRANDS, GROOVE_MM = 9, 2.6
 """Strands of the mass on either side, and depth of the grooves between them."""
 # fmt: off
@@ -243,7 +245,7 @@ def _hanging(cut: _Cut, s: Array, shares: Array, ears: Array, outs: Array, is_lo
 
 def build_clumps(builder: MeshBuilder, style: HeadStyle, palette: Palette, detail: float) -> Indices:
     """Add mass and locks; returns their indices, (N,)."""
-    cut = CUTS[style.haircut]
+    cut, detail = CUTS[style.haircut], min(detail, MOST_DETAIL)
     fall = _fall(style, cut)
     return np.concatenate(
         [_add_mass(builder, fall, cut, palette, detail), _add_locks(builder, fall, cut, palette, detail)]
@@ -254,7 +256,7 @@ def _add_mass(builder: MeshBuilder, fall: _Fall, cut: _Cut, palette: Palette, de
     """Add the mass and the inside of what hangs; returns their indices, (N,)."""
     number = np.arange(STRANDS)
     edges = np.cumsum([0.0, *(0.65 + 0.7 * golden(number, 3.7))])
-    step = np.linspace(0, 1, max(2, round(4 * detail)) + 1)[:-1]
+    step = np.linspace(0, 1, max(2, round(3.6 * detail)) + 1)[:-1]
     u = np.append((edges[:-1, None] + np.diff(edges)[:, None] * step).ravel(), edges[-1]) / edges[-1]
     valley = np.append(np.tile(np.abs(2 * step - 1), STRANDS), 1.0)
     strand = np.append(np.repeat(number, len(step)), STRANDS - 1)
@@ -282,7 +284,7 @@ def _add_mass(builder: MeshBuilder, fall: _Fall, cut: _Cut, palette: Palette, de
 
 def _add_locks(builder: MeshBuilder, fall: _Fall, cut: _Cut, palette: Palette, detail: float) -> Indices:
     """Add the locks; returns their indices, (N,)."""
-    share, across = np.linspace(0, 1, max(5, round(12 * detail))), np.linspace(-1, 1, 5 if detail >= 1 else 3)
+    share, across = np.linspace(0, 1, max(5, round(12 * detail))), np.linspace(-1, 1, 4 if detail >= 1 else 3)
     added = []
     for layer, (places, first, last, uneven, width, height) in enumerate(cut.layers):
         number = np.arange(2 * len(places)) + 5 * layer
