@@ -41,7 +41,7 @@ FORWARD_MM, BACKWARD_MM = 32.0, 8.0
 """Distances by which long hair falls before and behind the shoulder."""
 SWING_MM, WAVE_MM = (3.0, 1.5), 95.0
 """Swing of hanging hair to the sides and outwards, and its wave length."""
-MOST_DETAIL = 2.0
+MAX_DETAIL = 2.0
 """Hair is not divided further at level ``finest``."""
 STRANDS, GROOVE_MM = 9, 2.6
 """Strands of the mass on either side, and depth of the grooves between them."""
@@ -245,7 +245,7 @@ def _hanging(cut: _Cut, s: Array, shares: Array, ears: Array, outs: Array, is_lo
 
 def build_clumps(builder: MeshBuilder, style: HeadStyle, palette: Palette, detail: float) -> Indices:
     """Add mass and locks; returns their indices, (N,)."""
-    cut, detail = CUTS[style.haircut], min(detail, MOST_DETAIL)
+    cut, detail = CUTS[style.haircut], min(detail, MAX_DETAIL)
     fall = _fall(style, cut)
     return np.concatenate(
         [_add_mass(builder, fall, cut, palette, detail), _add_locks(builder, fall, cut, palette, detail)]
