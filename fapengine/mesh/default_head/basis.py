@@ -57,9 +57,9 @@ distance from the corner of the lips within which it is held.
 """
 SWELLING_MM = 0.0015
 """Swelling of a lower lid per FAPU of its rise."""
-BROW_ABOVE_MM, BROW_TO_LID_MM, SQUEEZE_ABOVE_MM = 36.0, 14.5, 14.0
-"""How far above a brow, which moves as one piece, the skin follows; how far below its middle; and how far above it skin
-moves inwards.
+BROW_ABOVE_MM, BROW_TO_LID_MM, BROW_TO_NOSE_MM, SQUEEZE_ABOVE_MM = 36.0, 14.5, 14.0, 14.0
+"""How far above a brow, which moves as one piece, the skin follows; how far below its middle; how much farther between
+the brows, down the nose; and how far above it skin moves inwards.
 """
 UPPER_LIP_FAPS, LOWER_LIP_FAPS = (17, 51, 55, 56), (16, 52, 57, 58)
 PUSH_LOWER_LIP, RAISE_CORNERS = 16, (12, 13)
@@ -258,7 +258,8 @@ def _brows(points: Array, head: HeadParts, skin: Indices, feature_points: dict[s
         hairs = points[head.brows[side]]
         thick = np.percentile(np.abs(hairs[:, 1] - _parabola(sign * hairs[:, 0], knots) @ heights), 92)
         above = np.clip((off - thick) / BROW_ABOVE_MM, 0, 1)
-        below = np.clip((-off - thick) / (BROW_TO_LID_MM - thick), 0, 1)
+        reach = BROW_TO_LID_MM - thick + BROW_TO_NOSE_MM * (1 - smoothstep(along / knots[0]))
+        below = np.clip((-off - thick) / reach, 0, 1)
         # A ramp with short ends is less steep than a smooth step: skin below a lowered brow must not fold over itself.
         vertical = (1 - smoothstep(above)) * (1 - 0.5 * (below + smoothstep(below))) * front
         midline = smoothstep((along / knots[0] + 1) / 2)

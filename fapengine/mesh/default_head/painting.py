@@ -134,7 +134,7 @@ def _lips(x: Array, y: Array, front: Mask, style: HeadStyle) -> Array:
 
 
 def _round_eyes(x: Array, y: Array, front: Mask, style: HeadStyle) -> Array:
-    """Roots of the lashes along the margins, and slight shading on the lids."""
+    """A dark line of lashes along the margins, thicker outside, and slight shading on the lids."""
     across = np.abs(x)
     inner, outer = eyes.INNER_CORNER[0], eyes.OUTER_CORNER[0]
     middle_x, half_x = (inner + outer) / 2, 0.5 * (outer - inner)
@@ -143,9 +143,10 @@ def _round_eyes(x: Array, y: Array, front: Mask, style: HeadStyle) -> Array:
     above = np.interp(t, row, eyes.margin(row, np.ones(201, dtype=bool), style)[:, 1])
     below = np.interp(t, row, eyes.margin(row, np.zeros(201, dtype=bool), style)[:, 1])
     near = smoothstep((1.12 - np.abs((across - middle_x) / half_x)) / 0.16) * front
-    upper = np.exp(-np.clip(y - above, 0, None) / 0.9) * (y > above - 1.5)
+    thick = 0.5 + 0.6 * smoothstep((t + 0.3) / 0.9)
+    upper = smoothstep((thick + 0.5 - (y - above)) / 0.9) * (y > above - 1.5)
     lower = np.exp(-np.clip(below - y, 0, None) / 0.8) * (y < below + 1.5)
-    line = near * (0.62 * upper * (y > (above + below) / 2) + 0.30 * lower * (y <= (above + below) / 2))
+    line = near * (0.8 * upper * (y > (above + below) / 2) + 0.30 * lower * (y <= (above + below) / 2))
     lid = near * np.exp(-(((y - above - 2.2) / 2.4) ** 2))
     return (1 - line[..., None]) * (1 - lid[..., None] * np.array([0.08, 0.13, 0.11]))
 
