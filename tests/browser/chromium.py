@@ -30,7 +30,7 @@ OWN = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader
 """Draw with the software renderer that the browser brings along, where Mesa's OpenGL ES is not installed."""
 START_LIMIT_S = float(os.environ.get("BROWSER_START_LIMIT_S", "300"))
 """For all that a start takes."""
-CALL_LIMIT_S = 300.0
+CALL_LIMIT_S = 900.0
 
 
 def find_chromium() -> str | None:
