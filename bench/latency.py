@@ -1,8 +1,9 @@
 """Latency where it is seen and heard: the time from a text or from audio to sound and lips, and to a face at rest.
 
 Run ``python -m bench.latency [--only OSC WebSocket ...] [--trials N]``; the rows Pipecat and LiveKit need an
-environment with both frameworks (``make oracles`` makes ``out/oracles/frameworks``), Chromium a browser. All run on
-this machine: server, renderer, encoder, network (loopback) and client. Columns, in s, as p50 and p95:
+environment with both frameworks (``make oracles`` makes ``out/oracles/frameworks``), Chromium and
+Firefox a browser. All run on this machine: server, renderer, encoder, network (loopback) and client. Columns, in s, as
+p50 and p95:
 
 - *start*: from the first request to the first frame or image;
 - *sound*, *lips*: from the request to speak a text (or, for agents, from the first sample of a TTS in real time) to the
@@ -18,7 +19,7 @@ import asyncio
 import os
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import AsyncExitStack, asynccontextmanager
+from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -238,12 +239,23 @@ WATCHES = """(() => {
 })()"""
 
 
-@asynccontextmanager
-async def chromium() -> AsyncIterator[tuple[Watched, float]]:
+def chromium() -> AbstractAsyncContextManager[tuple[Watched, float]]:
     """Text by WebSocket; the call page in Chromium, what it shows and plays."""
     from tests.browser.chromium import Browser
 
-    async with _served() as (_, url), _page(url) as (client, _), Browser((900, 620)) as browser:
+    return _call_page(Browser((900, 620)))
+
+
+def firefox() -> AbstractAsyncContextManager[tuple[Watched, float]]:
+    """Text by WebSocket; the call page in Firefox, what it shows and plays."""
+    from tests.browser.firefox import Firefox
+
+    return _call_page(Firefox())
+
+
+@asynccontextmanager
+async def _call_page(opened: Any) -> AsyncIterator[tuple[Watched, float]]:
+    async with _served() as (_, url), _page(url) as (client, _), opened as browser:
         ahead_s = time.time() - time.monotonic()
         await browser.open(f"{url}/call.html?session=anna")
         await browser.until("document.body?.dataset.watching === 'false'")
@@ -443,8 +455,8 @@ async def livekit() -> AsyncIterator[tuple[Watched, float]]:
 
 
 ROWS = {
-    "OSC": osc, "WebSocket": web_socket, "WHEP, aiortc": whep, "WHEP, Chromium": chromium, "Pipecat": pipecat,
-    "LiveKit, stand-in for the server": livekit,
+    "OSC": osc, "WebSocket": web_socket, "WHEP, aiortc": whep, "WHEP, Chromium": chromium, "WHEP, Firefox": firefox,
+    "Pipecat": pipecat, "LiveKit, stand-in for the server": livekit,
 }  # fmt: skip
 
 
