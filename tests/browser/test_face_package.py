@@ -2,7 +2,9 @@
 
 import base64
 import contextlib
+import gzip
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -96,6 +98,25 @@ def shop(page: Page, site: Path) -> Page:
     page.go(page.server.site)
     page.until("window.show")
     return page
+
+
+def gzipped_mb(paths: list[Path]) -> float:
+    return sum(len(gzip.compress(path.read_bytes(), 9)) for path in paths) / 1e6
+
+
+def test_the_sizes_that_the_guide_states_are_those_of_the_package(site: Path) -> None:
+    guide = (Path(face_package.ROOT) / "docs" / "how-to" / "web.md").read_text()
+    pattern = r"\(([\d.]+) MB, mostly a head\).*`hear` loads ([\d.]+) MB \(gzip\), `say` ([\d.]+) MB, words ([\d.]+) MB"
+    stated = re.search(pattern, guide, re.DOTALL)
+    assert stated
+    package = site / "package"
+    modules, assets = [*package.glob("live/*.js")], package / "assets"
+    hears = gzipped_mb([*modules, assets / "planner.bin", assets / "recognizer.bin"])
+    says = hears - gzipped_mb([assets / "recognizer.bin"])
+    words = gzipped_mb([*package.glob("words-en/*.js"), assets / "words-en.bin"])
+    assert [float(size) for size in stated.groups()[1:]] == pytest.approx([hears, says, words], abs=0.05)
+    for tarball in site.glob("*.tgz"):  # where npm is
+        assert float(stated[1]) == pytest.approx(tarball.stat().st_size / 1e6, abs=0.1)
 
 
 def show(page: Page, **attributes: str) -> None:
