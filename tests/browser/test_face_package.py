@@ -227,7 +227,7 @@ def test_frames_of_a_data_channel_are_shown(shop: Page) -> None:
     shop.until("Math.abs(face.faps[2] - 321) < 1")
     assert not shop.run("face.feed(new ArrayBuffer(8))")
     reason = shop.run("(() => { try { face.words([]); } catch ({ message }) { return message; } })()")
-    assert reason.startswith("fap-face: words needs a server")
+    assert reason.startswith("fap-face: words needs the attribute server")
 
 
 def test_arkit_s_shapes_are_python_s(shop: Page) -> None:
