@@ -89,7 +89,7 @@ class Palette:
         """(..., 3) skin: redder cheeks, nose, ears and chin, darker around the eyes, lighter bridge and forehead."""
         colour = np.broadcast_to(self.base, points.shape).copy()
         for centre, size, share in (
-            ((45, -2), (21, 18), 0.50), ((0, 0), (15, 11), 0.50), ((0, -66), (15, 9), 0.18), ((20, 0), (5, 10), 0.20),
+            ((45, -2), (21, 18), 0.44), ((0, 0), (15, 11), 0.50), ((0, -66), (15, 9), 0.18), ((20, 0), (5, 10), 0.20),
             ((0, -22), (30, 7), 0.10), ((78, 10), (12, 34), 0.45), ((31, 25), (15, 4), 0.14), ((31, 45), (17, 4), 0.20),
         ):  # fmt: skip
             colour += share * _spot(points, centre, size) * (self.blush - colour)

@@ -23,7 +23,7 @@ class Maker:
     def __init__(self, _: str, command: Sequence[str]) -> None:
         module, niceness, name = command[-3:]
         assert (module, niceness) == ("fapengine.server.web.heads", str(NICENESS))
-        self.name, self.may_end = name, threading.Event()
+        self.name, self.may_end, self.is_closed = name, threading.Event(), False
         Maker.made.append(name)
         Maker.now += 1
         Maker.most = max(Maker.most, Maker.now)
@@ -34,11 +34,10 @@ class Maker:
             raise EOFError
         return {}, self.name.encode()
 
-    def kill(self) -> None:
-        self.may_end.set()
-
     def close(self) -> None:
-        Maker.now -= 1
+        Maker.now -= not self.is_closed
+        self.is_closed = True
+        self.may_end.set()
 
 
 def test_heads_are_made_one_at_a_time_and_the_latest_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
