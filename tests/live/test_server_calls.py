@@ -15,7 +15,7 @@ from fapengine.mpeg4 import fap
 from fapengine.server.calls import calls as module
 from fapengine.server.calls.offer import addresses_for
 from fapengine.server.calls.tracks import FilmTracks
-from fapengine.server.config import CallChoice, Face, Listen, ServerConfig
+from fapengine.server.config import CallChoice, Face, Listen, ServerConfig, SoundChoice
 from fapengine.server.server import Server
 from fapengine.trajectory.style import Style
 from tests.english import english
@@ -34,6 +34,7 @@ async def serving(
     config = ServerConfig(
         listen=Listen(port=0, web_port=0, metrics_port=0, **listen),  # type: ignore[arg-type]
         face=Face(head=head), style=Style.speech_only(), calls=CallChoice(on=True, size=64, max_calls=2),
+        sound=SoundChoice(recognizer="small"),
     )  # fmt: skip
     server = Server(config, english(), build_head())
     await server.start()
@@ -78,7 +79,7 @@ def test_sound_that_comes_in_moves_the_face_and_goes_out_with_it() -> None:
             server.hub.hold("anna")
             server.hub.listeners.on_frame("anna", lambda frame: jaws.append(int(frame.faps[fap.column(3)])))
             sees = await watch(http, f"{url}/whep?session=anna", np.mean)
-            says = await speak(http, f"{url}/whip?session=anna", np.tile(speech.samples, 60), 16_000)
+            says = await speak(http, f"{url}/whip?session=anna", np.tile(speech.samples, 100), 16_000)
             await until(lambda: max(jaws) > 100, LIMIT_S)
             await until(lambda: bool(np.abs(sees.sound[-48_000:].astype(int)).max(initial=0) > 3000), LIMIT_S)
             async with http.get(f"{url.rsplit(':', 1)[0]}:{server.sites[1][1]}/metrics") as answer:
