@@ -293,13 +293,13 @@ async def soak(minutes: float, bots: int = 2) -> None:
     async def report() -> None:
         while True:
             counts = [face._face.pictures.counts for face in faces]
-            told = {
+            row = {
                 "minute": round((time.monotonic() - begun_s) / 60.0, 1),
                 "sent_s": [round(each, 2) for each in sent], "received_s": [round(each, 2) for each in received],
                 "drawn": sum(each.drawn for each in counts), "skipped": sum(each.left_out for each in counts),
                 "restarts": sum(each.restarts for each in counts), "rss_mb": _rss_mb(), "load": os.getloadavg()[0],
             }  # fmt: skip
-            print(json.dumps(told), flush=True)
+            print(json.dumps(row), flush=True)
             await asyncio.sleep(60.0)
 
     def as_others() -> None:

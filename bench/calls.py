@@ -130,8 +130,9 @@ async def call(text: str, size: int = SIZE_PX, rate_hz: float = 30.0) -> Seen:
     """Call a server of one's own, let it speak, and hang up."""
     number_pictures()
     wires = {"audio": Wire(), "video": Wire()}
-    async with _serving(size, rate_hz, Style.speech_only()) as (server, url), aiohttp.ClientSession() as http:
-        caller = await watch(http, url, read_picture)
+    calls = CallChoice(on=True, size=size, rate_hz=rate_hz)
+    async with serving(calls, Style.speech_only()) as (server, url), aiohttp.ClientSession() as http:
+        caller = await watch(http, f"{url}/whep?session=anna", read_picture)
         for transceiver in caller.peer.getTransceivers():
             wires[transceiver.kind].tap(transceiver.receiver)
         while len(caller.pictures) < 5:
@@ -199,17 +200,15 @@ def measured(seen: Seen) -> dict[str, Any]:
 
 
 @asynccontextmanager
-async def _serving(size: int, rate_hz: float, style: Style) -> AsyncIterator[tuple[Server, str]]:
-    """Run a server with calls; yield it and the URL of a face."""
-    config = ServerConfig(
-        listen=Listen(port=0, web_port=0), style=style, calls=CallChoice(on=True, size=size, rate_hz=rate_hz)
-    )
+async def serving(calls: CallChoice, style: Style, *sinks: str) -> AsyncIterator[tuple[Server, str]]:
+    """Run a server with calls; yield it and its URL."""
+    config = ServerConfig(listen=Listen(port=0, web_port=0), style=style, calls=calls, sinks=sinks)
     server = Server(config, load_profile("grid_s1_en"), build_head())
     await server.start()
     running = asyncio.create_task(server.run())
     host, port = server.sites[0]
     try:
-        yield server, f"http://{host}:{port}/whep?session=anna"
+        yield server, f"http://{host}:{port}"
     finally:
         server.stop()
         await running
@@ -225,16 +224,16 @@ async def count_viewers(viewers: int, size: int = 512) -> dict[str, float]:
 
     Vp8Encoder.encode = counted  # type: ignore[method-assign]
     try:
-        async with _serving(size, WATCHED_HZ, Style()) as (server, url):
+        async with serving(CallChoice(on=True, size=size, rate_hz=WATCHED_HZ), Style()) as (server, url):
             watching = await asyncio.create_subprocess_exec(
-                sys.executable, "-m", __spec__.name, "--watch", url, str(viewers),
+                sys.executable, "-m", __spec__.name, "--watch", f"{url}/whep?session=anna", str(viewers),
                 stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE,
             )  # fmt: skip
             assert watching.stdout is not None
             await watching.stdout.readline()  # all see the face
             first, used_s, drawn = encoded[0], _cpu_s(), server.studio.counts.drawn
             await asyncio.sleep(WATCHED_S)
-            told = {
+            costs = {
                 "viewers": viewers,
                 "drawn": server.studio.counts.drawn - drawn,
                 "encoded": encoded[0] - first,
@@ -243,7 +242,7 @@ async def count_viewers(viewers: int, size: int = 512) -> dict[str, float]:
             shown, _ = await watching.communicate(b"\n")
     finally:
         Vp8Encoder.encode = encode  # type: ignore[method-assign]
-    return told | json.loads(shown)
+    return costs | json.loads(shown)
 
 
 async def _watch(url: str, viewers: int) -> None:

@@ -26,12 +26,10 @@ from typing import Any
 import aiohttp
 import numpy as np
 
-from bench.calls import SIZE_PX
+from bench.calls import SIZE_PX, serving
 from fapengine.clients.sender import Client
-from fapengine.files.profiles import load_profile
-from fapengine.mesh.default_head.head import build_head
 from fapengine.mpeg4 import fap
-from fapengine.server.config import CallChoice, Listen, ServerConfig
+from fapengine.server.config import CallChoice
 from fapengine.server.server import Server
 from fapengine.server.web.messages import FRAME
 from fapengine.trajectory.style import Style
@@ -78,16 +76,16 @@ async def _trial(client: Watched) -> dict[str, float]:
     client.mouth[:] = client.mouth[-1:]
     client.sound.clear()
     said_s = await client.say()
-    told = {"lips": await _first(client.mouth, said_s, rest + client.opens)}
+    delays_s = {"lips": await _first(client.mouth, said_s, rest + client.opens)}
     if client.hears:
-        told["sound"] = await _first(client.sound, said_s, LOUD)
+        delays_s["sound"] = await _first(client.sound, said_s, LOUD)
     await asyncio.sleep(SPEAKS_S)
     stopped_s = time.monotonic()
     await client.stop()
     await asyncio.sleep(RESTS_S)
     open_s = [at_s for at_s, value in client.mouth if at_s > stopped_s and value > rest + client.opens]
-    told["rest"] = max(open_s, default=stopped_s) - stopped_s
-    return told
+    delays_s["rest"] = max(open_s, default=stopped_s) - stopped_s
+    return delays_s
 
 
 def darkness(picture: np.ndarray) -> float:
@@ -98,20 +96,8 @@ def darkness(picture: np.ndarray) -> float:
 # A server's clients ---------------------------------------------------------------------------------------------------
 
 
-@asynccontextmanager
-async def _served(*sinks: str) -> AsyncIterator[tuple[Server, str]]:
-    config = ServerConfig(
-        listen=Listen(port=0, web_port=0), style=SPEECH, calls=CallChoice(on=True, size=SIZE_PX), sinks=sinks
-    )
-    server = Server(config, load_profile("grid_s1_en"), build_head())
-    await server.start()
-    running = asyncio.create_task(server.run())
-    host, port = server.sites[0]
-    try:
-        yield server, f"http://{host}:{port}"
-    finally:
-        server.stop()
-        await running
+def _served(*sinks: str) -> AbstractAsyncContextManager[tuple[Server, str]]:
+    return serving(CallChoice(on=True, size=SIZE_PX), SPEECH, *sinks)
 
 
 @asynccontextmanager
@@ -482,11 +468,11 @@ def main() -> None:
     print("|  | start | sound | lips | rest |\n|---|---|---|---|---|")
     for name in given.only:
         try:
-            told = asyncio.run(measured(name, given.trials, given.starts))
+            delays_s = asyncio.run(measured(name, given.trials, given.starts))
         except (ImportError, TimeoutError) as error:
             print(f"{name}: {error or 'something did not come'}")
             continue
-        cells = ["{:.2f}, {:.2f}".format(*told[column]) if column in told else "" for column in COLUMNS]
+        cells = ["{:.2f}, {:.2f}".format(*delays_s[column]) if column in delays_s else "" for column in COLUMNS]
         print(f"| {name} | {' | '.join(cells)} |", flush=True)
     print(f"load {os.getloadavg()[0]:.1f}")
 

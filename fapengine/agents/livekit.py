@@ -487,15 +487,23 @@ def _follow(room: rtc.Room, face: AgentFace, agent: str | None, left: asyncio.Ev
     def obey(call: rtc.RpcInvocationData) -> str:
         if not is_agent(room.remote_participants.get(call.caller_identity)):
             raise rtc.RpcError(rtc.RpcError.ErrorCode.APPLICATION_ERROR, "only its agent moves this face")
-        for name, *given in json.loads(call.payload):
-            acts[name](*given)
+        try:
+            for name, *given in json.loads(call.payload):
+                acts[name](*given)
+        except (LookupError, TypeError, ValueError) as error:
+            wrong = f"got {call.payload!r:.60}, expected a list of [name, argument...] with {', '.join(acts)}"
+            raise rtc.RpcError(rtc.RpcError.ErrorCode.APPLICATION_ERROR, wrong) from error
         return ""
 
     async def feel(reader: rtc.TextStreamReader) -> None:
         await reader.read_all()
         expression = (reader.info.attributes or {}).get(ATTRIBUTE_TRANSCRIPTION_EXPRESSION)
-        if expression is not None:
+        if expression is None:
+            return
+        try:
             face.feel(str(json.loads(expression)["expression"]))
+        except (LookupError, TypeError, ValueError):
+            log.warning("lk.expression: got %.60r, expected JSON with an expression", expression)
 
     def transcribed(reader: rtc.TextStreamReader, identity: str) -> None:
         if identity == own or is_agent(room.remote_participants.get(identity)):

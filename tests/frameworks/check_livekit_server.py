@@ -254,6 +254,11 @@ def test_a_worker_follows_what_its_agent_does_and_no_other(monkeypatch: pytest.M
             if refused.value.code == rtc.RpcError.ErrorCode.CONNECTION_TIMEOUT:
                 skip_if_busy("no answer came")
             assert "only its agent" in refused.value.message
+            for wrong in ("hello", '[["dance"]]', "3"):
+                with pytest.raises(rtc.RpcError, match=r"expected a list of \[name, argument"):
+                    await agent.local_participant.perform_rpc(
+                        destination_identity=livekit.IDENTITY, method=livekit.FACE_RPC, payload=wrong
+                    )
             output, events = livekit.RemoteOutput(agent), []
             output.on("playback_finished", events.append)
             output.pause()
