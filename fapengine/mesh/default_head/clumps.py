@@ -33,7 +33,7 @@ TOP_MM = 144.0
 """Height above which the scalp is not measured."""
 EARS_MM = 36.0
 """Height from which long hair hangs."""
-FRONT_MM = 2.5
+FRONT_MM = 5.0
 """Additional height of short hair over the forehead."""
 EAR_MM, CLOSE_SIDES = 7.0, 0.5
 """Additional height of hanging hair over an ear; fraction of its height that short hair loses there."""
@@ -210,9 +210,8 @@ def _on_head(style: HeadStyle, cut: _Cut, s: Array, shares: Array) -> tuple[list
         rise = np.interp(share, *cut.rise) * (0.12 + 0.88 * edge)
         if cut.ends_mm is None:
             # It is high over the forehead and close at the sides.
-            rise += (
-                5.0 * edge * np.exp(-(((u - 0.82) / 0.15) ** 2)) * np.interp(share, (0, 0.15, 0.5, 0.7), (0, 1, 1, 0))
-            )
+            on_way = np.interp(share, (0, 0.15, 0.5, 0.7), (0, 1, 1, 0))
+            rise += FRONT_MM * on_way * edge * np.exp(-(((u - 0.82) / 0.15) ** 2))
             beside = np.exp(-(((degrees - 92.0) / 30.0) ** 2)) * smoothstep((115.0 - foot[:, 1]) / 40.0)
             rise *= 1 - CLOSE_SIDES * beside
         else:
