@@ -15,7 +15,7 @@ COMMAND = (
     *("--expression", "surprise:0.7@0-0.5", "--expression", "joy:0.6@0.9-9"),
 )
 FILES = {
-    "demo.webp": ("--size", "320x320", "--fps", "20"),
+    "demo.webp": ("--size", "400x400", "--fps", "20"),
     "demo.mp4": ("--size", "400x400", "--fps", "30"),
 }
 

@@ -47,7 +47,8 @@ X264 = {"preset": "veryfast", "crf": "20", "tune": "animation"}
 VP9 = {"deadline": "realtime", "cpu-used": "8", "crf": "32", "b": "0", "row-mt": "1"}
 PRORES = {"profile": "4444", "vendor": "apl0", "alpha_bits": "16"}
 """ProRes 4444, which editors read with its alpha; some check the vendor."""
-WEBP = {"quality": "80", "compression_level": "2"}
+WEBP = {"quality": "90", "compression_level": "2"}
+"""At 80, blocks of earlier frames stay in hair and cheeks: the encoder takes nearly equal pixels for equal ones."""
 REPEATABLE = {"fflags": "+bitexact"}
 """Matroska without random ids: the same frames give the same bytes."""
 FORMATS = {
@@ -155,7 +156,7 @@ def write_moving(
     path : Path
         A suffix of :data:`FORMATS`; a pattern with one ``%d`` or ``%04d``, as in FFmpeg; or a folder, which gets
         ``frame_0000.png`` and so on. GIF has one palette of 256 colours for all frames, to avoid flicker; WebP has
-        all colours, in a quarter of the size.
+        all colours, in a third of the size.
     frames : iterable of (height, width, 3) uint8
         sRGB; all of one size, for videos with even sides. A fourth component is straight alpha. Where
         :func:`takes_planes`, also (height * 3 // 2, width): I420, Rec. 601 of limited range.
