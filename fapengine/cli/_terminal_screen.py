@@ -8,12 +8,13 @@ from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
-from fapengine.app.phone_ticker import ticker
 from fapengine.mpeg4 import fap
 from fapengine.speech.phone_track import PhoneTrack
 
 BLOCKS = " \u2581\u2582\u2583\u2584\u2585\u2586\u2587\u2588"
 WIDE_OPEN_FAPU = 500.0
+BEFORE, AFTER = 6, 10
+"""Numbers of phones shown on either side."""
 
 
 class TerminalScreen:
@@ -56,3 +57,21 @@ def _mouth(faps: NDArray[np.int32]) -> str:
     lips = faps[fap.column(51)] + faps[fap.column(52)]  # both towards the middle are positive
     level = round(min(max(-float(lips) / WIDE_OPEN_FAPU, 0.0), 1.0) * (len(BLOCKS) - 1))
     return BLOCKS[level] * 4
+
+
+def ticker(phones: PhoneTrack, position_s: float) -> tuple[str, str, str]:
+    """Return the labels of the phones before a position, at it, and after it.
+
+    Examples
+    --------
+    >>> from fapengine.speech.phone_track import Phone
+    >>> track = PhoneTrack.from_phones([Phone("h", 0.0, 0.1), Phone("a", 0.1, 0.2), Phone("j", 0.3, 0.4)])
+    >>> ticker(track, 0.15), ticker(track, 9.0)
+    (('h', 'a', '· j'), ('h a · j', '', ''))
+    >>> ticker(track, -0.5)  # nothing is said before the beginning
+    ('', '', 'a · j')
+    """
+    labels = ["·" if phone.is_silence else phone.label for phone in phones.phones]
+    at = sum(phone.end_s <= position_s for phone in phones.phones)
+    now = labels[at] if at < len(labels) and position_s >= 0 else ""
+    return " ".join(labels[max(at - BEFORE, 0) : at]), now, " ".join(labels[at + 1 : at + 1 + AFTER])

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from fapengine.app.face import Face, Ticks
-from fapengine.app.phone_ticker import ticker
 from fapengine.app.view import BLINK, PAUSE, STOP, FaceSource, OscSource, ServerSource, TrackSource
 from fapengine.audio.output import Output, SilentOutput
 from fapengine.engine.commands import SetParameter
@@ -384,8 +383,3 @@ def test_ticks_are_steady_and_count_what_they_skip() -> None:
     ticks.wait()
     assert time.monotonic() - started >= 0.03
     assert ticks.frames == 3
-
-
-def test_the_ticker_shows_nothing_now_before_the_beginning() -> None:
-    track = PhoneTrack.from_phones([Phone("a", 0.0, 0.1), Phone("b", 0.1, 0.2)])
-    assert ticker(track, -0.5) == ("", "", "b")
