@@ -13,6 +13,7 @@ import pytest
 from fapengine.codec import kernels
 from fapengine.codec.encoder import encode
 from fapengine.codec.fapfile import parse_fap
+from fapengine.codec.fields import FIELD_COUNT
 from fapengine.codec.planes import PlaneState
 from fapengine.codec.writer import StreamWriter
 from tests.conftest import NO_COMPILER
@@ -90,6 +91,20 @@ def test_values_out_of_range_name_the_same_field(both: Iterator[ModuleType]) -> 
             )  # fmt: skip
 
     assert list(ends()) == [-41, -41]
+
+
+def test_four_bits_before_a_start_code_are_stuffing_and_five_are_a_plane(both: Iterator[ModuleType]) -> None:
+    bits = np.concatenate([np.zeros(8, np.uint8), np.unpackbits(np.frombuffer(b"\x00\x00\x00\x01\xbb", np.uint8))])
+    for loops in both:
+        for before in range(3, 9):
+            state, given = PlaneState(), bits.copy()
+            given[16 - before + 2] = 1  # 0 0 1, as a P plane begins
+            values, flags, extents = (np.zeros((1, width), np.int64) for width in (FIELD_COUNT, 3, 3))
+            _, _, status, code = loops.decode_predicted(
+                given, 16 - before, False, True, state.fields, state.previous, state.decoding, state.found,
+                state.flags, np.zeros(0), values, flags, extents,
+            )  # fmt: skip
+            assert ((status, code) == (kernels.AT_CODE, 0xBB)) == (before < 5), (loops.__name__, before)
 
 
 def test_arrays_that_do_not_fit_are_refused(compiled: ModuleType) -> None:
