@@ -2,9 +2,10 @@
 
     python -m bench.page_rivals --filmed FOLDER [--sentences 60]
 
-``FOLDER`` is that of ``bench.ears``. HeadAudio 0.1.0 and wawa-lipsync 0.0.2 follow the sound, TalkingHead 1.7.0 speaks
-words with their true times, ours follows the sound, which it delays as well; our plan of the true phones is a control.
-npm (MIT, all three) fetches them into ``out/page-rivals``; they run in Node on a made clock, so that none is late by
+``FOLDER`` is that of ``bench.recognizers``. HeadAudio 0.1.0 and wawa-lipsync 0.0.2 follow the sound, TalkingHead 1.7.0
+speaks words with their true times, ours follows the sound, which it delays as well; our plan of the true
+phones is a control. npm (MIT, all three) fetches them into ``out/page-rivals``; they run in Node on a made clock,
+so that none is late by
 computing. Their weights of Oculus' visemes become an opening of the lips by our table; correlation does not depend on
 how wide it is.
 
@@ -27,7 +28,7 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import resample_poly
 
-from bench.ears import FILMED_HZ, Clip, filmed_clips, while_speaking
+from bench.recognizers import FILMED_HZ, Clip, filmed_clips, while_speaking
 from design import face_package
 from fapengine.recognition.protocol import RATE_HZ
 from fapengine.retarget.visemes import visemes_to_faps

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bench.ears import SENTENCES, pronounce
+from bench.recognizers import SENTENCES, pronounce
 from fapengine.app.score import power_of
 from fapengine.mpeg4.fapu import AU_RAD
 from fapengine.recognition.loudness import soundings

@@ -1,9 +1,9 @@
-"""Other programs on the same sounds, as ears: ``bench.ears`` lists them where ``make oracles`` installed them.
+"""Other programs on the same sounds; ``bench.recognizers`` lists those that ``make oracles`` installed.
 
 Rhubarb Lip Sync (MIT; its WebAssembly build 0.1.8 from npm, in Node) gives nine mouth shapes; HeadAudio (MIT; 0.1.0
 from npm, its worklet's code in Node) gives one of 15 Oculus visemes every 16 ms. They become phones by our tables, and
-lips by our planner, as for every ear. HeadAudio's visemes stand at the times that it states, so that what it is late by
-in a page (a majority vote over the last ones, 100 ms of easing) does not count against it.
+lips by our planner, as for every recognizer. HeadAudio's visemes stand at the times that it states, so that what it
+is late by in a page (a majority vote over the last ones, 100 ms of easing) does not count against it.
 """
 
 import json
@@ -50,7 +50,7 @@ def _told(program: str, speech: Spoken, *arguments: str) -> bytes:
 
 
 def rivals() -> dict[str, Callable[[Spoken], PhoneTrack]]:
-    """Names and ears of the rivals that are installed."""
+    """Names and recognizers of the rivals that are installed."""
     if which("node") is None:
         return {}
     ears: dict[str, Callable[[Spoken], PhoneTrack]] = {}

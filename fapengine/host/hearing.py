@@ -34,7 +34,7 @@ from fapengine.recognition.small_recognizer import LOOK_AHEAD_S
 from fapengine.speech.phone_track import Phone
 
 DELAY_S = 0.25
-"""Delay of the face after audio that comes as it is spoken (``bench/ear_delays.py``)."""
+"""Delay of the face after audio that comes as it is spoken (``bench/recognizer_delays.py``)."""
 MAX_RECOGNIZERS = 4
 MAX_WAITING_S = 20.0
 """Most audio of one session that waits for its recognizer."""

@@ -13,7 +13,7 @@ of which adds to its input a function of it at three moments (:data:`OFFSETS`) t
 convolution (van den Oord et al. 2016, "WaveNet"; residual layers: He et al. 2016, doi:10.1109/CVPR.2016.90). The input
 of each is normalised to unit power (Zhang and Sennrich 2019, "Root mean square layer normalization"). The last layer
 gives a score for each label and each of the two frames. Together they look :data:`AHEAD` steps ahead and a second and
-more back. ``bench/ear_train.py`` learned the weights.
+more back. ``bench/recognizer_train.py`` learned the weights.
 
 It always runs one step at a time, so that rounding does not depend on how the audio is cut.
 """
@@ -163,7 +163,7 @@ def read_weights(data: bytes) -> Weights:
     Parameters
     ----------
     data : bytes
-        What ``bench/ear_train.py`` wrote.
+        What ``bench/recognizer_train.py`` wrote.
     """
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as found:

@@ -11,9 +11,9 @@ the same phones.
 
 :class:`JointRecognizer` adds PocketSphinx; the two err in different places. The phone that PocketSphinx's loop finds in
 a frame is a second observation; its likelihood given the true phone was counted on known sentences
-(``bench/ear_join.py``). Both likelihoods are multiplied, the second to the power of :data:`OTHER_WEIGHT`, because they
-are not independent; then the best path is searched as before. Of a file, whole pieces are decoded first
-(:class:`KnownFrames`).
+(``bench/recognizer_join.py``). Both likelihoods are multiplied, the second to the power of :data:`OTHER_WEIGHT`,
+because they are not independent; then the best path is searched as before. Of a file, whole pieces are decoded
+first (:class:`KnownFrames`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -314,7 +314,7 @@ class SmallRecognizer(BlockRecognizer):
 
 OTHER_WEIGHT, WHOLE_WEIGHT = 0.6, 1.0
 """Weight of PocketSphinx's phones as audio comes, and of whole pieces; 0 to 1 were tried on the sentences of
-``bench/ears.py``, for whole pieces .6 and 1 on 20 filmed ones: 18 and 22 of 36 p b m met."""
+``bench/recognizers.py``, for whole pieces .6 and 1 on 20 filmed ones: 18 and 22 of 36 p b m met."""
 
 
 class KnownFrames:

@@ -43,7 +43,7 @@ MODEL_PHONES = (
 VOWELS = frozenset(name for name in MODEL_PHONES if name[0] in "AEIOU")
 _DICTIONARY = "cmudict-en-us.dict"
 _LOOP = {"lw": 2.0, "beam": 1e-20, "pbeam": 1e-20}
-"""Weight of the phone language model and beams of the phone loop (``bench/ears.py``: 1 to 4 differ by .02 of r)."""
+"""Weight of the phone language model, beams of the phone loop (``bench/recognizers.py``: 1 to 4 differ by .02 of r)."""
 
 
 def new_decoder(**options: Any) -> Any:

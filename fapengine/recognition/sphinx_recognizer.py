@@ -13,8 +13,8 @@ from fapengine.recognition.sphinx import Frames, frames_of, ipa_of, new_phone_lo
 from fapengine.speech.phone_track import SILENCE, Phone
 
 LOOK_AHEAD_S = 0.2
-"""Look-ahead that costs nothing (``bench/ears.py``: 100 ms cost .02 of r, 150 ms none). Its blocks are 60 ms longer
-than those of the small recognizer, so a live face is 50 ms later (``host/hearing.py``)."""
+"""Look-ahead that costs nothing (``bench/recognizers.py``: 100 ms cost .02 of r, 150 ms none). Its blocks are 60 ms
+longer than those of the small recognizer, so a live face is 50 ms later (``host/hearing.py``)."""
 BLOCK = 8 * HOP
 """Samples between two readings of the hypothesis, 80 ms: a reading costs more than decoding."""
 UTTERANCE_S = 8.0

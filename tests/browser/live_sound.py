@@ -6,7 +6,7 @@ Two sentences in each of flite's four voices. First they are pushed into ``Live`
 is taken to answer within 10 ms. Then they are played in real time to ``hear`` of a ``<fap-face>`` that draws itself,
 under ``default-src 'self'`` with trusted types: that needs a machine with nothing else to do. Figures: correlation of
 the opening of the lips that are shown with that of the plan, mean and worst of the eight; p b m met as in
-``bench/ear_delays.py``; share of a core that the recognizer's worker takes, by processor time.
+``bench/recognizer_delays.py``; share of a core that the recognizer's worker takes, by processor time.
 """
 
 import asyncio
@@ -19,7 +19,7 @@ from typing import Protocol
 import numpy as np
 from scipy.signal import resample_poly
 
-from bench.ear_delays import OPEN_MM, OPEN_S, SHUT_MM, SHUT_S
+from bench.recognizer_delays import OPEN_MM, OPEN_S, SHUT_MM, SHUT_S
 from design import face_package
 from fapengine.files.sound import save_wav
 from fapengine.recognition.protocol import RATE_HZ

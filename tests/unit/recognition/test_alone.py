@@ -34,7 +34,7 @@ def test_lips_move_as_with_the_true_phones(ear: SphinxRecognizer) -> None:
         truth, found = closures(speech.phones), closures(track)
         asked, hits = asked + len(truth), hits + met(truth, found)
         told, false = told + len(found), false + len(found) - met(found, truth)
-    assert np.median(likeness) > 0.65  # bench/ears.py measures ten sentences of each voice
+    assert np.median(likeness) > 0.65  # bench/recognizers.py measures ten sentences of each voice
     assert hits >= 0.75 * asked
     assert false <= 0.2 * told
 

@@ -35,7 +35,7 @@ def test_lips_move_as_with_the_true_phones(ear: SmallRecognizer) -> None:
         truth, found = closures(speech.phones), closures(track)
         asked, hits = asked + len(truth), hits + met(truth, found)
         told, false = told + len(found), false + len(found) - met(found, truth)
-    assert np.median(likeness) > 0.7  # bench/ears.py measures ten sentences of each voice
+    assert np.median(likeness) > 0.7  # bench/recognizers.py measures ten sentences of each voice
     assert hits >= 0.75 * asked
     assert false <= 0.2 * told
 

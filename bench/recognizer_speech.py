@@ -1,8 +1,10 @@
-r"""Speech with known phones to train the small ear on, made by what Debian has; ``bench.ear_train`` learns from it.
+r"""Speech with known phones to train the small recognizer on, made by what Debian has.
+
+``bench.recognizer_train`` learns from it.
 
     apt-get install flite festival festvox-kallpc16k festvox-kdlpc16k festvox-us-slt-hts wordnet-base ffmpeg \
         asterisk-core-sounds-{en,it,ru} asterisk-core-sounds-{en,it,ru}-g722 asterisk-moh-opsound-g722
-    python -m bench.ear_speech FOLDER [--sentences 400]
+    python -m bench.recognizer_speech FOLDER [--sentences 400]
 
 Sentences are examples of WordNet (its licence is free), and letters, digits and names of things at random. Speakers:
 
@@ -13,7 +15,7 @@ Sentences are examples of WordNet (its licence is free), and letters, digits and
 - music on hold, which is no speech.
 
 Each speaker is a file of NumPy: ``samples`` (N,) int16 at 16 kHz, ``frames`` (N / 160,) uint8, numbers of
-:data:`LABELS`, and ``ends`` (U,), the frame behind each sentence. No sentence of ``bench/ears.py`` is among them.
+:data:`LABELS`, and ``ends`` (U,), the frame after each sentence. No sentence of ``bench/recognizers.py`` is among them.
 """
 
 import argparse
@@ -28,7 +30,7 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import resample_poly
 
-from bench.ears import SENTENCES
+from bench.recognizers import SENTENCES
 from fapengine.files.sound import load_sound
 from fapengine.recognition.loudness import HOP
 from fapengine.recognition.protocol import RATE_HZ
@@ -40,7 +42,7 @@ from fapengine.speech.phone_track import SILENCE, Phone
 from fapengine.voices.espeak import EspeakVoice
 
 LABELS = (SILENCE, "ə", *MODEL_NAMES)
-"""Labels that the ear tells apart: silence, schwa, and the 39 of PocketSphinx's model."""
+"""Labels that the recognizer tells apart: silence, schwa, and the 39 of PocketSphinx's model."""
 EITHER = len(LABELS)
 """Number of a frame that is ʌ or ə: a dictionary does not tell them apart."""
 UNKNOWN = 255

@@ -1,6 +1,6 @@
 """Lips that follow a microphone at several delays, against lips by the true phones.
 
-    python -m bench.ear_delays
+    python -m bench.recognizer_delays
 
 Two sentences in each of flite's four voices go through a server's engine and each recognizer, 20 ms at a time, on a
 made clock; the recognizer's process is taken to answer within :data:`ANSWER_S`. Figures: correlation of the opening of

@@ -1,7 +1,7 @@
-"""Quality of the ears: lips by the phones that they hear, against lips by the true phones and against filmed lips.
+"""Quality of the recognizers: lips by the phones that they hear, against those by the true phones and filmed lips.
 
-    python -m bench.ears [--filmed FOLDER] [--noise DB] [--long MINUTES] [--languages]
-    python -m bench.ears --filmed FOLDER --transcripts SENTENCES
+    python -m bench.recognizers [--filmed FOLDER] [--noise DB] [--long MINUTES] [--languages]
+    python -m bench.recognizers --filmed FOLDER --transcripts SENTENCES
 
 Speech: ten sentences in each of flite's four voices, whose phones are known (Debian's flite). Figures: correlation of
 the planner's opening of the lips (60 Hz) over a sentence, median, lowest tenth and worst; the same while somebody
@@ -14,14 +14,15 @@ sentences, with the text and without, and measures memory and speed.
 words for the aligner; all are one program's, and some sound unlike people.
 
 Sound alone is streamed 150 ms behind. The small network was trained on other sentences of the same four voices;
-``--weights FILE`` hears with other weights (``bench.ear_train --without``), ``--voices`` with some of the voices alone.
+``--weights FILE`` hears with other weights (``bench.recognizer_train --without``), ``--voices`` with some of the
+voices alone.
 
 ``--transcripts`` measures instead how transcripts fare in bad sound: so many filmed sentences, drawn with a fixed seed,
 in clean sound, through a telephone, in pink noise and in a room. Figures: correlation of a whole sentence (median) and
 while speaking, right texts that are refused, texts of the next sentence that are refused, and refused ones that say
 something else altogether (:data:`SENTENCES`).
 
-To compare another ear, add a row to :data:`EARS`.
+To compare another recognizer, add a row to :data:`RECOGNIZERS`.
 """
 
 import argparse
@@ -122,18 +123,18 @@ def alone(speech: Spoken) -> PhoneTrack:
 
 
 class Streamed:
-    """An ear as it hears live, new for each sentence."""
+    """A recognizer as it hears live, new for each sentence."""
 
-    def __init__(self, ear: Recognizer) -> None:
-        self._ear = ear
+    def __init__(self, recognizer: Recognizer) -> None:
+        self._recognizer = recognizer
 
     def __call__(self, speech: Spoken) -> PhoneTrack:
         """Hear a sentence."""
-        self._ear.reset()
-        return PhoneTrack.from_phones(self._ear.push(speech.samples) + self._ear.end())
+        self._recognizer.reset()
+        return PhoneTrack.from_phones(self._recognizer.push(speech.samples) + self._recognizer.end())
 
 
-EARS: dict[str, Callable[[Spoken], PhoneTrack]] = {
+RECOGNIZERS: dict[str, Callable[[Spoken], PhoneTrack]] = {
     "with the text": aligned,
     "sound alone": alone,
     "sound alone, streamed: sphinx": Streamed(SphinxRecognizer(0.15)),
@@ -314,7 +315,7 @@ def table(title: str, clips: list[Clip], *, phones: bool) -> None:
     print(f"\n{title}: {len(clips)} sentences")
     head = f"{'':38s} {'r':>6s} {'10 %':>6s} {'worst':>6s} {'speaking':>8s}"
     print(head + ("  p b m met       false       starts" if phones else ""))
-    for name, hear in EARS.items():
+    for name, hear in RECOGNIZERS.items():
         print(figures(name, clips, hear, phones=phones), flush=True)
     print(likenesses("loudness (control)", clips, [loudness_opening(clip) for clip in clips]))
     true = [opening_mm(c.speech.phones, len(c.opening) / c.rate_hz, c.rate_hz) for c in clips]
@@ -362,7 +363,7 @@ def main() -> None:
     parser.add_argument("--long", type=float, default=0.0, metavar="MINUTES")
     parser.add_argument("--languages", action="store_true", help="eight other languages as well")
     parser.add_argument("--transcripts", type=int, metavar="SENTENCES", help="transcripts in bad sound, instead")
-    parser.add_argument("--weights", type=Path, help="other weights of the small ear, which alone is measured then")
+    parser.add_argument("--weights", type=Path, help="other weights of the small recognizer; only it is measured then")
     parser.add_argument("--voices", nargs="+", choices=VOICES, default=VOICES, metavar="VOICE")
     options = parser.parse_args()
     if options.transcripts:
@@ -374,8 +375,8 @@ def main() -> None:
         return
     if options.weights:
         weights = read_weights(options.weights.read_bytes())
-        EARS.clear()
-        EARS["small"], EARS["both"] = (
+        RECOGNIZERS.clear()
+        RECOGNIZERS["small"], RECOGNIZERS["both"] = (
             Streamed(SmallRecognizer(weights=weights)),
             Streamed(JointRecognizer(weights=weights)),
         )

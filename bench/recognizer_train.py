@@ -1,6 +1,8 @@
-"""Trains the small ear on the speech of ``bench.ear_speech`` and writes its weights; ``bench.ear_join`` ends them.
+"""Trains the small recognizer on the speech of ``bench.recognizer_speech`` and writes its weights.
 
-    python -m bench.ear_train FOLDER -o ear.npz [--minutes 20] [--without flite-kal16 festival-kal ...]
+``bench.recognizer_join`` adds to them.
+
+    python -m bench.recognizer_train FOLDER -o weights.npz [--minutes 20] [--without flite-kal16 festival-kal ...]
 
 The network hears the bands of :mod:`fapengine.recognition.small_net` and names the phone of each frame of 10 ms
 (:mod:`fapengine.recognition.small_net` says how it is made). Sound is changed at random, each time anew, so that it is
@@ -23,7 +25,7 @@ from scipy.signal import lfilter, resample_poly
 from torch import nn
 from torch.nn import functional
 
-from bench.ear_speech import EITHER, LABELS, UNKNOWN
+from bench.recognizer_speech import EITHER, LABELS, UNKNOWN
 from fapengine.recognition.loudness import HOP
 from fapengine.recognition.small_net import (
     AHEAD,
@@ -354,7 +356,7 @@ def main() -> None:
             lately = []
         if step % 500 == 0 or done >= 1.0:
             about = {
-                "made_by": "bench/ear_speech.py, bench/ear_train.py, bench/ear_join.py",
+                "made_by": "bench/recognizer_speech.py, bench/recognizer_train.py, bench/recognizer_join.py",
                 "licence": "CC-BY-SA-3.0: small_recognizer.npz.license",
                 "steps": step,
                 "earlier_steps": earlier,

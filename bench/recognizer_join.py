@@ -1,8 +1,8 @@
-"""Counts of the phones that PocketSphinx hears where others are said, added to the weights of the small ear.
+"""Counts of the phones that PocketSphinx hears where others are said, added to the weights of the small recognizer.
 
-    python -m bench.ear_join FOLDER WEIGHTS.npz [--without flite-kal16 ...] [--sentences 7]
+    python -m bench.recognizer_join FOLDER WEIGHTS.npz [--without flite-kal16 ...] [--sentences 7]
 
-FOLDER is that of ``bench.ear_speech``. A few sentences of each speaker go through PocketSphinx's loop as in
+FOLDER is that of ``bench.recognizer_speech``. A few sentences of each speaker go through PocketSphinx's loop as in
 :class:`fapengine.recognition.small_recognizer.JointRecognizer`, with the same look-ahead. The counts of (heard, true)
 frames become logarithms of P(heard | true) / P(heard), smoothed by 20 frames.
 """
@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.ear_speech import EITHER, LABELS
+from bench.recognizer_speech import EITHER, LABELS
 from fapengine.recognition.loudness import HOP
 from fapengine.recognition.small_recognizer import LATE, SphinxFrames
 from fapengine.recognition.sphinx_recognizer import BLOCK
@@ -24,7 +24,7 @@ STRUT = LABELS.index("ʌ")
 
 
 def heard(samples: np.ndarray) -> np.ndarray:
-    """(T,): label that is heard in each frame when the small ear has scored it, -1 where none is known."""
+    """(T,): label that is heard in each frame when the small recognizer has scored it, else -1."""
     ear, numbers = SphinxFrames(), {label: number for number, label in enumerate(LABELS)}
     found, count = np.full(len(samples) // HOP, -1), 0
     for start in range(0, len(samples) - BLOCK + 1, BLOCK):
