@@ -3,11 +3,10 @@
     python -m bench.page_rivals --filmed FOLDER [--sentences 60]
 
 ``FOLDER`` is that of ``bench.recognizers``. HeadAudio 0.1.0 and wawa-lipsync 0.0.2 follow the sound, TalkingHead 1.7.0
-speaks words with their true times, ours follows the sound, which it delays as well; our plan of the true
-phones is a control. npm (MIT, all three) fetches them into ``out/page-rivals``; they run in Node on a made clock,
-so that none is late by
-computing. Their weights of Oculus' visemes become an opening of the lips by our table; correlation does not depend on
-how wide it is.
+speaks words with their true times, ours follows the sound, which it delays as well; our plan of the true phones is a
+control. npm (MIT, all three) fetches them into ``out/page-rivals``; they run in Node on a made clock, so that none is
+late by computing. Their weights of Oculus' visemes become an opening of the lips by our table; correlation does not
+depend on how wide it is.
 
 Figures, of 60 pictures a second, compared with lips 25 times a second: correlation while speaking, all sentences in
 one, with what is heard at that moment; the lag at which it is best (positive: the face is late), and how good it is
