@@ -89,10 +89,10 @@ def number_pictures() -> None:
     show = FilmTracks.picture
 
     def picture(self: FilmTracks, time_s: float, pixels: bytes) -> None:
-        picture = np.frombuffer(pixels, np.uint8).reshape(SIZE_PX, SIZE_PX, 3).copy()
+        picture = np.frombuffer(pixels, np.uint8).reshape(SIZE_PX * 3 // 2, SIZE_PX).copy()  # I420
         code = round(1000 * time_s) % 2**CODE_BITS
         for bit in range(CODE_BITS):
-            picture[:CODE_PX, bit * CODE_PX : (bit + 1) * CODE_PX] = 255 * (code >> bit & 1)
+            picture[:CODE_PX, bit * CODE_PX : (bit + 1) * CODE_PX] = 16 + 219 * (code >> bit & 1)
         show(self, time_s, picture.tobytes())
 
     FilmTracks.picture = picture  # type: ignore[method-assign]

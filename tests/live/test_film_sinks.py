@@ -64,7 +64,7 @@ class Camera:
 @pytest.fixture
 def stand_in(monkeypatch: pytest.MonkeyPatch) -> None:
     module = ModuleType("pyvirtualcam")
-    module.Camera, module.PixelFormat = Camera, SimpleNamespace(RGB="rgb")  # type: ignore[attr-defined]
+    module.Camera, module.PixelFormat = Camera, SimpleNamespace(I420="i420")  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, "pyvirtualcam", module)
     Camera.made.clear()
 
@@ -80,9 +80,9 @@ def test_a_camera_is_shown_the_face_again_and_again() -> None:
             assert server.sink_names == ["camera://?session=anna"]
             camera = Camera.made[0]
             await until(lambda: len(camera.pictures) > 5)
-            assert camera.told == {"width": 64, "height": 64, "fps": 50.0, "fmt": "rgb", "device": None}
-            assert camera.pictures[0].shape == (64, 64, 3)
-            assert camera.pictures[0][32, 32, 0] > 140  # skin
+            assert camera.told == {"width": 64, "height": 64, "fps": 50.0, "fmt": "i420", "device": None}
+            assert camera.pictures[0].shape == (96, 64)
+            assert camera.pictures[0][32, 32] > 110  # luma of skin
         assert camera.is_closed
 
     on_a_loop(main)

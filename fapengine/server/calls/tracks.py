@@ -311,8 +311,8 @@ class PictureEncoder:
         width, height = self._size
 
         def encode() -> list[bytes]:
-            image = np.frombuffer(pixels, np.uint8).reshape(height, width, 3)
-            frame = av.VideoFrame.from_ndarray(image, format="rgb24")
+            image = np.frombuffer(pixels, np.uint8).reshape(height * 3 // 2, width)
+            frame = av.VideoFrame.from_ndarray(image, format="yuv420p")
             frame.pts, frame.time_base = stamp, Fraction(1, VIDEO_HZ)
             payloads: list[bytes] = self._encoder.encode(frame, is_key)[0]
             return payloads

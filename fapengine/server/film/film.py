@@ -41,7 +41,7 @@ class FilmForm:
 
     head: str = "default"
     size: tuple[int, int] = (512, 512)
-    """Width and height in pixels."""
+    """Width and height in pixels, even numbers."""
     rate_hz: float = 30.0
     """Images per second, at most the frame rate of the hub."""
 
@@ -50,7 +50,7 @@ class Watcher(Protocol):
     """Receives a film; called on the hub's thread."""
 
     def picture(self, time_s: float, pixels: bytes) -> None:
-        """Receive an image: engine time, and width x height x 3 bytes of RGB, top row first."""
+        """Receive an image: engine time, and the bytes of an I420 image (:class:`Painter`)."""
 
     def sound(self, time_s: float, samples: Samples) -> None:
         """Receive a block of audio, (960,) int16 at 48 kHz, that begins at an engine time."""
@@ -75,7 +75,7 @@ class Film:
         self.watchers: set[Watcher] = set()
         release = hub.hold(session)
         try:
-            self._painter = Painter(form.head, form.size, counts=counts)
+            self._painter = Painter(form.head, form.size, counts=counts, has_planes=True)
         except ResourceError:
             release()
             raise

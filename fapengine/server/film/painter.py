@@ -1,6 +1,6 @@
 """A face rendered by a child process (:mod:`fapengine._child`), so that audio and event loop do not wait for images.
 
-Rendering holds Python's lock for some 10 ms. FAPs go to the child (68 int32), RGB pixels come back.
+Rendering holds Python's lock for some 10 ms. FAPs go to the child (68 int32), RGB or I420 comes back.
 :meth:`Painter.draw` waits for the image, without the lock; :meth:`Painter.picture` does so in a thread. A child that
 ends is started again (:class:`fapengine._child.Restarts`), and then draws the image that was asked for: callers see an
 image that takes long.
@@ -10,6 +10,7 @@ import asyncio
 import contextlib
 import logging
 import threading
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -52,6 +53,9 @@ class Painter:
         ``soft``, ``fine`` or ``none``: see :func:`fapengine.render.drawing.parse_edges`.
     counts : FilmCounts, optional
         Counts restarts.
+    has_planes : bool
+        Whether images are I420, as video encoders take them (Rec. 601, limited range): width x height bytes of luma,
+        then Cb and Cr of half the width and height. Both sides must be even. Otherwise RGB, top row first.
 
     Raises
     ------
@@ -65,10 +69,14 @@ class Painter:
         size: tuple[int, int] = (512, 512),
         edges: str = "soft",
         counts: FilmCounts | None = None,
+        *,
+        has_planes: bool = False,
     ) -> None:
         self.size, self.counts = size, counts or FilmCounts()
         self._thread = ThreadPoolExecutor(1, "painter")
-        self._command = command(__name__, head, *map(str, size), edges, niceness=NICENESS)
+        self._command = command(
+            __name__, head, *map(str, size), edges, "i420" if has_planes else "rgb", niceness=NICENESS
+        )
         self._child = self._started()
         self._restarts, self._is_over = Restarts(), threading.Event()
 
@@ -86,11 +94,11 @@ class Painter:
         await self.picture(np.zeros(FAP_COUNT, np.int32))
 
     async def picture(self, faps: NDArray[np.int32]) -> bytes:
-        """Render in a thread: (68,) FAPU to width x height x 3 bytes, top row first. Raises as :meth:`draw`."""
+        """Render in a thread; returns and raises as :meth:`draw`."""
         return await asyncio.get_running_loop().run_in_executor(self._thread, self.draw, faps)
 
     def draw(self, faps: NDArray[np.int32]) -> bytes:
-        """Render and wait: (68,) FAPU to width x height x 3 bytes, top row first.
+        """Render and wait: (68,) FAPU to the bytes of an image.
 
         Raises
         ------
@@ -133,15 +141,31 @@ class Painter:
         self._child.close()
 
 
-def main(parent: Parent, head: str, width: str, height: str, edges: str) -> None:
+def main(parent: Parent, head: str, width: str, height: str, edges: str, pixels: str) -> None:
     """Render the FAPs that come; the child's program."""
     from fapengine.files.heads.load import load_head_for_calls
     from fapengine.render.drawing import RenderOptions, parse_edges
-    from fapengine.render.native import open_renderer
+    from fapengine.render.native import NativeRenderer, open_renderer
 
     size = (int(width), int(height))
     with open_renderer(
         load_head_for_calls(head, size), RenderOptions(size=size, samples=parse_edges(edges))
     ) as renderer:
-        for _, faps in parent.messages():
-            parent.tell({}, renderer.draw(np.frombuffer(faps, np.int32)).tobytes())
+        frames = (np.frombuffer(faps, np.int32) for _, faps in parent.messages())
+        images: Iterator[NDArray[np.uint8]]
+        if pixels == "rgb":
+            images = map(renderer.draw, frames)
+        elif isinstance(renderer, NativeRenderer):
+            images = renderer.planes(frames)
+        else:
+            images = (_planes(renderer.draw(each)) for each in frames)
+        for image in images:
+            parent.tell({}, image.tobytes())
+
+
+def _planes(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """(height, width, 3) sRGB as (height * 3 // 2, width) I420."""
+    import av  # only films for encoders need it
+
+    frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format="rgb24")
+    return np.asarray(frame.to_ndarray(format="yuv420p"), np.uint8)

@@ -69,13 +69,13 @@ class CameraSink:
         device = address.options.get("device")
         try:
             self._camera = library.Camera(
-                width=width, height=height, fps=form.rate_hz, fmt=library.PixelFormat.RGB, device=device
+                width=width, height=height, fps=form.rate_hz, fmt=library.PixelFormat.I420, device=device
             )
         except (RuntimeError, OSError, ValueError) as error:
             raise ResourceError(
                 f"sink camera: no virtual camera ({error}); on Linux: sudo modprobe v4l2loopback; elsewhere OBS has one"
             ) from error
-        self._shape, self._step_s = (height, width, 3), 1.0 / form.rate_hz
+        self._shape, self._step_s = (height * 3 // 2, width), 1.0 / form.rate_hz
         self._newest: bytes | None = None
         self._ends = threading.Event()
         self._thread = threading.Thread(target=self._send, name="camera", daemon=True)
@@ -256,7 +256,8 @@ class _Encoder:
 
     def picture(self, time_s: float, pixels: bytes) -> None:
         width, height = self._size
-        frame = av.VideoFrame.from_ndarray(np.frombuffer(pixels, np.uint8).reshape(height, width, 3), format="rgb24")
+        image = np.frombuffer(pixels, np.uint8).reshape(height * 3 // 2, width)
+        frame = av.VideoFrame.from_ndarray(image, format="yuv420p")
         if self._stamp(frame, "picture", time_s, 1000):
             self._out.mux(self._video.encode(frame))
 

@@ -175,6 +175,22 @@ def test_a_painter_draws_in_a_process_of_its_own() -> None:
     assert shut != wide
 
 
+@pytest.mark.parametrize("renderer", ["gl", "native"])
+def test_a_painter_draws_i420_for_encoders(renderer: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FAPENGINE_RENDERER", renderer)
+
+    def painted(*, has_planes: bool) -> np.ndarray:
+        painter = Painter(size=(32, 48), has_planes=has_planes)
+        try:
+            return np.frombuffer(painter.draw(np.zeros(68, np.int32)), np.uint8)
+        finally:
+            painter.close()
+
+    rgb, planes = painted(has_planes=False).reshape(48, 32, 3), painted(has_planes=True).reshape(72, 32)
+    luma = 16 + rgb @ np.array([65.481, 128.553, 24.966]) / 255  # Rec. 601
+    assert np.abs(planes[:48] - luma).max() <= 1.5
+
+
 def test_a_painter_that_cannot_says_why() -> None:
     painter = Painter(head="nobody", size=(32, 32))
     with pytest.raises(ResourceError, match="head: got 'nobody'"):

@@ -17,7 +17,7 @@ from tests.leaping import run_leaping
 
 SIZE, FRAME_S = (32, 32), 0.04
 RNG = np.random.default_rng(7)
-IMAGES = [RNG.integers(0, 256, (32, 32, 3), np.uint8).tobytes() for _ in range(5)]
+IMAGES = [RNG.integers(16, 236, (48, 32), np.uint8).tobytes() for _ in range(5)]  # I420
 
 
 class Viewer:
