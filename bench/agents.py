@@ -19,6 +19,7 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from fractions import Fraction
 from functools import partial
 from pathlib import Path
 
@@ -36,6 +37,7 @@ from fapengine.recognition.sphinx_recognizer import SphinxRecognizer
 from fapengine.render.drawing import RenderOptions, parse_edges
 from fapengine.render.native import NativeRenderer, open_renderer
 from fapengine.render.renderer import FaceRenderer
+from fapengine.server.film.painter import draw_planes
 from fapengine.speech.marks import words_of
 from fapengine.voices.espeak import EspeakVoice
 from fapengine.voices.pronounce import Pronouncer
@@ -123,6 +125,7 @@ def measured(side_px: int = SIDE_PX, renderer: str = "auto") -> dict[str, float]
         costs[name] = max(_cpu_s(partial(by_recognizer, make), length_s) - costs["stage, alone"], 0.0)
     count = len(frames)
     track = FapTrack.from_values(np.array(frames), rate_hz=RATE_HZ)
+    costs["Opus"] = _cpu_s(lambda: _opus(speech.samples, speech.sample_rate_hz), length_s)
     costs["FAPs as OSC"] = _cpu_s(lambda: encode_track(track, session="a"), count / RATE_HZ)
     return costs | _pictures(frames, RenderOptions(size=(side_px, side_px), renderer=renderer))
 
@@ -133,20 +136,21 @@ def _pictures(frames: list[np.ndarray], drawing: RenderOptions) -> dict[str, flo
     head = load_head_for_calls("default", drawing.size)
     hard = replace(drawing, samples=parse_edges("none"))
     with open_renderer(head, drawing) as renderer, open_renderer(head, hard) as other:
-        pictures = [renderer.draw(faps).copy() for faps in frames[:DRAWN]]
+        pictures = _drawn(renderer, frames[:DRAWN])
         works: dict[str, Callable[[], object]] = {
-            "drawing": lambda: [renderer.draw(faps).tobytes() for faps in frames[:DRAWN]],
+            "drawing": lambda: _drawn(renderer, frames[:DRAWN]),
             "drawing, listening": lambda: listening.extend(_listened(renderer)),
-            "drawing, hard edges": lambda: [other.draw(faps).tobytes() for faps in frames[:DRAWN]],
-            "VP8, 500 kbit/s": lambda: _vp8(pictures),
-            "VP8, listening": lambda: _vp8([_as_picture(each, drawing.size) for each in listening[:DRAWN]]),
+            "drawing, hard edges": lambda: _drawn(other, frames[:DRAWN]),
+            "VP8, 500 kbit/s": lambda: _vp8(pictures, drawing.size),
+            "VP8, listening": lambda: _vp8(listening[:DRAWN], drawing.size),
         }
         rounds = [{name: _cpu_s(work, DRAWN / RATE_HZ, repeats=1) for name, work in works.items()} for _ in range(6)]
     return {name: min(costs[name] for costs in rounds) for name in works}
 
 
-def _as_picture(pixels: bytes, size: tuple[int, int]) -> np.ndarray:
-    return np.frombuffer(pixels, np.uint8).reshape(size[1], size[0], 3)
+def _drawn(renderer: Renderer, frames: list[np.ndarray]) -> list[bytes]:
+    """I420 images, as calls draw them."""
+    return [image.tobytes() for image in draw_planes(renderer, frames)]
 
 
 class _PainterHere:
@@ -156,7 +160,7 @@ class _PainterHere:
         self._renderer = renderer
 
     async def picture(self, faps: np.ndarray) -> bytes:
-        return self._renderer.draw(faps).tobytes()
+        return _drawn(self._renderer, [faps])[0]
 
 
 def _listened(renderer: Renderer) -> list[bytes]:
@@ -195,7 +199,7 @@ def _pronouncing(voice: EspeakVoice) -> dict[str, float]:
     return {name: min(each) for name, each in costs.items()}
 
 
-def _vp8(pictures: list[np.ndarray]) -> None:
+def _vp8(pictures: list[bytes], size: tuple[int, int]) -> None:
     """Encode as aiortc does in a call: libvpx in real time, at a constant rate."""
     import io
 
@@ -207,19 +211,33 @@ def _vp8(pictures: list[np.ndarray]) -> None:
     }  # fmt: skip
     with av.open(io.BytesIO(), "w", format="webm") as container:
         stream = container.add_stream("libvpx", rate=RATE_HZ, options=options)
-        stream.height, stream.width = pictures[0].shape[:2]
+        stream.width, stream.height = size
         stream.pix_fmt, stream.bit_rate, stream.thread_count = "yuv420p", 500_000, 1
         for picture in pictures:
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24")))
+            image = np.frombuffer(picture, np.uint8).reshape(-1, size[0])
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="yuv420p")))
         container.mux(stream.encode(None))
 
 
+def _opus(samples: np.ndarray, rate_hz: int) -> None:
+    """Encode as aiortc does in a call, 20 ms at a time."""
+    import av
+    from aiortc.codecs.opus import OpusEncoder
+
+    encoder, block = OpusEncoder(), rate_hz // 50
+    for begin in range(0, len(samples) - block + 1, block):
+        frame = av.AudioFrame.from_ndarray(samples[None, begin : begin + block], format="s16", layout="mono")
+        frame.sample_rate, frame.pts = rate_hz, begin
+        frame.time_base = Fraction(1, rate_hz)
+        encoder.encode(frame)
+
+
 KINDS = {
-    "drawn, PocketSphinx": ("stage, alone", "PocketSphinx", "drawing", "VP8, 500 kbit/s"),
-    "drawn, small recognizer": ("stage, alone", "small recognizer", "drawing", "VP8, 500 kbit/s"),
-    "drawn, with words": ("stage, alone", "words, one by one", "drawing", "VP8, 500 kbit/s"),
-    "drawn, hard edges, words": ("stage, alone", "words, one by one", "drawing, hard edges", "VP8, 500 kbit/s"),
-    "drawn, listening": ("drawing, listening", "VP8, listening"),
+    "drawn, PocketSphinx": ("stage, alone", "PocketSphinx", "drawing", "VP8, 500 kbit/s", "Opus"),
+    "drawn, small recognizer": ("stage, alone", "small recognizer", "drawing", "VP8, 500 kbit/s", "Opus"),
+    "drawn, with words": ("stage, alone", "words, one by one", "drawing", "VP8, 500 kbit/s", "Opus"),
+    "drawn, hard edges, words": ("stage, alone", "words, one by one", "drawing, hard edges", "VP8, 500 kbit/s", "Opus"),
+    "drawn, listening": ("drawing, listening", "VP8, listening", "Opus"),
     "FAPs, PocketSphinx": ("stage, alone", "PocketSphinx", "FAPs as OSC"),
     "FAPs, small recognizer": ("stage, alone", "small recognizer", "FAPs as OSC"),
     "FAPs, word by word": ("stage, alone", "words, one by one", "FAPs as OSC"),

@@ -10,31 +10,31 @@ nothing heavy.
 
 The folders are layers; imports go down only (``pyproject.toml``, import-linter):
 
-====  ===============================================  ==========================================================
-22    ``cli`` ``conformance``                          command line: options and printing; suites for other programs
-21    ``batch`` ``lab``                                corpora: a manifest, a journal; the laboratory on arrays
-20    ``app``                                          what each command does, for Python too
-19    ``agents``                                       the face of a voice agent: LiveKit, Pipecat
-18    ``clients``                                      the other end of the wire: senders and viewers
-17    ``server``                                       listeners, sinks, the web page, calls, workers
-16    ``host``                                         engines with sound and words; one clock
-15    ``audio``                                        sound devices and their clocks
-14    ``render`` ``files`` ``voices`` ``recognition``  the edge: images, paths, speech in and out
-13    ``_resources`` ``_signals`` ``_child``           packaged data; signals; child processes
-12    ``wire``                                         packets: OSC, VMC, VRChat, Live Link, RTP
-11    ``engine``                                       sessions on an explicit clock
-10    ``laboratory`` ``scoring``                       recordings to a profile, with evidence; scores of lip sync
-9     ``trajectory``                                   speech to motion
-8     ``profiles``                                     the data that make one face speak
-7     ``models`` ``speech`` ``retarget``               learned spaces; phones and timings; other rigs
-6     ``codec`` ``capture`` ``mesh``                   FBA and ``.fap``; recordings; the head
-5     ``speaking``                                     the options of speaking, defined once
-4     ``geometry`` ``expressions``                     rotations and splines; the expressions, a row each
-3     ``mpeg4``                                        the standard's tables and ``FapTrack``
-2     ``_strict_toml``                                 TOML into checked dataclasses
-1     ``_arrays`` ``_late`` ``_counters``              checked arrays; imports on first use; sums of counts
-0     ``errors``                                       all exceptions
-====  ===============================================  ==========================================================
+====  =================================================  ==========================================================
+22    ``cli`` ``conformance``                            command line: options and printing; suites for other programs
+21    ``batch`` ``lab``                                  corpora: a manifest, a journal; the laboratory on arrays
+20    ``app``                                            what each command does, for Python too
+19    ``agents``                                         the face of a voice agent: LiveKit, Pipecat
+18    ``clients``                                        the other end of the wire: senders and viewers
+17    ``server``                                         listeners, sinks, the web page, calls, workers
+16    ``host``                                           engines with sound and words; one clock
+15    ``audio``                                          sound devices and their clocks
+14    ``render`` ``files`` ``voices`` ``recognition``    the edge: images, paths, speech in and out
+13    ``_resources`` ``_cache`` ``_signals`` ``_child``  packaged data; the cache; signals; child processes
+12    ``wire``                                           packets: OSC, VMC, VRChat, Live Link, RTP
+11    ``engine``                                         sessions on an explicit clock
+10    ``laboratory`` ``scoring``                         recordings to a profile, with evidence; scores of lip sync
+9     ``trajectory``                                     speech to motion
+8     ``profiles``                                       the data that make one face speak
+7     ``models`` ``speech`` ``retarget``                 learned spaces; phones and timings; other rigs
+6     ``codec`` ``capture`` ``mesh``                     FBA and ``.fap``; recordings; the head
+5     ``speaking``                                       the options of speaking, defined once
+4     ``geometry`` ``expressions``                       rotations and splines; the expressions, a row each
+3     ``mpeg4``                                          the standard's tables and ``FapTrack``
+2     ``_strict_toml``                                   TOML into checked dataclasses
+1     ``_arrays`` ``_late`` ``_counters``                checked arrays; imports on first use; sums of counts
+0     ``errors``                                         all exceptions
+====  =================================================  ==========================================================
 """
 
 import os

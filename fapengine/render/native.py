@@ -28,7 +28,8 @@ from fapengine.mesh.resting import with_rest
 from fapengine.render.camera import FAR_MM, NEAR_MM, Camera
 from fapengine.render.canvas import WALL, cut_to_aspect
 from fapengine.render.drawing import Picture, RenderOptions, check_renderer
-from fapengine.render.packing import FrameUniforms, PackedMesh, frame_uniforms, pack
+from fapengine.render.packed import packed_mesh
+from fapengine.render.packing import FrameUniforms, PackedMesh, frame_uniforms
 from fapengine.render.renderer import Crowd, CrowdRenderer, FaceRenderer
 
 if TYPE_CHECKING:
@@ -122,7 +123,7 @@ class NativeRenderer:
 
     def __init__(self, mesh: FaceMesh, drawing: RenderOptions) -> None:
         self.mesh, self.drawing = mesh, drawing
-        self._native = _Native(pack(mesh), drawing)
+        self._native = _Native(packed_mesh(mesh), drawing)
 
     def __enter__(self) -> Self:
         return self
@@ -162,7 +163,7 @@ class NativeCrowd(Crowd):
 
     def __init__(self, meshes: Sequence[FaceMesh], drawing: RenderOptions, *, columns: int = 1) -> None:
         super().__init__(meshes, drawing, columns)
-        packed = {id(mesh): pack(mesh) for mesh in self.meshes}
+        packed = {id(mesh): packed_mesh(mesh) for mesh in self.meshes}
         tile = replace(drawing, scale=1.0)
         self._natives = {name: _Native(each, tile) for name, each in packed.items()}
 

@@ -180,19 +180,24 @@ def pack(mesh: FaceMesh) -> PackedMesh:
     deltas = normal_deltas(mesh)
     if mesh.folds is not None:
         deltas = np.concatenate([deltas, mesh.folds.entries[:, None]], axis=1)
-        if _is_folded(mesh):
-            skin = np.concatenate([np.asarray(mesh.texture), mesh.folds.map[..., None]], axis=2)
     return PackedMesh(
         vertices=np.concatenate([np.asarray(columns[name], dtype="f4") for name in FACE_ATTRIBUTES], axis=1),
         parts={name: mesh.triangles[mine].astype("u4") for name, mine in sorts.items() if mine.any()},
         displacements=_in_rows(np.concatenate([basis.entry_mm, basis.entry_channels[:, None]], axis=1)),
         normal_deltas=_in_rows(deltas),
-        skin=skin,
+        skin=skin_of(mesh),
         texels_per_mm=_texels_per_mm(mesh, skin),
         edge_mm=_edge_mm(mesh),
         iris=iris_share(mesh),
         iris_albedo=mesh.iris_albedo,
     )
+
+
+def skin_of(mesh: FaceMesh) -> NDArray[np.uint8] | None:
+    """Texture of a mesh as :attr:`PackedMesh.skin`."""
+    if mesh.folds is not None and _is_folded(mesh):
+        return np.concatenate([np.asarray(mesh.texture), mesh.folds.map[..., None]], axis=2)
+    return _with_alpha(mesh.texture)
 
 
 def frame_uniforms(mesh: FaceMesh, faps: ArrayLike) -> FrameUniforms:

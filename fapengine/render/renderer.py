@@ -28,7 +28,8 @@ from fapengine.render.canvas import Backdrop, Canvas, Rectangle
 from fapengine.render.context import Programs, Renderer, moderngl
 from fapengine.render.drawing import DEFAULT_RENDER_OPTIONS, Picture, RenderOptions
 from fapengine.render.model import Model
-from fapengine.render.packing import FrameUniforms, frame_uniforms, pack, pose_uniforms
+from fapengine.render.packed import packed_mesh
+from fapengine.render.packing import FrameUniforms, frame_uniforms, pose_uniforms
 
 Box: TypeAlias = tuple[int, int, int, int]
 """Left, top, right and bottom in pixels."""
@@ -137,7 +138,7 @@ class FaceRenderer(Renderer):
         *,
         context: moderngl.Context | None = None,
     ) -> None:
-        packed = pack(mesh)
+        packed = packed_mesh(mesh)
         super().__init__(context)
         self.mesh, self._drawing, self._reach = mesh, drawing, Reach(mesh)
         with self._context:
@@ -305,7 +306,7 @@ class CrowdRenderer(Crowd, Renderer):
         self, meshes: Sequence[FaceMesh], drawing: RenderOptions = DEFAULT_RENDER_OPTIONS, *, columns: int = 1
     ) -> None:
         Crowd.__init__(self, meshes, drawing, columns)
-        packed = {id(mesh): pack(mesh) for mesh in self.meshes}
+        packed = {id(mesh): packed_mesh(mesh) for mesh in self.meshes}
         Renderer.__init__(self, None)
         with self._context:
             self._programs = Programs(self._context)

@@ -10,9 +10,10 @@ import asyncio
 import contextlib
 import logging
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,10 @@ from fapengine._child import NICENESS, Child, Parent, Restarts, command
 from fapengine._counters import Counts
 from fapengine.errors import FapEngineError, ResourceError
 from fapengine.mpeg4.fap import FAP_COUNT
+
+if TYPE_CHECKING:
+    from fapengine.render.native import NativeRenderer
+    from fapengine.render.renderer import FaceRenderer
 
 log = logging.getLogger("fapengine.server")
 
@@ -145,27 +150,28 @@ def main(parent: Parent, head: str, width: str, height: str, edges: str, pixels:
     """Render the FAPs that come; the child's program."""
     from fapengine.files.heads.load import load_head_for_calls
     from fapengine.render.drawing import RenderOptions, parse_edges
-    from fapengine.render.native import NativeRenderer, open_renderer
+    from fapengine.render.native import open_renderer
 
     size = (int(width), int(height))
     with open_renderer(
         load_head_for_calls(head, size), RenderOptions(size=size, samples=parse_edges(edges))
     ) as renderer:
         frames = (np.frombuffer(faps, np.int32) for _, faps in parent.messages())
-        images: Iterator[NDArray[np.uint8]]
-        if pixels == "rgb":
-            images = map(renderer.draw, frames)
-        elif isinstance(renderer, NativeRenderer):
-            images = renderer.planes(frames)
-        else:
-            images = (_planes(renderer.draw(each)) for each in frames)
-        for image in images:
+        for image in draw_planes(renderer, frames) if pixels == "i420" else map(renderer.draw, frames):
             parent.tell({}, image.tobytes())
 
 
-def _planes(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """(height, width, 3) sRGB as (height * 3 // 2, width) I420."""
+def draw_planes(
+    renderer: "FaceRenderer | NativeRenderer", frames: Iterable[NDArray[np.int32]]
+) -> Iterator[NDArray[np.uint8]]:
+    """Draw FAPs, (68,) each, as (height * 3 // 2, width) I420, by whatever renderer."""
+    from fapengine.render.native import NativeRenderer
+
+    if isinstance(renderer, NativeRenderer):
+        yield from renderer.planes(frames)
+        return
     import av  # only films for encoders need it
 
-    frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format="rgb24")
-    return np.asarray(frame.to_ndarray(format="yuv420p"), np.uint8)
+    for faps in frames:
+        frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(renderer.draw(faps)), format="rgb24")
+        yield np.asarray(frame.to_ndarray(format="yuv420p"), np.uint8)

@@ -25,7 +25,8 @@ from fapengine.mpeg4.fap import FapSpec, FapUnit
 from fapengine.render import programs
 from fapengine.render.camera import PRESETS
 from fapengine.render.drawing import EDGES
-from fapengine.render.packing import ATTRIBUTE_SIZES, PUPIL_RANGE, pack
+from fapengine.render.packed import packed_mesh
+from fapengine.render.packing import ATTRIBUTE_SIZES, PUPIL_RANGE
 from fapengine.speaking import DEFAULT_RATE_WPM, RATES_WPM
 
 MAGIC = b"FAPHEAD1"
@@ -141,7 +142,7 @@ def head_binary(mesh: FaceMesh) -> bytes:
     UsageError
         If the mesh has more channels than the shaders have room for.
     """
-    packed = pack(mesh)
+    packed = packed_mesh(mesh)
     channels = [(channel.fap, channel.start, channel.stop) for channel in mesh.basis.channels]
     arrays: dict[str, NDArray[Any]] = {
         "vertices": packed.vertices,

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import fapengine
+from fapengine import _cache
 from fapengine.errors import ResourceError, UsageError
 from fapengine.files.heads import built
 from fapengine.files.heads.built import load_built
@@ -74,10 +75,10 @@ def test_all_code_that_makes_a_head_is_in_its_name() -> None:
     loaded = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.split()
     rooms = {name.split(".")[1] for name in loaded}
     assert rooms - {"_arrays", "_strict_toml", "errors"} == set(
-        built.MADE_BY
+        _cache.MADE_BY
     )  # those check and refuse, they make nothing
-    files = [file for room in built.MADE_BY for file in Path(fapengine.__path__[0], room).rglob("*") if file.is_file()]
-    assert {file.suffix for file in files} - {".pyc", ""} == set(built.MADE_OF)
+    files = [file for room in _cache.MADE_BY for file in Path(fapengine.__path__[0], room).rglob("*") if file.is_file()]
+    assert {file.suffix for file in files} - {".pyc", ""} == set(_cache.MADE_OF)
 
 
 def test_a_damaged_head_is_built_anew(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -401,6 +401,7 @@ def test_refuses(head: FaceMesh, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(UsageError, match="distance"):
         Camera(distance_mm=5.0)
     monkeypatch.setattr("fapengine.render.packing.MAX_CHANNELS", 3)
+    monkeypatch.setenv("FAPENGINE_CACHE", "off")
     with pytest.raises(UsageError, match="at most 3"):
         FaceRenderer(head)
 
