@@ -37,6 +37,8 @@ PIECE_S = 20.0
 VOICED = 0.5
 """Least similarity of a frame to itself, one period later, that counts as voiced."""
 _WINDOW = 640  # 40 ms: more than two periods of the lowest pitch
+_SHORTEST, _LONGEST = int(RATE_HZ / PITCH_HZ[1]), int(RATE_HZ / PITCH_HZ[0])
+_LENGTH = 1 << (_WINDOW + _LONGEST - 1).bit_length()  # of the transform: no lag that is looked at wraps round
 
 
 def loudness_db(samples: NDArray[np.int16]) -> NDArray[np.float64]:
@@ -65,17 +67,19 @@ def loudness_db(samples: NDArray[np.int16]) -> NDArray[np.float64]:
     return levels
 
 
-def pitch_hz(samples: NDArray[np.int16]) -> NDArray[np.float64]:
-    """Pitch of each frame of 10 ms, 0 where it is not voiced.
+def pitch_hz(samples: NDArray[np.int16], first: int = 0, stop: int | None = None) -> NDArray[np.float64]:
+    """Pitch of frames of 10 ms, 0 where they are not voiced.
 
     Parameters
     ----------
     samples : (N,) int16
         At :data:`.protocol.RATE_HZ`.
+    first, stop : int
+        Frames wanted, by default all ceil(N / 160).
 
     Returns
     -------
-    (ceil(N / 160),) float64, Hz
+    (stop - first,) float64, Hz
 
     Examples
     --------
@@ -83,17 +87,17 @@ def pitch_hz(samples: NDArray[np.int16]) -> NDArray[np.float64]:
     >>> pitch_hz(tone)[2:8].round().tolist()
     [200.0, 200.0, 200.0, 200.0, 200.0, 200.0]
     """
-    count = -(-len(samples) // HOP)
-    if not count:
+    whole = -(-len(samples) // HOP)
+    count = min(whole, whole if stop is None else stop) - first
+    if count <= 0:
         return np.zeros(0)
-    around = (_WINDOW - HOP) // 2
     padded = np.zeros((count - 1) * HOP + _WINDOW)
-    padded[around : around + len(samples)] = samples[: len(padded) - around]
+    begin = first * HOP - (_WINDOW - HOP) // 2
+    sound = samples[max(begin, 0) : begin + len(padded)]
+    padded[max(-begin, 0) :][: len(sound)] = sound
     frames = sliding_window_view(padded, _WINDOW)[::HOP]
     frames = frames - frames.mean(axis=1, keepdims=True)
-    similarity = _similarity(frames)
-    shortest, longest = int(RATE_HZ / PITCH_HZ[1]), int(RATE_HZ / PITCH_HZ[0])
-    searched = similarity[:, shortest : longest + 1]
+    searched = _similarity(frames)
     # A multiple of the period is as good as the period; the first peak nearly as high as the highest is taken.
     near = searched >= 0.9 * searched.max(axis=1, keepdims=True)
     peak = np.zeros_like(near)
@@ -105,19 +109,21 @@ def pitch_hz(samples: NDArray[np.int16]) -> NDArray[np.float64]:
     before, at, after = (searched[rows, lag + step] for step in (-1, 0, 1))
     bend = before - 2 * at + after
     shift = np.where(np.abs(bend) > 1e-12, 0.5 * (before - after) / np.where(bend == 0, 1.0, bend), 0.0)
-    return np.where(found, RATE_HZ / (lag + shortest + np.clip(shift, -0.5, 0.5)), 0.0)
+    return np.where(found, RATE_HZ / (lag + _SHORTEST + np.clip(shift, -0.5, 0.5)), 0.0)
 
 
 def _similarity(frames: NDArray[np.float64]) -> NDArray[np.float64]:
     """(T, lags): correlation of each frame with itself, shifted; every lag by the energy of the parts compared."""
-    spectrum = np.fft.rfft(frames, n=2 * _WINDOW, axis=1)
-    product = np.fft.irfft(np.abs(spectrum) ** 2, axis=1)[:, :_WINDOW]
+    spectrum = np.fft.rfft(frames, n=_LENGTH, axis=1)
+    power = spectrum.real**2 + spectrum.imag**2
+    product = np.fft.irfft(power, axis=1)[:, _SHORTEST : _LONGEST + 1]
     energy = np.cumsum(frames**2, axis=1)
     total = energy[:, -1:]
-    lags = np.arange(1, _WINDOW)
-    head, tail = energy[:, _WINDOW - 1 - lags], total - energy[:, lags - 1]
-    similarity = np.zeros_like(product)
-    similarity[:, 1:] = product[:, 1:] / np.sqrt(np.maximum(head * tail, 1e-9 * np.maximum(total, 1.0) ** 2) + 1e-9)
+    head = energy[:, _WINDOW - 1 - _LONGEST : _WINDOW - _SHORTEST][:, ::-1]
+    tail = total - energy[:, _SHORTEST - 1 : _LONGEST]
+    similarity: NDArray[np.float64] = product / np.sqrt(
+        np.maximum(head * tail, 1e-9 * np.maximum(total, 1.0) ** 2) + 1e-9
+    )
     return similarity
 
 

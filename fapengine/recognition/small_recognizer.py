@@ -196,7 +196,7 @@ class Voicing:
         self._sound = np.concatenate([self._sound, samples])
         self._levels = np.concatenate([self._levels, loudness_db(samples)])
         known = self._first + len(self._pitch) - self._begins
-        fresh = pitch_hz(self._sound)[known : -(-len(self._sound) // HOP) - keep]
+        fresh = pitch_hz(self._sound, known, -(-len(self._sound) // HOP) - keep)
         self._pitch = np.concatenate([self._pitch, fresh])
         gone = max(len(self._sound) // HOP - _CONTEXT, 0)
         self._sound, self._begins = self._sound[gone * HOP :], self._begins + gone
