@@ -102,9 +102,9 @@ def pitch_hz(samples: NDArray[np.int16], first: int = 0, stop: int | None = None
     near = searched >= 0.9 * searched.max(axis=1, keepdims=True)
     peak = np.zeros_like(near)
     peak[:, 1:-1] = (searched[:, 1:-1] >= searched[:, :-2]) & (searched[:, 1:-1] >= searched[:, 2:])
-    first = np.argmax(near & peak, axis=1)
-    found = (near & peak).any(axis=1) & (np.take_along_axis(searched, first[:, None], 1)[:, 0] >= VOICED)
-    lag = np.clip(first, 1, searched.shape[1] - 2)
+    best = np.argmax(near & peak, axis=1)
+    found = (near & peak).any(axis=1) & (np.take_along_axis(searched, best[:, None], 1)[:, 0] >= VOICED)
+    lag = np.clip(best, 1, searched.shape[1] - 2)
     rows = np.arange(count)
     before, at, after = (searched[rows, lag + step] for step in (-1, 0, 1))
     bend = before - 2 * at + after

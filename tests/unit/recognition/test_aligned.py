@@ -290,6 +290,9 @@ def test_loudness_and_pitch() -> None:
     assert levels[150] - levels[250] == pytest.approx(20, abs=0.1)
     assert np.median(pitches[110:290]) == pytest.approx(150, rel=0.01)
     assert not pitches[:95].any()
+    moving = np.diff(np.rint(8000 * np.sin(600 * at_s**1.5)), prepend=0).astype(np.int16)  # its pitch rises
+    for first, stop in ((0, 7), (1, 40), (30, 31), (60, 100), (97, 104), (50, 50)):
+        assert pitch_hz(moving, first, stop) == pytest.approx(pitch_hz(moving)[first:stop])
     quiet, loud = soundings([Phone("_", 0, 0.9), Phone("a", 1, 2)], sound)
     assert (quiet.loudness_db, quiet.pitch_hz) == (-100, 0)
     assert loud.loudness_db == pytest.approx(-12.2, abs=0.1)
