@@ -3,7 +3,9 @@
 import sys
 from pathlib import Path
 
+from tests.oracles.aarch64 import check_aarch64
 from tests.oracles.bare import check_bare_environment
+from tests.oracles.bare_debian import check_bare_debian
 from tests.oracles.engines import check_receivers
 from tests.oracles.marks import check_with_exiftool
 from tests.oracles.programs import check_programs
@@ -24,6 +26,8 @@ def main(root: Path) -> None:
     check_with_exiftool()
     check_programs(root)
     check_bare_environment(root)
+    check_bare_debian(root)
+    check_aarch64(root)
     check_in_pyodide(root)
     check_with_turn()
     check_behind_nginx()
