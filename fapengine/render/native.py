@@ -159,7 +159,11 @@ class NativeRenderer:
 
 
 class NativeCrowd(Crowd):
-    """Faces side by side. Use it as a context manager. Stateful; parameters and errors as the base's and above."""
+    """Faces side by side. Use it as a context manager. Stateful; parameters and errors as the base's and above.
+
+    Each is the image of that face alone. OpenGL smooths edges across the borders of faces, and computes derivatives in
+    squares of two by two pixels of the whole image: beside odd sizes it draws a face slightly differently.
+    """
 
     def __init__(self, meshes: Sequence[FaceMesh], drawing: RenderOptions, *, columns: int = 1) -> None:
         super().__init__(meshes, drawing, columns)

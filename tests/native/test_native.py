@@ -124,6 +124,20 @@ def test_a_turned_camera_draws_the_still_parts_again(library: ModuleType) -> Non
         assert alike(gl.draw(np.zeros((2, 68))), both) >= MIN_ALIKE
 
 
+def test_faces_of_a_crowd_are_the_faces_alone(library: ModuleType) -> None:
+    """OpenGL's are not: it smooths across their borders, and odd sizes shift its pairs of pixels."""
+    head, drawing = head_of("default", 128), RenderOptions(size=(97, 63))
+    faps = np.stack([faps_of(pose) for pose in ("joy", "open", "aside", "blink")])
+    with NativeCrowd([head] * 4, drawing, columns=2) as crowd:
+        drawn = crowd.draw(faps)
+    with NativeRenderer(head, drawing) as one, FaceRenderer(head, drawing) as gl:
+        for number, values in enumerate(faps):
+            left, top = crowd.corner(number)
+            tile = drawn[top : top + 63, left : left + 97]
+            assert (tile == one.draw(values)).all()
+            assert alike(gl.draw(values), tile) >= MIN_ALIKE
+
+
 def test_i420_is_the_picture(library: ModuleType) -> None:
     head = head_of("default", 128)
     with NativeRenderer(head, RenderOptions(size=(97, 63))) as renderer:
