@@ -1,5 +1,7 @@
 """A recognizer without a process, for tests that count frames and not time."""
 
+from math import inf
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -36,7 +38,7 @@ class DirectRecognizer:
         )
         self._stream = None
 
-    def poll(self) -> list[RecognizedPhones]:
+    def poll(self, shown_s: float = -inf) -> list[RecognizedPhones]:
         """Return the new results."""
         found, self._told = self._told, []
         return found

@@ -6,20 +6,31 @@ PocketSphinx holds Python's lock while it works, 20 ms for 80 ms of audio and mo
 frame every 17 ms. So it runs in another process, and neither end of :class:`RecognizerProcess` waits for the other.
 Audio that was not sent to the process yet (all but :data:`AHEAD_S`) stays here, so it can be dropped at once.
 
-A message to the child has the stream's number and the rate in Hz, and int16 samples, little-endian; a rate of 0 ends
-the stream. A message back is a :class:`.protocol.RecognizedPhones`; the first one gives the recognizer's look-ahead. A
-new stream number drops the stream before.
+A live face shows audio a fixed delay later. Where the machine is too slow for that, phones would come when their time
+is over, and the face would not move. So :meth:`RecognizerProcess.poll` compares what was processed with what the face
+shows. If it was behind in :data:`PATIENCE` polls in a row, the recognizer leaves out its costly part for
+:data:`BRIEF_S`. If that is not enough, audio that is about to be shown is skipped: what follows continues what came
+before, and the phone at that place lasts longer.
+
+A message to the child has the stream's number, the rate in Hz, whether to leave out the costly part, and int16 samples,
+little-endian, or the number of samples that are skipped; a rate of 0 ends the stream. A message back is a
+:class:`.protocol.RecognizedPhones`; the first one gives the recognizer's look-ahead. A new stream number drops the
+stream before.
 """
 
+from bisect import bisect
 from collections import deque
-from dataclasses import asdict, dataclass, field
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, dataclass, field, replace
+from math import inf
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine._child import Child, Parent, command
+from fapengine._child import Child, Head, Message, Parent, command
 from fapengine.recognition.choice import check_installed, new_recognizer
 from fapengine.recognition.loudness import RunningSoundings
 from fapengine.recognition.protocol import RATE_HZ, RecognizedPhones, Recognizer
@@ -28,8 +39,26 @@ from fapengine.speech.prosody import RunningProsody
 
 AHEAD_S = 0.5
 """Length of audio that is sent ahead of the process."""
+LIVE_AHEAD_S = 0.1
+"""The same where the face shows audio as soon as this: what was sent cannot be skipped."""
+SLOW_AHEAD_S = 0.04
+"""The same where it is behind."""
 PIECE_S = 0.08
-"""Length of audio that is sent at a time: the recognizer's block."""
+"""Longest piece of audio that is sent at a time."""
+LEAD_S = 0.1
+"""Least time from what the face shows to what was processed; phones need it to shape the lips before them."""
+SKIP_LEAD_S, LEAD_AFTER_S = 0.07, 0.2
+"""Lead under which audio is skipped, and up to which."""
+USUAL_S = 0.05
+"""Length of audio that waits in a poll although the recognizer keeps up."""
+PATIENCE = 6
+"""Polls with less lead, in a row, after which a recognizer is too slow: late packets of a network are fewer."""
+PATIENCE_AGAIN = 2
+"""The same after audio was skipped."""
+GRACE = 30
+"""The same at the beginning of a stream, when audio has waited for the process to start."""
+BRIEF_S = 8.0
+"""Length of audio for which the costly part is left out, before it is tried again."""
 
 
 @dataclass(slots=True, eq=False)
@@ -52,6 +81,10 @@ class RecognizerProcess:
     """Pieces of the stream that were not sent yet: rate in Hz, samples; rate 0: the end."""
     _sent_s: float = 0.0
     _processed_s: float = 0.0
+    _late: int = 0
+    """Polls in a row with too little lead, minus those that may have it."""
+    _brief_until_s: float = 0.0
+    """Time in the stream up to which the costly part is left out."""
 
     @classmethod
     def open(cls, model: Path | None = None) -> "RecognizerProcess":
@@ -69,7 +102,9 @@ class RecognizerProcess:
         """Drop audio that was not processed yet, and begin a stream; returns its number."""
         self.stream += 1
         self._pieces.clear()
+        is_slow = self._brief_until_s > self._sent_s
         self.waiting_s = self._sent_s = self._processed_s = 0.0
+        self._late, self._brief_until_s = -GRACE, BRIEF_S if is_slow else 0.0
         return self.stream
 
     def push(self, samples: NDArray[np.int16], rate_hz: int) -> None:
@@ -83,23 +118,59 @@ class RecognizerProcess:
         """End the stream."""
         self._pieces.append((0, b""))
 
-    def poll(self) -> list[RecognizedPhones]:
-        """Send audio as far as the process keeps up, and return the new results of this stream."""
+    def poll(self, shown_s: float = -inf) -> list[RecognizedPhones]:
+        """Send audio as far as the process keeps up, and return the new results of this stream.
+
+        Parameters
+        ----------
+        shown_s : float
+            Time in the stream that the face shows now; -inf if it waits for the phones.
+        """
         found = self._read()
-        self._write()
+        if self.is_ready:
+            self._keep_up(shown_s)
+            lead_s = self._processed_s - shown_s
+            self._write(AHEAD_S if lead_s > AHEAD_S else LIVE_AHEAD_S if lead_s > LEAD_S else SLOW_AHEAD_S)
         return found
 
     def close(self) -> None:
         """End the process; closing again does nothing."""
         self.child.close()
 
-    def _write(self) -> None:
-        while self.is_ready and self.child.flush():
-            if not self._pieces or self._sent_s - self._processed_s > AHEAD_S:
+    def _keep_up(self, shown_s: float) -> None:
+        if self.waiting_s < USUAL_S or self._processed_s - shown_s >= LEAD_S:
+            self._late = 0
+            return
+        self._late += 1
+        if self._late < PATIENCE:
+            return
+        self._brief_until_s = self._sent_s + BRIEF_S
+        if self._processed_s - shown_s < SKIP_LEAD_S:
+            self._skip(shown_s + LEAD_AFTER_S)
+            self._late = PATIENCE - PATIENCE_AGAIN
+
+    def _skip(self, until_s: float) -> None:
+        """Leave out pieces that were not sent and begin before a time in the stream."""
+        count, rate = 0, 0
+        while self._pieces and self._pieces[0][0] and self._sent_s < until_s:
+            rate, samples = self._pieces.popleft()
+            count += len(samples) // 2
+            self._sent_s += len(samples) / 2 / rate
+        if count:
+            self._put(rate, skips=count)
+
+    def _write(self, ahead_s: float) -> None:
+        while self.child.flush():
+            if not self._pieces or self._sent_s - self._processed_s > ahead_s:
                 return
             rate_hz, samples = self._pieces.popleft()
+            self._put(rate_hz, samples)
             self._sent_s += len(samples) / 2 / rate_hz if rate_hz else 0.0
-            self.child.put({"stream": self.stream, "rate_hz": rate_hz}, samples)
+
+    def _put(self, rate_hz: int, samples: bytes = b"", *, skips: int = 0) -> None:
+        is_brief = self._sent_s < self._brief_until_s
+        head = {"stream": self.stream, "rate_hz": rate_hz, "skips": skips, "is_brief": is_brief}
+        self.child.put(head, samples)
 
     def _read(self) -> list[RecognizedPhones]:
         found = []
@@ -124,11 +195,14 @@ class _Stream:
     def __init__(self, recognizer: Recognizer, number: int, rate_hz: int) -> None:
         self.number, self._recognizer, self._rate_hz = number, recognizer, rate_hz
         self._came = 0
+        """Samples that were not skipped."""
+        self._cuts = [(0.0, 0.0)]
+        """Times after which audio was skipped, in the audio without it, and the length skipped up to each."""
         self._prosody = RunningProsody()
         self._soundings = RunningSoundings()
         self._looked_at: list[Phone] = []
         """Phones of the recognizer that may still change, and the same with loudness and stress."""
-        self._partial: tuple[Phone, ...] = ()
+        self._partial: list[Phone] = []
         self._resampler: Any = None
         if rate_hz != RATE_HZ:
             from av import AudioResampler
@@ -148,9 +222,28 @@ class _Stream:
         phones = self._prosody.push(phones, self._soundings.of(phones))
         if self._recognizer.partial is not self._looked_at:
             self._looked_at = self._recognizer.partial
-            self._partial = tuple(self._prosody.look(self._looked_at, self._soundings.look(self._looked_at)))
-        position_s = self._came / self._rate_hz
-        return RecognizedPhones(self.number, position_s, tuple(phones), samples is None, self._partial)
+            self._partial = self._prosody.look(self._looked_at, self._soundings.look(self._looked_at))
+        found = RecognizedPhones(self.number, self._position_s, self._placed(phones), samples is None)
+        return replace(found, partial=self._placed(self._partial))
+
+    def skip(self, count: int) -> RecognizedPhones:
+        """Leave out samples: what follows continues what came before, later."""
+        skipped_s = count / self._rate_hz
+        self._cuts.append((self._came / self._rate_hz, self._cuts[-1][1] + skipped_s))
+        partial = self._placed(self._partial)
+        return RecognizedPhones(self.number, self._position_s, partial=partial, skipped_s=skipped_s)
+
+    @property
+    def _position_s(self) -> float:
+        return self._came / self._rate_hz + self._cuts[-1][1]
+
+    def _placed(self, phones: list[Phone]) -> tuple[Phone, ...]:
+        """Phones in the stream's time; one that contains a cut lasts longer."""
+
+        def at_s(time_s: float) -> float:
+            return time_s + self._cuts[bisect(self._cuts, time_s, key=itemgetter(0)) - 1][1]
+
+        return tuple(replace(one, start_s=at_s(one.start_s), end_s=at_s(one.end_s)) for one in phones)
 
     def _resampled(self, samples: NDArray[np.int16] | None) -> list[NDArray[np.int16]]:
         if self._resampler is None:
@@ -164,23 +257,27 @@ class _Stream:
         return [out.to_ndarray()[0] for out in self._resampler.resample(frame)]
 
 
-def serve(parent: Parent, recognizer: Recognizer) -> None:
-    """Process the parent's messages until they end."""
-    parent.tell({"look_ahead_s": recognizer.look_ahead_s})
+def answers(messages: Iterable[Message], recognizer: Recognizer) -> Iterator[Head]:
+    """Answer the parent: first the look-ahead, then each message."""
+    yield {"look_ahead_s": recognizer.look_ahead_s}
     stream: _Stream | None = None
-    for head, data in parent.messages():
+    for head, data in messages:
         number = head["stream"]
+        is_brief = recognizer.be_brief(head["is_brief"])
         if head["rate_hz"]:
             if stream is None or stream.number != number:
                 stream = _Stream(recognizer, number, head["rate_hz"])
-            found = stream.push(np.frombuffer(data, "<i2").astype(np.int16))
+            skips = head["skips"]
+            found = stream.skip(skips) if skips else stream.push(np.frombuffer(data, "<i2").astype(np.int16))
+            found = replace(found, is_brief=is_brief)
         elif stream is not None and stream.number == number:
             found, stream = stream.push(None), None
         else:
             found = RecognizedPhones(number, 0.0, is_over=True)
-        parent.tell(asdict(found))
+        yield asdict(found)
 
 
 def main(parent: Parent, model: str | None = None) -> None:
     """Run the process."""
-    serve(parent, new_recognizer(Path(model) if model else None))
+    for answer in answers(parent.messages(), new_recognizer(Path(model) if model else None)):
+        parent.tell(answer)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from math import inf
 from typing import Protocol
 
 import numpy as np
@@ -47,6 +48,9 @@ class Recognizer(Protocol):
     def reset(self) -> None:
         """Start again: the next sample is the first."""
 
+    def be_brief(self, is_wanted: bool) -> bool:
+        """Leave out the costly part of the work from now on, or no longer; return whether it is left out."""
+
 
 class BlockRecognizer:
     """Base of the built-in recognizers, which process blocks of audio: pieces of any length give the same phones."""
@@ -76,6 +80,10 @@ class BlockRecognizer:
         self._came = 0
         self.partial = []
 
+    def be_brief(self, is_wanted: bool) -> bool:
+        """Return False: it has no part that can be left out."""
+        return False
+
     def _process(self, block: NDArray[np.int16]) -> list[Phone]:
         raise NotImplementedError
 
@@ -93,6 +101,10 @@ class RecognizedPhones:
     """True when the stream's end was processed."""
     partial: tuple[Phone, ...] = ()
     """Phones after these that may still change; each result replaces those of the one before."""
+    skipped_s: float = 0.0
+    """Length of audio that was skipped to keep up; the phone at that place lasts longer."""
+    is_brief: bool = False
+    """True if the recognizer left out its costly part to keep up."""
 
 
 class StreamRecognizer(Protocol):
@@ -114,8 +126,11 @@ class StreamRecognizer(Protocol):
     def end(self) -> None:
         """End the stream."""
 
-    def poll(self) -> list[RecognizedPhones]:
-        """Return the new results of this stream; raises ``ResourceError`` if the recognizer has ended."""
+    def poll(self, shown_s: float = -inf) -> list[RecognizedPhones]:
+        """Return the new results of this stream; raises ``ResourceError`` if the recognizer has ended.
+
+        ``shown_s`` is the time in the stream that the face shows now; a recognizer that falls behind it works less.
+        """
 
     def close(self) -> None:
         """Close it."""

@@ -338,6 +338,9 @@ class KnownFrames:
     def push(self, block: NDArray[np.int16]) -> None:
         """Process a block, (N,) int16."""
 
+    def skip(self, count: int) -> None:
+        """Leave out samples of a block."""
+
     def end(self, rest: NDArray[np.int16]) -> None:
         """Process the rest, (N,) int16, shorter than a block."""
 
@@ -368,6 +371,10 @@ class SphinxFrames(KnownFrames):
         """Process a block, (N,) int16."""
         self._recognizer.push(block)
         self._found = self._recognizer.hypothesis()
+
+    def skip(self, count: int) -> None:
+        """Leave out samples of a block: their frames are unknown."""
+        self._recognizer.skip(count)
 
     def end(self, rest: NDArray[np.int16]) -> None:
         """Process the rest, (N,) int16, shorter than a block."""
@@ -403,6 +410,7 @@ class JointRecognizer(SmallRecognizer):
         other: KnownFrames | None = None,
     ) -> None:
         self._other = other or SphinxFrames()
+        self._is_brief = False
         super().__init__(look_ahead_s, weights=weights)
         self._numbers = {label: number for number, label in enumerate(self._weights.labels)}
 
@@ -411,8 +419,15 @@ class JointRecognizer(SmallRecognizer):
         super().reset()
         self._other.reset()
 
+    def be_brief(self, is_wanted: bool) -> bool:
+        """Use the small network alone from now on, or no longer; PocketSphinx is two thirds of the cost."""
+        self._is_brief = is_wanted
+        return is_wanted
+
     def _score(self, samples: NDArray[np.int16], *, rest: int | None = None) -> NDArray[np.float32]:
-        if rest is None:
+        if rest is None and self._is_brief:
+            self._other.skip(len(samples))
+        elif rest is None:
             self._other.push(samples)
         else:
             self._other.end(samples[:rest])

@@ -66,6 +66,12 @@ class SphinxRecognizer(BlockRecognizer):
             self._waiting = self._waiting[:0]
         return self._close()
 
+    def skip(self, count: int) -> None:
+        """Leave out samples, whole frames; the utterance ends, and phones that were not reported are dropped."""
+        self.end()
+        self._passed += count
+        self._came += count
+
     def reset(self) -> None:
         """Start again: the next sample is the first."""
         super().reset()

@@ -3,6 +3,7 @@
 import asyncio
 import logging
 import sys
+from math import inf
 
 import numpy as np
 import pytest
@@ -24,6 +25,7 @@ from tests.unit.host.ticking_recognizer import TickingRecognizer
 LONG_S = 4.0
 ECHO = """
 import sys
+from math import inf
 from fapengine._child import messages, packed
 for _, data in messages(sys.stdin.buffer):
     sys.stdout.buffer.write(packed({}, data))
@@ -273,10 +275,10 @@ def test_a_recognizer_that_ends_each_time_it_is_ready_is_given_up(monkeypatch: p
     class Dying(TickingRecognizer):
         polls = 0
 
-        def poll(self) -> list[RecognizedPhones]:
+        def poll(self, shown_s: float = -inf) -> list[RecognizedPhones]:
             self.polls += 1
             self.is_dead = self.polls > 5
-            return super().poll()
+            return super().poll(shown_s)
 
     def opens() -> TickingRecognizer:
         opened.append(Dying())

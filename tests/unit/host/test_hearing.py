@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from math import inf
 from pathlib import Path
 
 import numpy as np
@@ -67,7 +68,7 @@ class EarHere:
     def _tell(self, heard: RecognizedPhones) -> None:
         self.told.append((self.clock.now_s + WORK_S, heard))
 
-    def poll(self) -> list[RecognizedPhones]:
+    def poll(self, shown_s: float = -inf) -> list[RecognizedPhones]:
         due = [heard for at_s, heard in self.told if at_s <= self.clock.now_s and self.is_ready]
         self.told = [entry for entry in self.told if entry[1] not in due]
         return due

@@ -1,6 +1,7 @@
 """An ear that hears a syllable in every 0.2 s of any sound, and tells it as late as a real one does."""
 
 from dataclasses import dataclass, field
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +44,7 @@ class TickingRecognizer:
     def end(self) -> None:
         self._tell(int(np.ceil(self.heard_s / PHONE_S)), is_over=True)
 
-    def poll(self) -> list[RecognizedPhones]:
+    def poll(self, shown_s: float = -inf) -> list[RecognizedPhones]:
         if self.is_dead:
             raise ResourceError("ear: its process has ended")
         told, self.waiting = self.waiting, []

@@ -1,15 +1,13 @@
 """Phones from sound alone: what is heard, what is no speech, and that pieces do not matter."""
 
-import io
 from collections.abc import Sequence
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fapengine._child import Parent, packed, unpacked
 from fapengine.errors import UsageError
-from fapengine.recognition.process import serve
+from fapengine.recognition.process import answers
 from fapengine.recognition.protocol import RATE_HZ, due
 from fapengine.recognition.recording import listen
 from fapengine.recognition.sphinx_recognizer import SphinxRecognizer
@@ -141,13 +139,10 @@ def test_what_is_shouted_is_loud_and_what_is_whispered_is_not() -> None:
 
 def test_live_a_shout_is_told_as_one() -> None:
     sound, length_s = parts((0, 0, 12))
-    messages = b"".join(
-        packed({"stream": 1, "rate_hz": RATE_HZ}, piece.astype("<i2").tobytes())
-        for piece in np.split(sound, range(320, len(sound), 320))
-    )
-    answers = io.BytesIO()
-    serve(Parent(io.BytesIO(messages + packed({"stream": 1, "rate_hz": 0})), answers), SphinxRecognizer())
-    told = [head for head, _ in unpacked(bytearray(answers.getvalue()))][1:]
+    head = {"stream": 1, "rate_hz": RATE_HZ, "skips": 0, "is_brief": False}
+    pieces = np.split(sound, range(320, len(sound), 320))
+    messages = [(head, piece.astype("<i2").tobytes()) for piece in pieces]
+    told = list(answers([*messages, ({**head, "rate_hz": 0}, b"")], SphinxRecognizer()))[1:]
     phones = [Phone(**phone) for head in told for phone in head["phones"]]
     spoken_ones = [(phone.start_s, phone.stress, phone.loudness_db) for phone in phones if not phone.is_silence]
     usual = [abs(db) for start_s, _, db in spoken_ones if start_s < 2 * length_s]
