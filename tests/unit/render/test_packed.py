@@ -106,15 +106,20 @@ def test_the_oldest_go_and_nothing_of_the_user(folder: Path, head: FaceMesh, mon
     meshes = [replace(head, iris_albedo=np.full(3, share)) for share in (0.1, 0.2, 0.3)]
     packed_mesh(meshes[0])
     (folder / "mine.npz").write_bytes(b"mine")
-    (folder / f"packed-{'a' * 32}.npz.0123abcd").write_bytes(b"left by a crash")
-    for path in folder.iterdir():
-        os.utime(path, (1, 1))
-    packed_mesh(meshes[1])
-    from_disk(meshes[0], monkeypatch)  # so it is not the oldest
+    left = folder / f"packed-{'a' * 32}.npz.0123abcd"
+    left.write_bytes(b"left by a crash")
+    os.utime(left, (0, 0))
+    for age, mesh in enumerate(meshes[:2]):
+        packed_mesh(mesh)
+        for path in folder.iterdir():
+            if path.stat().st_mtime > 10:
+                os.utime(path, (1 + age, 1 + age))
+    from_disk(meshes[0], monkeypatch)  # so it is newer than the second
     packed_mesh(meshes[2])
     assert "mine.npz" in names(folder)
     assert len(names(folder)) == 3
-    from_disk(meshes[2], monkeypatch)
+    for mesh in (meshes[0], meshes[2]):
+        from_disk(mesh, monkeypatch)
 
 
 def test_a_folder_of_somebody_else_is_left_alone(folder: Path, head: FaceMesh) -> None:
