@@ -37,8 +37,8 @@ PIECE_S = 20.0
 VOICED = 0.5
 """Least similarity of a frame to itself, one period later, that counts as voiced."""
 _WINDOW = 640  # 40 ms: more than two periods of the lowest pitch
-_SHORTEST, _LONGEST = int(RATE_HZ / PITCH_HZ[1]), int(RATE_HZ / PITCH_HZ[0])
-_LENGTH = 1 << (_WINDOW + _LONGEST - 1).bit_length()  # of the transform: no lag that is looked at wraps round
+_MIN_LAG, _MAX_LAG = int(RATE_HZ / PITCH_HZ[1]), int(RATE_HZ / PITCH_HZ[0])
+_LENGTH = 1 << (_WINDOW + _MAX_LAG - 1).bit_length()  # of the transform: no lag that is looked at wraps round
 
 
 def loudness_db(samples: NDArray[np.int16]) -> NDArray[np.float64]:
@@ -109,18 +109,18 @@ def pitch_hz(samples: NDArray[np.int16], first: int = 0, stop: int | None = None
     before, at, after = (searched[rows, lag + step] for step in (-1, 0, 1))
     bend = before - 2 * at + after
     shift = np.where(np.abs(bend) > 1e-12, 0.5 * (before - after) / np.where(bend == 0, 1.0, bend), 0.0)
-    return np.where(found, RATE_HZ / (lag + _SHORTEST + np.clip(shift, -0.5, 0.5)), 0.0)
+    return np.where(found, RATE_HZ / (lag + _MIN_LAG + np.clip(shift, -0.5, 0.5)), 0.0)
 
 
 def _similarity(frames: NDArray[np.float64]) -> NDArray[np.float64]:
     """(T, lags): correlation of each frame with itself, shifted; every lag by the energy of the parts compared."""
     spectrum = np.fft.rfft(frames, n=_LENGTH, axis=1)
     power = spectrum.real**2 + spectrum.imag**2
-    product = np.fft.irfft(power, axis=1)[:, _SHORTEST : _LONGEST + 1]
+    product = np.fft.irfft(power, axis=1)[:, _MIN_LAG : _MAX_LAG + 1]
     energy = np.cumsum(frames**2, axis=1)
     total = energy[:, -1:]
-    head = energy[:, _WINDOW - 1 - _LONGEST : _WINDOW - _SHORTEST][:, ::-1]
-    tail = total - energy[:, _SHORTEST - 1 : _LONGEST]
+    head = energy[:, _WINDOW - 1 - _MAX_LAG : _WINDOW - _MIN_LAG][:, ::-1]
+    tail = total - energy[:, _MIN_LAG - 1 : _MAX_LAG]
     similarity: NDArray[np.float64] = product / np.sqrt(
         np.maximum(head * tail, 1e-9 * np.maximum(total, 1.0) ** 2) + 1e-9
     )
