@@ -107,3 +107,13 @@ def test_a_stream_is_compared_with_its_past() -> None:
 def test_a_loudness_out_of_range_is_refused(loudness_db: float) -> None:
     with pytest.raises(UsageError, match=r"loudness_db of 'a': got .*, expected -12 to 8"):
         Phone("a", 0.0, 0.1, loudness_db=loudness_db)
+
+
+def test_the_last_phones_alone_are_as_among_all() -> None:
+    rng = np.random.default_rng(3)
+    phones = [Phone("ma_"[n % 3], n / 10, (n + 1) / 10, confidence=0.5) for n in range(60)]
+    sounds = [Sounding(float(rng.uniform(-40, -10)), float(rng.uniform(90, 200))) for _ in phones]
+    whole = with_prosody(phones, sounds)
+    assert sum(phone.stress for phone in whole) >= 3
+    for first in (0, 1, 31, 58):
+        assert with_prosody(phones, sounds, first=first) == whole[first:]
