@@ -155,8 +155,9 @@ def test_a_real_renderer_obeys() -> None:
         assert 0.2 < np.abs(live.draw(faps) - best).mean() < 8
         assert "35 % of the resolution" in str(live.quality)
         live.drawing = replace(live.drawing, camera=preset("profile"))
-        with live._context:
-            side = np.frombuffer(live.paint(faps).read(), np.uint8).reshape(1024, 1024, 4)
+        painted = live.paint(faps)
+        with live._context:  # not around paint(), which enters it, too, and then leaves it
+            side = np.frombuffer(painted.read(), np.uint8).reshape(1024, 1024, 4)
         assert np.abs(side[..., :3].astype(int) - best).mean() > 5
     with LiveRenderer([head], RenderOptions(size=(64, 64)), rate_hz=0.1) as live:
         for _ in range(5):
