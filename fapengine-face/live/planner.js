@@ -43,7 +43,7 @@ class Composer {
     const [least, most] = speaking.LOUDNESS_DB;
     if (!(loudness >= least && loudness <= most)) throw new TypeError(`loudness: must be ${least} to ${most} dB, got ${loudness}`);
     const { modeCount, width, modes, jaws, layer } = profile;
-    const jawGain = articulation * jaw * 2 ** (loudness / styles.DB_PER_DOUBLE_DROP);
+    const jawGain = articulation * jaw * 2 ** (Math.min(loudness, styles.MAX_JAW_DB) / styles.DB_PER_DOUBLE_DROP);
     const lipsGain = articulation * lips;
     this.profile = profile;
     this.openness = Math.min(1, jawGain);

@@ -137,7 +137,7 @@ def style_of(rng: np.random.Generator) -> tuple[dict[str, float], Style]:
     if rng.random() < 0.5:
         return {}, Style.speech_only()
     sizes = {name: float(rng.uniform(0.2, 2)) for name in ("articulation", "jaw", "lips")}
-    loudness = float(rng.uniform(-10, 10))
+    loudness = float(rng.uniform(-10, 20))
     return sizes | {"loudness": loudness}, Style(**sizes, loudness_db=loudness).without(["all"])
 
 

@@ -64,8 +64,9 @@ def test_jaw_and_lips_show_in_different_faps() -> None:
 
 
 def test_louder_opens_farther() -> None:
-    drops = [values(still(loudness_db=db))[:, fap.column(3)].max() for db in (-12, 0, 12)]
+    drops = [values(still(loudness_db=db))[:, fap.column(3)].max() for db in (-12, 0, 12, 15, 20)]
     assert 1.7 * drops[0] < drops[1] < drops[2] / 1.7
+    assert drops[2] < drops[3] == drops[4]
 
 
 @pytest.mark.parametrize(
