@@ -27,16 +27,16 @@ def check_bare_debian(folder: Path) -> None:
     root, wheels = folder.resolve() / "debian", folder.resolve() / "wheels"
     _make_debian(root)
     _collect_wheels(wheels)
-    for old in ("face", "wheels", "work"):
+    for old in ("face", "wheels", "films"):
         shutil.rmtree(root / old, ignore_errors=True)
     shutil.copytree(wheels, root / "wheels")
-    (root / "work").mkdir()
+    (root / "films").mkdir()
     found = [str(path) for pattern in OPENGL for path in root.rglob(pattern)]
     assert not found, f"Debian has OpenGL: {found}"
     _inside(root, "python3", "-m", "venv", "/face")
     _inside(root, "/face/bin/pip", "install", "--quiet", "--no-index", "--find-links", "/wheels", WANTED)
-    _inside(root, "/face/bin/fapengine", "say", "Hello.", "-o", "/work/hello.mp4")
-    frames, size = _video(root / "work" / "hello.mp4")
+    _inside(root, "/face/bin/fapengine", "say", "Hello.", "-o", "/films/hello.mp4")
+    frames, size = _video(root / "films" / "hello.mp4")
     findings = json.loads(_inside(root, "/face/bin/fapengine", "doctor", "--json"))
     print(f"bare Debian: hello.mp4 has {frames} frames of {size}; doctor: {_renderer(findings)}")
     assert frames > 10
