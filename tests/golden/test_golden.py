@@ -98,7 +98,8 @@ def test_a_picture_is_as_it_was_found_good(pictures: dict[str, Picture], name: s
 def test_neutral_has_lips_skin_eyes_and_hair_where_they_belong(head: FaceMesh, pictures: dict[str, Picture]) -> None:
     picture = pictures["neutral"]
     skin, lip = around(head, picture, "neutral", "5.3"), around(head, picture, "neutral", "8.2")
-    hair, pupil = around(head, picture, "neutral", "11.5"), around(head, picture, "neutral", "3.5", half=0)
+    x, y = np.round(project(VIEWS["neutral"], head.point_mm("11.5")[None], SIZE)[0]).astype(int)
+    hair, pupil = picture[y + 1 : y + 4, x - 1 : x + 2], around(head, picture, "neutral", "3.5", half=0)
     assert skin[0] > skin[1] > skin[2] > 90
     assert lip[0] / lip[1] > 1.05 * skin[0] / skin[1]
     assert hair.mean() < 0.6 * skin.mean()

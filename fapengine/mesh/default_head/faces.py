@@ -27,8 +27,8 @@ from fapengine.mesh.default_head.style import HeadStyle
 
 STEP_MM = 0.01
 """Unit of the displacements in a table, which are int16."""
-HAIRLINE_DEG = (0, 18, 34, 46, 56, 64, 70, 76, 84, 96, 108, 120, 140, 180)
-HAIRLINE_MM = (94, 95, 90, 77, 61, 47, 28, 16, 34, 44, 20, -28, -46, -50)
+HAIRLINE_DEG = (0, 14, 28, 40, 52, 62, 69, 75, 81, 88, 98, 108, 118, 132, 150, 180)
+HAIRLINE_MM = (94, 95, 91, 81, 65, 50, 34, 25, 26, 38, 43, 22, -16, -36, -47, -51)
 """Height of the hairline, by angle from the front."""
 
 

@@ -53,8 +53,10 @@ HAIR_NEAR_MM, HAIR_SHADE, JAW_SHADE = 9.0, 0.55, 0.7
 """Distance within which hair shades skin; fraction of the light that hair and jaw remove."""
 EAR_JOINS_MM = 3.5
 """Height above the skin over which an ear takes on its light."""
-GIVEN_NORMALS = 1.5
-"""Weight of normals that parts give relative to those of their triangles."""
+SCALP_MM = 52.0
+"""Distance from the hairline up to which the scalp is drawn: tips of short hair leave it free."""
+ROOTS = 0.85
+"""Share of the hair's colour in the skin under hair beside and behind the ears, where the painting ends."""
 HEAD_PIVOT = np.array([0.0, -45.0, -5.0])
 MOUTH_LINE_Y = -34.6
 """Height of a row of the grid; its vertices at the border of the mouth's block are level with the corners of the mouth.
@@ -166,6 +168,9 @@ def _build_skin(builder: MeshBuilder, style: HeadStyle, detail: float) -> tuple[
     inside = nostril(radius(angle, y, style) * np.sin(angle), y, style.nose_width) * (np.cos(angle) > 0.5)
     # Nostrils are dark, and reddish rather than grey.
     albedo = palette.skin(points) * (1 - inside[..., None] * np.array([0.86, 0.93, 0.95]))
+    if style.hair:
+        roots = ROOTS * smoothstep((y - faces.hairline(angle) + 3.0) / 13.0) * smoothstep((np.abs(angle) - 1.6) / 0.2)
+        albedo += roots[..., None] * (0.8 * palette.hair - albedo)
     grid = builder.add(
         points, albedo=albedo, head_weight=head_weight, uv=skin_uv(angle, y), place=np.stack([angle, y], -1)
     )
@@ -178,7 +183,7 @@ def _build_skin(builder: MeshBuilder, style: HeadStyle, detail: float) -> tuple[
     for block in blocks:
         keep[block.bottom : block.top, block.left : block.right] = False
     if style.hair:  # cells completely covered by hair need not be drawn
-        covered = y > faces.hairline(angle) + 14.0
+        covered = y > faces.hairline(angle) + SCALP_MM
         keep &= ~(covered[:-1, :-1] & covered[1:, :-1] & covered[:-1, 1:] & covered[1:, 1:])
     builder.quads(grid, keep=keep)  # closed by two columns at one position, where the texture ends
     crown = int(builder.add(points[-1].mean(axis=0) * [0, 1, 1] + [0, 3.0, 0], albedo=palette.base))
@@ -325,7 +330,7 @@ def _finish(
     normals = vertex_normals(points, triangles)
     given = builder.column("normal")
     has_own = np.isfinite(given[:, 0])
-    normals[has_own] = unit_vectors(normals[has_own] + GIVEN_NORMALS * given[has_own], 1e-6)
+    normals[has_own] = given[has_own]
     seam = head.grid[:, [0, -1]]
     normals[seam] = unit_vectors(normals[seam].sum(axis=1, keepdims=True), 1e-9)
     occlusion = average_over_mesh(ambient_light(points, normals), triangles, 2)

@@ -81,8 +81,7 @@ def locate(points: Array, head: HeadParts) -> dict[str, int]:
     for name, offset in (("6.2", (0, 8, -26)), ("6.3", (40, 0, -26)), ("6.4", (-40, 0, -26))):
         vertices[name] = nearest(head.tongue, TONGUE_TIP + offset)
     vertices |= {"7.1": head.pivot, "11.4": head.crown}
-    middle = head.hair[np.abs(points[head.hair, 0]) < 0.5]
-    vertices["11.5"] = nearest(middle, np.array([0, 160, 10])) if len(middle) else head.crown
+    vertices["11.5"] = int(head.hair[-1]) if len(head.hair) else head.crown
     vertices["11.6"] = nearest(head.grid.ravel(), np.array([0, 60, -100]))
     return vertices
 

@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 from fapengine.errors import UsageError
 from fapengine.mesh.colours import HAIR_COLOURS
 from fapengine.mesh.default_head import mesh_builder, painting
-from fapengine.mesh.default_head.faces import Scalp, hairline
+from fapengine.mesh.default_head.faces import Scalp
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.default_head.style import LEVELS, HeadStyle, palette_of, parse_look
-from fapengine.mesh.default_head.surface import AXIS_Z_MM
 from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import FaceMesh, Material
 from fapengine.mpeg4 import fap
@@ -211,13 +210,16 @@ def test_hair_lies_on_the_head(heads: dict[str, FaceMesh]) -> None:
     assert front[:, 1].min() > 65  # no fringe over brows or eyes
 
 
-def test_single_hairs_stand_along_the_whole_hairline(heads: dict[str, FaceMesh]) -> None:
-    head = heads["normal"]
-    hairs = head.vertices_mm[head.material == Material.STRAND].astype(float)
-    angle = np.arctan2(hairs[:, 0], hairs[:, 2] - AXIS_Z_MM)
-    at_line = np.abs(hairs[:, 1] - hairline(angle)) < 9
-    counts, _ = np.histogram(angle[at_line], np.deg2rad(np.arange(-180, 181, 30)))
-    assert counts.min() >= 20, counts
+def test_hair_fades_into_the_skin() -> None:
+    """Where the hair is above the hairline, at a sideburn, its colour comes within millimetres."""
+    picture = painting.paint(HeadStyle(haircut="cropped")).astype(float)
+    y = np.arange(18.0, 52.0)
+    u, v = mesh_builder.skin_uv(np.deg2rad(78.0), y).T
+    rows, columns = (v * mesh_builder.TEXTURE_SIZE[0]).astype(int), (u * mesh_builder.TEXTURE_SIZE[1]).astype(int)
+    grey = np.array([picture[row, column - 8 : column + 9].mean() for row, column in zip(rows, columns, strict=True)])
+    share = (grey - grey.min()) / np.ptp(grey)
+    assert (np.diff(grey) < 4.0).all()  # darker upwards
+    assert ((share > 0.1) & (share < 0.9)).sum() >= 8  # mm; 4 before
 
 
 def test_a_look_is_read_from_text() -> None:
