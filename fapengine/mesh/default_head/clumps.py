@@ -36,6 +36,8 @@ EAR_MM, CLOSE_SIDES = 6.0, 0.7
 """Additional height of hanging hair over an ear; fraction of its height that short hair loses there."""
 WAVE_MM = 115.0
 """Wave length of hanging hair."""
+FREE_FROM_MM, FREE_ENDS = -30.0, 0.55
+"""Height below which hanging hair follows the head less, and share of its rotation that the ends do not follow."""
 MAX_DETAIL = 2.0
 """Hair is not divided further at level ``finest``."""
 ACROSS = (0.0, 0.3, 0.7, 1.0)
@@ -305,6 +307,7 @@ def _add_layer(builder: MeshBuilder, fall: _Fall, cut: _Cut, seed: int, palette:
         material=Material.HAIR,
         uv=strand_uv((0.05 + 0.65 * golden(number, 3.1))[:, None, None] + 0.25 * across, 0.05 + 0.9 * t),
         normal=unit_vectors(normals, 1e-6),
+        head_weight=1 - FREE_ENDS * smoothstep((FREE_FROM_MM - points[..., 1]) / 110.0) * (cut.ends_mm is not None),
     )
     whole = int(np.searchsorted(share, layer.tapers_from + 0.04))
     _join(builder, grid)

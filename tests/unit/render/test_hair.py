@@ -12,6 +12,10 @@ from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.default_head.mesh_builder import MeshBuilder
 from fapengine.mesh.default_head.style import HeadStyle, palette_of, random_person
 from fapengine.mesh.default_head.surface import AXIS_Z_MM
+from fapengine.mesh.deform import deform
+from fapengine.mesh.face_mesh import Material
+from fapengine.mpeg4 import fap
+from fapengine.mpeg4.fapu import AU_RAD
 from fapengine.render.camera import Camera
 from fapengine.render.drawing import RenderOptions
 from fapengine.render.renderer import FaceRenderer
@@ -52,3 +56,15 @@ def test_no_clump_falls_over_the_face(seed: int, haircut: str) -> None:
     hair = build_clumps(builder, style, palette_of(style), 0.52)
     x, y, z = builder.column("points_mm")[hair].T
     assert not ((np.abs(x) < 40.0) & (y < 72.0) & (z > 50.0)).any()
+
+
+def test_ends_of_long_hair_stay_on_the_shoulders() -> None:
+    head, tilted = build_head(HeadStyle(haircut="long"), level="coarse"), np.zeros(68)
+    tilted[fap.column(50)] = 0.3 / AU_RAD
+    rest = head.vertices_mm.astype(float)
+    way = np.linalg.norm(deform(head, tilted) - rest, axis=1)
+    as_head = 2 * np.sin(0.15) * np.linalg.norm((rest - head.head_pivot_mm)[:, :2], axis=1)
+    hair = head.material == Material.HAIR
+    ends, above = hair & (rest[:, 1] < -140.0), hair & (rest[:, 1] > -30.0)
+    assert (way[ends] < 0.6 * as_head[ends]).all()
+    assert way[above] == pytest.approx(as_head[above], rel=1e-3)
