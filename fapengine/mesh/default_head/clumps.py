@@ -30,7 +30,7 @@ TOP_MM = 144.0
 """Height above which the scalp is not measured."""
 EARS_MM = 36.0
 """Height from which long hair hangs."""
-FRONT_MM = 5.5
+FRONT_MM = 4.0
 """Additional height of short hair over the forehead."""
 EAR_MM, CLOSE_SIDES = 6.0, 0.7
 """Additional height of hanging hair over an ear; fraction of its height that short hair loses there."""
@@ -38,13 +38,13 @@ WAVE_MM = 115.0
 """Wave length of hanging hair."""
 FREE_FROM_MM, FREE_ENDS = -30.0, 0.55
 """Height below which hanging hair follows the head less, and share of its rotation that the ends do not follow."""
-MAX_DETAIL = 2.0
-"""Hair is not divided further at level ``finest``."""
+MAX_DETAIL, LEAST_ROWS = 2.0, 0.8
+"""Hair is not divided further at level ``finest``, and has no fewer rows at ``coarse``."""
 ACROSS = (0.0, 0.3, 0.7, 1.0)
 """Columns across a strand."""
 LEAD_WIDTHS = (0.55, 0.75, 0.6)
 """Widths of the strands nearest to the face; others have 0.35 to 1.7."""
-STEP_MM, ROUND_MM, TIP_ROUND_MM = 2.2, 1.6, 0.8
+STEP_MM, ROUND_MM, TIP_ROUND_MM = 2.2, 1.6, 2.2
 """Height of upper strands above lower ones; height of a strand's middle above its edges, and what tips add to it."""
 WANDER = 0.018
 """Way of the border between two strands to the sides, in ``s``."""
@@ -95,6 +95,8 @@ class _Cut(NamedTuple):
     """Height of the surface above the scalp, mm, over the share of the way on the head."""
     front: Table
     """Depth of the front edge below the hairline, mm, by angle from the front, degrees."""
+    parting_deg: float
+    """Angle at which the parting begins."""
     rows: int
     """Rows of a strand from ``t`` = 0 to 1."""
     layers: tuple[_Layer, ...]
@@ -111,15 +113,19 @@ class _Cut(NamedTuple):
 BEND_AT = (0.0, 0.5, 0.8, 1.0)
 HANGING_BEND = ((180.0, 112.0, 66.0, 50.0), (112.0, 124.0, 112.0, 88.0))
 HANGING_RISE: Table = ((0, 0.08, 0.25, 0.6, 1), (0.6, 4.4, 6.6, 6.6, 7.0))
-HANGING_FRONT: Table = ((-66, -50, -30, -10, 13, 30, 50, 66), (12.0, 18.0, 15.0, 7.0, 1.5, 8.0, 16.0, 12.0))
+HANGING_FRONT: Table = (
+    (-66, -50, -30, -8, 8, 20, 34, 50, 66),
+    (14.0, 22.0, 22.0, 14.0, 6.0, 1.5, 9.0, 18.0, 14.0),
+)
 CUTS = {
     "short": _Cut(
         bend=((180.0, 116.0, 72.0, 48.0), (96.0, 98.0, 100.0, 90.0)),
         rise=((0, 0.06, 0.2, 0.5, 0.8, 1), (0.6, 6.0, 8.4, 7.6, 5.6, 1.8)),
         front=((-66, -50, -34, -16, 4, 13, 24, 38, 52, 66), (0.0, 11.0, 16.0, 12.0, 5.0, 1.5, 5.0, 10.0, 10.0, 0.0)),
+        parting_deg=11.0,
         rows=18,
         layers=(
-            _Layer(18, 0.0, 0.74, 0.16, 0.60, (1.2, 0.2), lead=(0.54, 0.72, 0.77)),
+            _Layer(18, 0.0, 0.74, 0.16, 0.60, (1.2, 0.2), lead=(0.61, 0.77, 0.80)),
             _Layer(22, 0.3, 1.0, 0.05, 0.76, (-1.2, -0.8), reach=0.93),
         ),
     ),
@@ -127,6 +133,7 @@ CUTS = {
         bend=HANGING_BEND,
         rise=HANGING_RISE,
         front=HANGING_FRONT,
+        parting_deg=20.0,
         rows=20,
         layers=(
             _Layer(18, 0.0, 0.88, 0.10, 0.76, (1.2, -0.2), lead=(0.92, 0.87, 0.80)),
@@ -142,6 +149,7 @@ CUTS = {
         bend=HANGING_BEND,
         rise=HANGING_RISE,
         front=HANGING_FRONT,
+        parting_deg=20.0,
         rows=22,
         layers=(
             _Layer(18, 0.0, 0.84, 0.14, 0.70, (1.2, -0.2), lead=(0.80, 0.70, 0.88)),
@@ -181,28 +189,29 @@ def _fall(style: HeadStyle, cut: _Cut) -> _Fall:
     """Lay the surface over a person's head."""
     s, t = np.linspace(-1, 1, 97), np.linspace(0, 1, 61)
     if cut.ends_mm is None:
-        lines, outs = _on_head(style, cut, s, t)
+        points, rough = _on_head(style, cut, s, t)
     else:
-        on_head = t <= 0.5
-        lines, outs = _on_head(style, cut, s, 2 * t[on_head])
-        lines += _hanging(cut, s, 2 * t[~on_head] - 1, lines[-1], outs[-1])
-        outs += [unit_vectors(outs[-1] * [1.0, 0.0, 1.0], 1e-6)] * int((~on_head).sum())
-    points, rough = np.stack(lines, axis=1), np.stack(outs, axis=1)
+        on_head, rough = _on_head(style, cut, s, 2 * t[t <= 0.5])
+        flat = unit_vectors(rough[:, -1:] * [1.0, 0.0, 1.0], 1e-6)
+        hanging = _hanging(cut, s, 2 * t[t > 0.5] - 1, on_head[:, -1], flat[:, 0])
+        points = np.concatenate([on_head, hanging], axis=1)
+        rough = np.concatenate([rough, np.broadcast_to(flat, hanging.shape)], axis=1)
     points[:, 1:] = gaussian_filter(points, (1.5, 1.5, 0), mode="nearest")[:, 1:]
     normals = unit_vectors(np.cross(np.gradient(points, axis=1), np.gradient(points, axis=0)), 1e-6)
     normals = np.where(((normals * rough).sum(axis=-1) > 0.3)[..., None], normals, rough)
     return _Fall(points, unit_vectors(gaussian_filter(normals, (2, 2, 0), mode="nearest"), 1e-6))
 
 
-def _on_head(style: HeadStyle, cut: _Cut, s: Array, shares: Array) -> tuple[list[Array], list[Array]]:
-    """Lines of hair on the scalp: (S, 3) mm and outward normals at each share of the way from the parting."""
+def _on_head(style: HeadStyle, cut: _Cut, s: Array, shares: Array) -> tuple[Array, Array]:
+    """Lines of hair on the scalp: (S, T, 3) mm and outward normals at shares of the way from the parting, (T,)."""
     scalp, u, side = Scalp(style), np.abs(s), np.where(s < 0, -1.0, 1.0)
 
     def place(degrees: ArrayLike, y: ArrayLike) -> Array:
         return position(np.deg2rad(degrees), np.asarray(y, dtype=np.float64), style)
 
     # Each line is a parabola, laid on the scalp.
-    first, top = place(11.0, hairline(np.deg2rad(11.0)) + 0.5), place(20.0, 132.0)
+    parting = cut.parting_deg
+    first, top = place(parting, hairline(np.deg2rad(parting)) + 0.5), place(1.8 * parting, 132.0)
     crown = np.array([5.0, TOP_MM, -28.0])
     along = np.clip((u - 0.22) / 0.78, 0, 1)[:, None]
     start = (1 - along) ** 2 * crown + 2 * along * (1 - along) * top + along**2 * first
@@ -224,7 +233,7 @@ def _on_head(style: HeadStyle, cut: _Cut, s: Array, shares: Array) -> tuple[list
         y = np.maximum(least, foot[:, 1] + smoothstep((u - 0.88) / 0.12) * (least - foot[:, 1]))
         before = smoothstep((68.0 - degrees) / 10.0)[:, None]
         foot = foot + before * (position(angle, y, style) - foot)
-        rise = np.interp(share, *cut.rise) * (0.14 + 0.86 * edge)
+        rise = np.interp(share, *cut.rise) * (0.2 + 0.8 * edge)
         if cut.ends_mm is None:
             # It is high over the forehead and close at the sides.
             on_way = np.interp(share, (0, 0.15, 0.5, 0.7), (0, 1, 1, 0))
@@ -234,16 +243,20 @@ def _on_head(style: HeadStyle, cut: _Cut, s: Array, shares: Array) -> tuple[list
         else:
             over_ear = smoothstep((degrees - 58.0) / 18.0) * smoothstep((140.0 - degrees) / 26.0)
             rise += EAR_MM * over_ear * smoothstep((90.0 - foot[:, 1]) / 50.0) * (0.3 + 0.7 * edge)
-        lines.append(foot + (0.8 + rise)[:, None] * out)
+        lines.append(foot + (1.0 + 1.2 * smoothstep((36.0 - degrees) / 20.0) + rise)[:, None] * out)
         outs.append(out)
-    return lines, outs
+    # Steps are even along each line, so that no chord of a strand cuts into the forehead.
+    fields = np.concatenate([np.stack(lines, axis=1), np.stack(outs, axis=1)], axis=2)
+    way = np.cumsum(np.linalg.norm(np.diff(fields[..., :3], axis=1, prepend=fields[:, :1, :3]), axis=2), axis=1)
+    for line, own in zip(fields, way, strict=True):
+        line[:] = np.stack([np.interp(shares * own[-1], own, column) for column in line.T], axis=1)
+    return fields[..., :3], unit_vectors(fields[..., 3:], 1e-6)
 
 
-def _hanging(cut: _Cut, s: Array, shares: Array, ears: Array, outs: Array) -> list[Array]:
-    """Lines of hair that hangs from (S, 3) mm: (S, 3) mm at each share of the way to the ends."""
+def _hanging(cut: _Cut, s: Array, shares: Array, ears: Array, flat: Array) -> Array:
+    """(S, T, 3) mm: hair that hangs from (S, 3) mm, with level outward normals, at shares of the way to its ends."""
     assert cut.ends_mm is not None
-    u, flat = np.abs(s), unit_vectors(outs * [1.0, 0.0, 1.0], 1e-6)
-    across = flat[:, ::-1] * [1.0, 0.0, -1.0]
+    u, across = np.abs(s), flat[:, ::-1] * [1.0, 0.0, -1.0]
     before, behind = smoothstep((u - 0.70) / 0.3), smoothstep((0.75 - u) / 0.3)
     length, lines = ears[:, 1] - np.interp(u, *cut.ends_mm), []
     for share in shares:
@@ -260,7 +273,7 @@ def _hanging(cut: _Cut, s: Array, shares: Array, ears: Array, outs: Array) -> li
         line[:, 2] += cut.forward_mm * before * smoothstep((down - 50.0) / 140.0)
         line[:, 2] -= cut.backward_mm * smoothstep((0.62 - u) / 0.4) * smoothstep((down - 60.0) / 90.0)
         lines.append(line)
-    return lines
+    return np.stack(lines, axis=1)
 
 
 def build_clumps(builder: MeshBuilder, style: HeadStyle, palette: Palette, detail: float) -> Indices:
@@ -277,7 +290,8 @@ def _add_layer(builder: MeshBuilder, fall: _Fall, cut: _Cut, seed: int, palette:
     """Add the strands of a layer, which is also the seed of their variation; returns their indices, (N,)."""
     layer = cut.layers[seed]
     number, lead = np.arange(layer.strands) + 5 * seed, len(layer.lead)
-    share = 1 - np.linspace(1, 0, max(7, round(cut.rows * detail * (layer.last - layer.first)))) ** 1.3
+    rows = round(cut.rows * max(detail, LEAST_ROWS) * (layer.last - layer.first))
+    share = 1 - np.linspace(1, 0, max(7, rows)) ** 1.15  # denser at the tips
     across = resampled(ACROSS, max(detail, 0.67))
     side = 2 * across - 1
     level = np.where(number % 2, 0.45, 0.0) + 0.55 * golden(number, 2.3)
@@ -313,7 +327,7 @@ def _add_layer(builder: MeshBuilder, fall: _Fall, cut: _Cut, seed: int, palette:
     _join(builder, grid)
     _join(builder, np.stack([grid[:-1, :whole, -1], grid[1:, :whole, 0]], axis=-1))
     # Tips, strands at the face and the inside are seen from behind, too.
-    tips = 0 if layer.is_inside else share.size // 2
+    tips = 0 if layer.is_inside else 2 * share.size // 3
     _join(builder, grid[lead : layer.strands - lead, tips:, ::-1])
     _join(builder, grid[np.r_[:lead, layer.strands - lead : layer.strands], :, ::-1])
     return grid.ravel()

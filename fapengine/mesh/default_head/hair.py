@@ -12,7 +12,7 @@ from fapengine.mesh.default_head.style import HeadStyle, palette_of
 from fapengine.mesh.face_mesh import Material
 
 CAP_ROWS = (0.0, 0.03, 0.06, 0.10, 0.155, 0.22, 0.32, 0.42, 0.525, 0.63, 0.72, 0.82, 0.89, 0.95)
-CAP_FROM_MM, CAP_TOP_MM = 3.0, 144.0
+CAP_FROM_MM, CAP_TOP_MM = 3.5, 144.0
 """Height of the edge of the cap above the hairline, where the skin has the hair's colour, and of its crown."""
 CAP_MM, SUNK_MM = 2.6, 0.6
 """Thickness of cropped hair, and depth of its edge in the skin."""
@@ -46,7 +46,7 @@ def _build_cap(builder: MeshBuilder, style: HeadStyle, palette: Palette, detail:
     depth = (y - line)[..., None]
     points = base + (CAP_MM * smoothstep(depth / 24.0) - SUNK_MM * smoothstep((6.0 - depth) / 6.0)) * out
     # Skin shows between the hairs, most where they begin.
-    bare = 0.06 + 0.24 * smoothstep((26.0 - depth) / 26.0)
+    bare = 0.06 + 0.52 * smoothstep((19.0 - depth) / 19.0)
     albedo = CAP_LIGHT * palette.hair + bare * (palette.skin(base) - palette.hair)
     # To and fro in either direction, so that painted strands are short.
     uv = strand_uv(_strips(len(angle)), np.where(np.arange(len(share)) % 2, 0.4, 0.6)[:, None])

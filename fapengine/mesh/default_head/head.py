@@ -55,8 +55,10 @@ EAR_JOINS_MM = 3.5
 """Height above the skin over which an ear takes on its light."""
 SCALP_MM = 52.0
 """Distance from the hairline up to which the scalp is drawn: tips of short hair leave it free."""
-ROOTS = 0.85
-"""Share of the hair's colour in the skin under hair beside and behind the ears, where the painting ends."""
+ROOTS, ROOTS_MM = 0.85, (13.0, 18.0)
+"""Share of the hair's colour in the skin under hair beside and behind the ears, where the painting ends, and the height
+over which it comes; of cropped hair.
+"""
 HEAD_PIVOT = np.array([0.0, -45.0, -5.0])
 MOUTH_LINE_Y = -34.6
 """Height of a row of the grid; its vertices at the border of the mouth's block are level with the corners of the mouth.
@@ -169,7 +171,11 @@ def _build_skin(builder: MeshBuilder, style: HeadStyle, detail: float) -> tuple[
     # Nostrils are dark, and reddish rather than grey.
     albedo = palette.skin(points) * (1 - inside[..., None] * np.array([0.86, 0.93, 0.95]))
     if style.hair:
-        roots = ROOTS * smoothstep((y - faces.hairline(angle) + 3.0) / 13.0) * smoothstep((np.abs(angle) - 1.6) / 0.2)
+        roots = (
+            ROOTS
+            * smoothstep((y - faces.hairline(angle) + 3.0) / ROOTS_MM[style.haircut == "cropped"])
+            * smoothstep((np.abs(angle) - 1.6) / 0.2)
+        )
         albedo += roots[..., None] * (0.8 * palette.hair - albedo)
     grid = builder.add(
         points, albedo=albedo, head_weight=head_weight, uv=skin_uv(angle, y), place=np.stack([angle, y], -1)

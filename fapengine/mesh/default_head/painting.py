@@ -64,7 +64,7 @@ def paint(style: HeadStyle) -> NDArray[np.uint8]:
     skin = _skin(style)
     linear[:, : skin.shape[1]] = skin
     first, last = (round(u * width) for u in HAIR_U)
-    strands = _strands((height, last - first + 8), style.hair_colour)
+    strands = _strands((height, last - first + 8), style)
     linear[:, first - 4 : last + 4] = strands[..., None]
     # The shader squares it (developed() in lights.glsl).
     image = np.round(255 * np.sqrt(np.clip(linear, 0, 1))).astype(np.uint8)
@@ -72,10 +72,11 @@ def paint(style: HeadStyle) -> NDArray[np.uint8]:
     return image
 
 
-def _strands(shape: tuple[int, int], colour: str) -> Array:
+def _strands(shape: tuple[int, int], style: HeadStyle) -> Array:
     """Close-up of hair: fine strands along the rows, in bundles. Light hair has less contrast: it looked like wood."""
     fine, bundle, wide = (_cloud(shape, *how) for how in ((31, (60.0, 0.7)), (32, (90.0, 2.2)), (33, (110.0, 6.0))))
-    contrast = 1 - min(1.6 * float(np.mean(HAIR_COLOURS[colour])), 0.5)
+    contrast = 1 - min(1.6 * float(np.mean(HAIR_COLOURS[style.hair_colour])), 0.5)
+    contrast *= 0.5 if style.haircut == "cropped" else 1.0
     return np.clip(0.70 + contrast * (0.14 * fine + 0.12 * bundle + 0.06 * wide), 0.22, 1.0)
 
 
@@ -194,7 +195,7 @@ def _hairs(x: Array, y: Array, angle: Array, front: Mask, style: HeadStyle) -> A
         )
         light *= 1 - grown[..., None] * (1 - brow_tint)
     if style.hair:
-        depth = (y - hairline(angle)) / FADE_MM[style.haircut == "cropped"] + 0.08 * _cloud(shape, 23, (5.0, 0.9))
+        depth = (y - hairline(angle)) / FADE_MM[style.haircut == "cropped"] + 0.06 * _cloud(shape, 23, (5.0, 0.9))
         root = 0.93 * smoothstep((depth + 0.25) / 1.3)
         light = np.minimum(light, 1 - root[..., None] * (1 - hair_tint))
     return light

@@ -45,8 +45,8 @@ def test_the_front_edge_covers_the_hairline_and_is_on_the_skin(haircut: str) -> 
         near = points[np.abs(degrees - middle) < 5.0]
         edge = near[[near[:, 1].argmin()]]
         foot, out = Scalp(style).under(edge)
-        assert -20.0 < edge[0, 1] - hairline(np.deg2rad(middle)) < 0.0, middle
-        assert 0.5 < ((edge - foot) * out).sum() < 3.5, middle  # mm
+        assert -25.0 < edge[0, 1] - hairline(np.deg2rad(middle)) < 0.0, middle
+        assert 0.5 < ((edge - foot) * out).sum() < 5.5, middle  # mm
 
 
 @pytest.mark.parametrize("haircut", ["short", "bob", "long"])
