@@ -38,7 +38,7 @@ WAVE_MM = 115.0
 """Wave length of hanging hair."""
 FREE_FROM_MM, FREE_ENDS = -30.0, 0.55
 """Height below which hanging hair follows the head less, and share of its rotation that the ends do not follow."""
-MAX_DETAIL, LEAST_ROWS = 2.0, 0.8
+MAX_DETAIL, MIN_ROWS = 2.0, 0.8
 """Hair is not divided further at level ``finest``, and has no fewer rows at ``coarse``."""
 ACROSS = (0.0, 0.3, 0.7, 1.0)
 """Columns across a strand."""
@@ -290,7 +290,7 @@ def _add_layer(builder: MeshBuilder, fall: _Fall, cut: _Cut, seed: int, palette:
     """Add the strands of a layer, which is also the seed of their variation; returns their indices, (N,)."""
     layer = cut.layers[seed]
     number, lead = np.arange(layer.strands) + 5 * seed, len(layer.lead)
-    rows = round(cut.rows * max(detail, LEAST_ROWS) * (layer.last - layer.first))
+    rows = round(cut.rows * max(detail, MIN_ROWS) * (layer.last - layer.first))
     share = 1 - np.linspace(1, 0, max(7, rows)) ** 1.15  # denser at the tips
     across = resampled(ACROSS, max(detail, 0.67))
     side = 2 * across - 1

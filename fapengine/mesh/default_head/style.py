@@ -36,7 +36,7 @@ LEVELS: dict[str, Detail] = {
     "fine": Detail(1.38, 1.38),
     "finest": Detail(2.54, 2.54),
 }
-"""Level of detail by name: about 7, 12, 18, 30 and 77 thousand vertices."""
+"""Level of detail by name: about 7, 9, 15, 26 and 76 thousand vertices."""
 
 HAIRCUTS = ("short", "cropped", "bob", "long")
 BROW_SHAPES = ("soft", "straight", "arched")
