@@ -46,6 +46,8 @@ LEAD_WIDTHS = (0.55, 0.75, 0.6)
 """Widths of the strands nearest to the face; others have 0.35 to 1.7."""
 STEP_MM, ROUND_MM, TIP_ROUND_MM = 2.2, 1.6, 2.2
 """Height of upper strands above lower ones; height of a strand's middle above its edges, and what tips add to it."""
+PARTING_MM = (1.2, 1.5)
+"""How far hair of either side goes beyond the parting, and its depth there."""
 WANDER = 0.018
 """Way of the border between two strands to the sides, in ``s``."""
 TAPER_AT, TAPER = (0.0, 0.5, 0.85, 1.0), (1.0, 0.78, 0.42, 0.12)
@@ -307,6 +309,8 @@ def _add_layer(builder: MeshBuilder, fall: _Fall, cut: _Cut, seed: int, palette:
     up = first_mm + (last_mm - first_mm) * smoothstep((share - 0.4) / 0.6)[:, None] + step * level - edges
     raised = smoothstep((t - 0.02) / 0.2)
     points = points + (raised * up * smoothstep((1 - np.abs(s)) / 0.04))[..., None] * out
+    if not layer.first:  # both sides of the parting cross in its depth
+        points[:, 0] -= PARTING_MM[1] * out[:, 0] + PARTING_MM[0] * np.sign(s[:, 0, :, None]) * [1.0, 0.0, 0.0]
     own = unit_vectors(np.cross(np.gradient(points, axis=2), np.gradient(points, axis=1)), 1e-6)
     normals = 0.4 * out + LIT_INSIDE if layer.is_inside else own + EVEN_NORMALS * out
 

@@ -4,13 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.ndimage import uniform_filter1d
+from numpy.typing import NDArray
+from scipy.ndimage import binary_erosion, uniform_filter1d
 
 from fapengine.mesh.default_head.clumps import build_clumps
 from fapengine.mesh.default_head.faces import Scalp, hairline
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.default_head.mesh_builder import MeshBuilder
-from fapengine.mesh.default_head.style import HeadStyle, palette_of, random_person
+from fapengine.mesh.default_head.style import PEOPLE, HeadStyle, palette_of, random_person
 from fapengine.mesh.default_head.surface import AXIS_Z_MM
 from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import Material
@@ -46,7 +47,22 @@ def test_the_front_edge_covers_the_hairline_and_is_on_the_skin(haircut: str) -> 
         edge = near[[near[:, 1].argmin()]]
         foot, out = Scalp(style).under(edge)
         assert -25.0 < edge[0, 1] - hairline(np.deg2rad(middle)) < 0.0, middle
-        assert 0.5 < ((edge - foot) * out).sum() < 5.5, middle  # mm
+        assert -1.5 < ((edge - foot) * out).sum() < 5.5, middle  # mm
+
+
+@pytest.mark.parametrize("yaw_deg", [0.0, 35.0])
+def test_no_hole_in_the_hair_shows_what_is_behind_the_head(yaw_deg: float) -> None:
+    def drawn(hair: bool, height_mm: float = 0.0) -> NDArray[np.int16]:
+        camera = Camera(yaw_deg=yaw_deg, pitch_deg=25.0, target_mm=(0.0, height_mm, 0.0))
+        head = build_head(replace(PEOPLE["child"], hair=hair))
+        with FaceRenderer(head, RenderOptions(size=(400, 400), camera=camera)) as renderer:
+            return renderer.draw(np.zeros(68))[..., :3].astype(np.int16)
+
+    backdrop = drawn(True, 9000.0)
+    on_head = binary_erosion(np.abs(drawn(False) - backdrop).max(axis=-1) > 12, iterations=3)
+    assert on_head.sum() > 20_000
+    holes = on_head & (np.abs(drawn(True) - backdrop).max(axis=-1) < 3)
+    assert not holes.any()  # 7 and 8 pixels while the sides of the parting did not overlap
 
 
 @pytest.mark.parametrize("haircut", ["short", "bob", "long"])
