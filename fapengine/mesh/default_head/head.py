@@ -174,7 +174,7 @@ def _build_skin(builder: MeshBuilder, style: HeadStyle, detail: float) -> tuple[
         roots = (
             ROOTS
             * smoothstep((y - faces.hairline(angle) + 3.0) / ROOTS_MM[style.haircut == "cropped"])
-            * smoothstep((np.abs(angle) - 1.6) / 0.2)
+            * smoothstep((np.abs(angle) - 1.7) / 0.15)
         )
         albedo += roots[..., None] * (0.8 * palette.hair - albedo)
     grid = builder.add(
