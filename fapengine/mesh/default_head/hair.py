@@ -1,13 +1,13 @@
-"""Hair: layers of strands (:mod:`.clumps`), or cropped hair as a cap on the scalp."""
+"""Hair: layers of strands (:mod:`.strands`), or cropped hair as a cap on the scalp."""
 
 import numpy as np
 
 from fapengine._arrays import Array, Indices
 from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh.colours import Palette
-from fapengine.mesh.default_head.clumps import build_clumps
 from fapengine.mesh.default_head.faces import hairline, normal, position
 from fapengine.mesh.default_head.mesh_builder import MeshBuilder, golden, resampled, strand_uv
+from fapengine.mesh.default_head.strands import build_strands
 from fapengine.mesh.default_head.style import HeadStyle, palette_of
 from fapengine.mesh.face_mesh import Material
 
@@ -22,7 +22,7 @@ CAP_LIGHT = 1.25
 
 def build_hair(builder: MeshBuilder, style: HeadStyle, detail: float) -> Indices:
     """Add hair; returns its indices, (N,), and last that of its top."""
-    build = _build_cap if style.haircut == "cropped" else build_clumps
+    build = _build_cap if style.haircut == "cropped" else build_strands
     return build(builder, style, palette_of(style), detail)
 
 

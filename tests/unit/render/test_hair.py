@@ -7,10 +7,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion, uniform_filter1d
 
-from fapengine.mesh.default_head.clumps import build_clumps
 from fapengine.mesh.default_head.faces import Scalp, hairline
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.default_head.mesh_builder import MeshBuilder
+from fapengine.mesh.default_head.strands import build_strands
 from fapengine.mesh.default_head.style import PEOPLE, HeadStyle, palette_of, random_person
 from fapengine.mesh.default_head.surface import AXIS_Z_MM
 from fapengine.mesh.deform import deform
@@ -39,7 +39,7 @@ def test_long_hair_has_no_edges_across(haircut: str, yaw_deg: float) -> None:
 @pytest.mark.parametrize("haircut", ["short", "bob", "long"])
 def test_the_front_edge_covers_the_hairline_and_is_on_the_skin(haircut: str) -> None:
     style, builder = HeadStyle(haircut=haircut), MeshBuilder()
-    hair = build_clumps(builder, style, palette_of(style), 2.0)
+    hair = build_strands(builder, style, palette_of(style), 2.0)
     points = builder.column("points_mm")[hair]
     degrees = np.rad2deg(np.arctan2(points[:, 0], points[:, 2] - AXIS_Z_MM))
     for middle in np.arange(-35.0, 36.0, 5.0):
@@ -67,9 +67,9 @@ def test_no_hole_in_the_hair_shows_what_is_behind_the_head(yaw_deg: float) -> No
 
 @pytest.mark.parametrize("haircut", ["short", "bob", "long"])
 @pytest.mark.parametrize("seed", [1, 5, 11])
-def test_no_clump_falls_over_the_face(seed: int, haircut: str) -> None:
+def test_no_strand_falls_over_the_face(seed: int, haircut: str) -> None:
     style, builder = replace(random_person(seed), haircut=haircut), MeshBuilder()
-    hair = build_clumps(builder, style, palette_of(style), 0.52)
+    hair = build_strands(builder, style, palette_of(style), 0.52)
     x, y, z = builder.column("points_mm")[hair].T
     assert not ((np.abs(x) < 40.0) & (y < 72.0) & (z > 50.0)).any()
 

@@ -49,7 +49,7 @@ STEP_MM, ROUND_MM, TIP_ROUND_MM = 2.2, 1.6, 2.2
 PARTING_MM = (1.2, 1.5)
 """How far hair of either side goes beyond the parting, and its depth there."""
 WANDER = 0.018
-"""Way of the border between two strands to the sides, in ``s``."""
+"""How far the border between two strands wanders sideways, in ``s``."""
 TAPER_AT, TAPER = (0.0, 0.5, 0.85, 1.0), (1.0, 0.78, 0.42, 0.12)
 """Width of a strand along its tip. Narrower ends flicker in video."""
 EVEN_NORMALS = 0.9
@@ -109,7 +109,7 @@ class _Cut(NamedTuple):
     waves: float = 0.0
     forward_mm: float = 0.0
     backward_mm: float = 0.0
-    """Ways of the ends to the front and to the back of the shoulders."""
+    """Distances of the ends to the front and to the back over the shoulders."""
 
 
 BEND_AT = (0.0, 0.5, 0.8, 1.0)
@@ -281,7 +281,7 @@ def _hanging(cut: _Cut, s: Array, shares: Array, ears: Array, flat: Array) -> Ar
     return np.stack(lines, axis=1)
 
 
-def build_clumps(builder: MeshBuilder, style: HeadStyle, palette: Palette, detail: float) -> Indices:
+def build_strands(builder: MeshBuilder, style: HeadStyle, palette: Palette, detail: float) -> Indices:
     """Add all layers; returns their indices, (N,), and last that of the top of the hair in the middle."""
     cut, detail = CUTS[style.haircut], min(detail, MAX_DETAIL)
     fall = _fall(style, cut)
