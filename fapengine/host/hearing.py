@@ -8,7 +8,7 @@ a recognizer process (:class:`fapengine.recognition.process.RecognizerProcess`),
 after them, those that may still change. The engine gets both; each result replaces the phones after the final ones. So
 the face can follow the audio :data:`DELAY_S` later. What cancels an utterance also empties its recognizer. The number
 of recognizers is limited, and so is the audio that each keeps before it is processed; more audio is refused and
-counted. Where the machine is too slow, the recognizer works less so that the face goes on
+counted. Where the machine is too slow, the recognizer does less work, so that the face goes on
 (:mod:`fapengine.recognition.process`).
 """
 
@@ -63,7 +63,7 @@ class HearingCounts(Counts):
     """Audio that was recognized."""
     refused_s: float = 0.0
     """Audio beyond what may wait, or without a recognizer."""
-    brief_s: float = 0.0
+    reduced_s: float = 0.0
     """Audio that was recognized without the costly part, because the machine is too slow."""
     skipped_s: float = 0.0
     """Audio that was skipped, because the machine is too slow even for that."""
@@ -232,16 +232,17 @@ class Hearing:
                 one.recognizer.end()
             try:
                 shown_s = one.place(now_s)
-                told = one.recognizer.poll(-inf if shown_s is None else shown_s)
+                results = one.recognizer.poll(-inf if shown_s is None else shown_s)
             except ResourceError as error:
                 log.error("%s: %s", session, error, extra={"session": session})
                 self.counts.ended += 1
                 self._end_utterance(session, one)
                 self._close(session, keep=False)
                 continue
-            if told:
-                heard = replace(told[-1], phones=tuple(phone for each in told for phone in each.phones))
-                self._count(session, one, told)
+            if results:
+                phones = tuple(phone for result in results for phone in result.phones)
+                heard = replace(results[-1], phones=phones)
+                self._count(session, one, results)
                 self._tell(session, one, heard, now_s)
             waits = one.utterance is not None and not one.utterance.is_begun
             if waits and one.recognizer.is_ready and session in self.hub.engine:
@@ -339,16 +340,16 @@ class Hearing:
 
         return place
 
-    def _count(self, session: str, one: _Session, told: Sequence[RecognizedPhones]) -> None:
-        was_slow = self.counts.brief_s + self.counts.skipped_s > 0
-        for each in told:
-            length_s = each.position_s - one.heard_s - each.skipped_s
-            one.heard_s = each.position_s
+    def _count(self, session: str, one: _Session, results: Sequence[RecognizedPhones]) -> None:
+        was_slow = self.counts.reduced_s + self.counts.skipped_s > 0
+        for result in results:
+            length_s = result.position_s - one.heard_s - result.skipped_s
+            one.heard_s = result.position_s
             self.counts.heard_s += length_s
-            self.counts.brief_s += length_s if each.is_brief else 0.0
-            self.counts.skipped_s += each.skipped_s
-        if not was_slow and self.counts.brief_s + self.counts.skipped_s > 0:
-            message = "%s: this machine is too slow for the recognizer, which works less now; try the recognizer small"
+            self.counts.reduced_s += length_s if result.is_reduced else 0.0
+            self.counts.skipped_s += result.skipped_s
+        if not was_slow and self.counts.reduced_s + self.counts.skipped_s > 0:
+            message = "%s: this machine is too slow for the recognizer, which now does less work (small needs less)"
             log.warning(message, session, extra={"session": session})
 
     # Phones

@@ -9,7 +9,7 @@ Audio that was not sent to the process yet (all but :data:`AHEAD_S`) stays here,
 A live face shows audio a fixed delay later. Where the machine is too slow for that, phones would come when their time
 is over, and the face would not move. So :meth:`RecognizerProcess.poll` compares what was processed with what the face
 shows. If it was behind in :data:`PATIENCE` polls in a row, the recognizer leaves out its costly part for
-:data:`BRIEF_S`. If that is not enough, audio that is about to be shown is skipped: what follows continues what came
+:data:`REDUCED_S`. If that is not enough, audio that is about to be shown is skipped: what follows continues what came
 before, and the phone at that place lasts longer.
 
 A message to the child has the stream's number, the rate in Hz, whether to leave out the costly part, and int16 samples,
@@ -57,7 +57,7 @@ PATIENCE_AGAIN = 2
 """The same after audio was skipped."""
 GRACE = 30
 """The same at the beginning of a stream, when audio has waited for the process to start."""
-BRIEF_S = 8.0
+REDUCED_S = 8.0
 """Length of audio for which the costly part is left out, before it is tried again."""
 
 
@@ -83,7 +83,7 @@ class RecognizerProcess:
     _processed_s: float = 0.0
     _late: int = 0
     """Polls in a row with too little lead, minus those that may have it."""
-    _brief_until_s: float = 0.0
+    _reduced_until_s: float = 0.0
     """Time in the stream up to which the costly part is left out."""
 
     @classmethod
@@ -102,9 +102,9 @@ class RecognizerProcess:
         """Drop audio that was not processed yet, and begin a stream; returns its number."""
         self.stream += 1
         self._pieces.clear()
-        is_slow = self._brief_until_s > self._sent_s
+        is_slow = self._reduced_until_s > self._sent_s
         self.waiting_s = self._sent_s = self._processed_s = 0.0
-        self._late, self._brief_until_s = -GRACE, BRIEF_S if is_slow else 0.0
+        self._late, self._reduced_until_s = -GRACE, REDUCED_S if is_slow else 0.0
         return self.stream
 
     def push(self, samples: NDArray[np.int16], rate_hz: int) -> None:
@@ -144,7 +144,7 @@ class RecognizerProcess:
         self._late += 1
         if self._late < PATIENCE:
             return
-        self._brief_until_s = self._sent_s + BRIEF_S
+        self._reduced_until_s = self._sent_s + REDUCED_S
         if self._processed_s - shown_s < SKIP_LEAD_S:
             self._skip(shown_s + LEAD_AFTER_S)
             self._late = PATIENCE - PATIENCE_AGAIN
@@ -168,8 +168,8 @@ class RecognizerProcess:
             self._sent_s += len(samples) / 2 / rate_hz if rate_hz else 0.0
 
     def _put(self, rate_hz: int, samples: bytes = b"", *, skips: int = 0) -> None:
-        is_brief = self._sent_s < self._brief_until_s
-        head = {"stream": self.stream, "rate_hz": rate_hz, "skips": skips, "is_brief": is_brief}
+        is_reduced = self._sent_s < self._reduced_until_s
+        head = {"stream": self.stream, "rate_hz": rate_hz, "skips": skips, "is_reduced": is_reduced}
         self.child.put(head, samples)
 
     def _read(self) -> list[RecognizedPhones]:
@@ -263,13 +263,13 @@ def answers(messages: Iterable[Message], recognizer: Recognizer) -> Iterator[Hea
     stream: _Stream | None = None
     for head, data in messages:
         number = head["stream"]
-        is_brief = recognizer.be_brief(head["is_brief"])
+        is_reduced = recognizer.reduce_work(head["is_reduced"])
         if head["rate_hz"]:
             if stream is None or stream.number != number:
                 stream = _Stream(recognizer, number, head["rate_hz"])
             skips = head["skips"]
             found = stream.skip(skips) if skips else stream.push(np.frombuffer(data, "<i2").astype(np.int16))
-            found = replace(found, is_brief=is_brief)
+            found = replace(found, is_reduced=is_reduced)
         elif stream is not None and stream.number == number:
             found, stream = stream.push(None), None
         else:

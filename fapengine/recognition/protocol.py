@@ -48,7 +48,7 @@ class Recognizer(Protocol):
     def reset(self) -> None:
         """Start again: the next sample is the first."""
 
-    def be_brief(self, is_wanted: bool) -> bool:
+    def reduce_work(self, is_wanted: bool) -> bool:
         """Leave out the costly part of the work from now on, or no longer; return whether it is left out."""
 
 
@@ -80,7 +80,7 @@ class BlockRecognizer:
         self._came = 0
         self.partial = []
 
-    def be_brief(self, is_wanted: bool) -> bool:
+    def reduce_work(self, is_wanted: bool) -> bool:
         """Return False: it has no part that can be left out."""
         return False
 
@@ -103,7 +103,7 @@ class RecognizedPhones:
     """Phones after these that may still change; each result replaces those of the one before."""
     skipped_s: float = 0.0
     """Length of audio that was skipped to keep up; the phone at that place lasts longer."""
-    is_brief: bool = False
+    is_reduced: bool = False
     """True if the recognizer left out its costly part to keep up."""
 
 
@@ -129,7 +129,7 @@ class StreamRecognizer(Protocol):
     def poll(self, shown_s: float = -inf) -> list[RecognizedPhones]:
         """Return the new results of this stream; raises ``ResourceError`` if the recognizer has ended.
 
-        ``shown_s`` is the time in the stream that the face shows now; a recognizer that falls behind it works less.
+        ``shown_s`` is the time in the stream that the face shows now; a recognizer that falls behind it does less.
         """
 
     def close(self) -> None:

@@ -410,7 +410,7 @@ class JointRecognizer(SmallRecognizer):
         other: KnownFrames | None = None,
     ) -> None:
         self._other = other or SphinxFrames()
-        self._is_brief = False
+        self._is_reduced = False
         super().__init__(look_ahead_s, weights=weights)
         self._numbers = {label: number for number, label in enumerate(self._weights.labels)}
 
@@ -419,13 +419,13 @@ class JointRecognizer(SmallRecognizer):
         super().reset()
         self._other.reset()
 
-    def be_brief(self, is_wanted: bool) -> bool:
+    def reduce_work(self, is_wanted: bool) -> bool:
         """Use the small network alone from now on, or no longer; PocketSphinx is two thirds of the cost."""
-        self._is_brief = is_wanted
+        self._is_reduced = is_wanted
         return is_wanted
 
     def _score(self, samples: NDArray[np.int16], *, rest: int | None = None) -> NDArray[np.float32]:
-        if rest is None and self._is_brief:
+        if rest is None and self._is_reduced:
             self._other.skip(len(samples))
         elif rest is None:
             self._other.push(samples)

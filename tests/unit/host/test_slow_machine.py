@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fapengine._child import Head, Message
 from fapengine.host.hearing import DELAY_S
-from fapengine.recognition.process import BRIEF_S, LEAD_S, RecognizerProcess, answers
+from fapengine.recognition.process import LEAD_S, REDUCED_S, RecognizerProcess, answers
 from fapengine.recognition.protocol import RATE_HZ
 from fapengine.recognition.small_recognizer import JointRecognizer, SmallRecognizer
 from fapengine.speech.phone_track import Phone
@@ -22,16 +22,16 @@ from tests.unit.recognition.speech import BABY, POPPIES, opening_mm, spoken
 FRAME_HZ = 200 / 3
 
 
-class Brief(SmallRecognizer):
+class Reducible(SmallRecognizer):
     """The small network, as if it had a costly part."""
 
-    def be_brief(self, is_wanted: bool) -> bool:
+    def reduce_work(self, is_wanted: bool) -> bool:
         return is_wanted
 
 
 @dataclass(eq=False)
 class SlowChild:
-    """A child process on the test's clock: it needs ``costs(now_s)`` seconds per second of audio, or when brief."""
+    """A child process on the test's clock: it needs ``costs(now_s)`` seconds per second of audio, or reduced."""
 
     clock: Clock
     costs: Callable[[float], tuple[float, float]]
@@ -40,7 +40,7 @@ class SlowChild:
     _free_s: float = 0.0
 
     def __post_init__(self) -> None:
-        self._answers = answers(self._messages(), Brief())
+        self._answers = answers(self._messages(), Reducible())
         self._told.append((self.clock.now_s, next(self._answers)))
 
     def _messages(self) -> Iterator[Message]:
@@ -49,7 +49,7 @@ class SlowChild:
 
     def put(self, head: Head, data: bytes) -> None:
         begins_s = max(self._free_s, self.clock.now_s)
-        self._free_s = begins_s + self.costs(begins_s)[head["is_brief"]] * len(data) / 2 / RATE_HZ
+        self._free_s = begins_s + self.costs(begins_s)[head["is_reduced"]] * len(data) / 2 / RATE_HZ
         self._inbox.append((head, data))
         self._told.append((self._free_s, next(self._answers)))
 
@@ -107,13 +107,13 @@ def test_lips_keep_moving_with_the_sound(
     counts = stage.hearing.counts
     assert moved_mm(lips_mm) > 3
     assert min(stage.leads_s[150:-20]) > 0
-    assert counts.brief_s > 0
+    assert counts.reduced_s > 0
     assert (counts.skipped_s > 1.0) == skips
     assert counts.heard_s + counts.skipped_s == pytest.approx(8.0, abs=0.3)
     assert sum("too slow" in record.message for record in caplog.records) == 1
 
 
-def test_a_brief_recognizer_follows_as_well_as_before() -> None:
+def test_a_recognizer_with_reduced_work_follows_as_well_as_before() -> None:
     speech = spoken("slt", BABY)
     fast, slow = SlowStage(), SlowStage(costs=lambda now_s: (3.0, 0.4))
     quiet = np.zeros(RATE_HZ, np.int16)  # in which it finds out
@@ -123,13 +123,13 @@ def test_a_brief_recognizer_follows_as_well_as_before() -> None:
         reference = opening_mm(speech.phones, len(speech.samples) / RATE_HZ, FRAME_HZ)[: len(lips_mm)]
         likeness.append(float(np.corrcoef(lips_mm[: len(reference)], reference)[0, 1]))
     assert likeness[1] > likeness[0] - 0.03
-    assert fast.hearing.counts.brief_s == fast.hearing.counts.skipped_s == 0
+    assert fast.hearing.counts.reduced_s == fast.hearing.counts.skipped_s == 0
 
 
 def test_the_whole_recognizer_comes_back() -> None:
     stage = SlowStage(costs=lambda now_s: (3.0, 0.4) if now_s < 102 else (0.5, 0.4))
-    stage.hears(talk(BRIEF_S + 5))
-    assert stage.hearing.counts.brief_s == pytest.approx(BRIEF_S, abs=1.0)
+    stage.hears(talk(REDUCED_S + 5))
+    assert stage.hearing.counts.reduced_s == pytest.approx(REDUCED_S, abs=1.0)
     assert min(stage.leads_s[-200:-20]) > LEAD_S
 
 
@@ -146,19 +146,19 @@ def test_a_network_that_stalls_is_no_slow_recognizer() -> None:
 
     stage.run(4.3, piecewise(sound, take))
     counts = stage.hearing.counts
-    assert counts.brief_s == counts.skipped_s == 0
+    assert counts.reduced_s == counts.skipped_s == 0
     assert counts.heard_s == pytest.approx(4.0, abs=0.3)
 
 
-def phones_of(recognizer: SmallRecognizer, sound: NDArray[np.int16], brief: Callable[[int], bool]) -> list[Phone]:
+def phones_of(recognizer: SmallRecognizer, sound: NDArray[np.int16], is_reduced: Callable[[int], bool]) -> list[Phone]:
     found = []
     for number, piece in enumerate(np.split(sound, range(800, len(sound), 800))):
-        recognizer.be_brief(brief(number))
+        recognizer.reduce_work(is_reduced(number))
         found += recognizer.push(piece)
     return found + recognizer.end()
 
 
-def test_a_brief_joint_recognizer_is_the_small_one_and_joins_again() -> None:
+def test_a_reduced_joint_recognizer_is_the_small_one_and_joins_again() -> None:
     sound = spoken("rms", BABY).samples
     small, joint = SmallRecognizer(), JointRecognizer()
     assert phones_of(joint, sound, lambda number: True) == phones_of(small, sound, lambda number: False)

@@ -139,7 +139,7 @@ def test_what_is_shouted_is_loud_and_what_is_whispered_is_not() -> None:
 
 def test_live_a_shout_is_told_as_one() -> None:
     sound, length_s = parts((0, 0, 12))
-    head = {"stream": 1, "rate_hz": RATE_HZ, "skips": 0, "is_brief": False}
+    head = {"stream": 1, "rate_hz": RATE_HZ, "skips": 0, "is_reduced": False}
     pieces = np.split(sound, range(320, len(sound), 320))
     messages = [(head, piece.astype("<i2").tobytes()) for piece in pieces]
     told = list(answers([*messages, ({**head, "rate_hz": 0}, b"")], SphinxRecognizer()))[1:]

@@ -31,7 +31,7 @@ sent sink osc://[::1]:9
 sessions state idle paused speaking waiting
 sessions_refused
 skipped
-sound kind brief_s ended heard_s phones refused_s skipped_s
+sound kind ended heard_s phones reduced_s refused_s skipped_s
 speech kind cancelled concealed dropped finished ignored jumps late lost refused revised underruns unended unknown \
 utterances
 streams
