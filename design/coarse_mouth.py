@@ -7,7 +7,7 @@ last layers 80 ms later), through random features and a ridge, and says how far 
 sentences of random words in three of flite's voices, and from sounds that are no speech; it is tried on two sentences
 of the fourth voice, each voice in turn. The network itself knows all four. Time: pieces of 20 ms, half of a window of
 25 ms, 10 ms for the worker. Figures: correlation of the opening with that by the true phones, mean and worst; p b m
-met as in ``bench/recognizer_delays.py``; the widest opening in sounds that are no speech.
+met as in ``bench/recognizer_delays.py``; the widest opening in sounds without speech.
 """
 
 import argparse

@@ -48,10 +48,10 @@ class Camera:
 
     made: list["Camera"] = []  # noqa: RUF012  the test empties it
 
-    def __init__(self, **told: object) -> None:
-        if told["device"] == "none":
+    def __init__(self, **options: object) -> None:
+        if options["device"] == "none":
             raise RuntimeError("v4l2loopback is not loaded")
-        self.told, self.pictures, self.is_closed = told, [], False
+        self.options, self.pictures, self.is_closed = options, [], False
         Camera.made.append(self)
 
     def send(self, picture: np.ndarray) -> None:
@@ -80,7 +80,7 @@ def test_a_camera_is_shown_the_face_again_and_again() -> None:
             assert server.sink_names == ["camera://?session=anna"]
             camera = Camera.made[0]
             await until(lambda: len(camera.pictures) > 5)
-            assert camera.told == {"width": 64, "height": 64, "fps": 50.0, "fmt": "i420", "device": None}
+            assert camera.options == {"width": 64, "height": 64, "fps": 50.0, "fmt": "i420", "device": None}
             assert camera.pictures[0].shape == (96, 64)
             assert camera.pictures[0][32, 32] > 110  # luma of skin
         assert camera.is_closed

@@ -189,6 +189,11 @@ def test_a_painter_draws_i420_for_encoders(renderer: str, monkeypatch: pytest.Mo
     rgb, planes = painted(has_planes=False).reshape(48, 32, 3), painted(has_planes=True).reshape(72, 32)
     luma = 16 + rgb @ np.array([65.481, 128.553, 24.966]) / 255  # Rec. 601
     assert np.abs(planes[:48] - luma).max() <= 1.5
+    small = rgb.reshape(24, 2, 16, 2, 3).mean(axis=(1, 3))
+    for plane, weights in zip(
+        planes[48:].reshape(2, 24, 16), ((-37.797, -74.203, 112.0), (112.0, -93.786, -18.214)), strict=True
+    ):
+        assert np.abs(plane - (128 + small @ np.array(weights) / 255)).max() <= 5
 
 
 def test_a_painter_that_cannot_says_why() -> None:

@@ -25,7 +25,6 @@ from tests.unit.host.ticking_recognizer import TickingRecognizer
 LONG_S = 4.0
 ECHO = """
 import sys
-from math import inf
 from fapengine._child import messages, packed
 for _, data in messages(sys.stdin.buffer):
     sys.stdout.buffer.write(packed({}, data))
