@@ -4,14 +4,14 @@ import { closures } from "./constants.js";
 import { bump, clamp, smoothstep, softPositive } from "./path.js";
 
 const {
-  BITTEN_FAPU, CONTACTS, HOLD, LOWER_SHARE, MIN_HOLD_S, NEAR_FAPU, NEAR_SHARE, OPEN_FAPU, PAIRS, RAMP_S, SIBILANT_FAPU, SIDE_OPENING,
-  SOFTNESS_FAPU, TEETH_FAPU,
+  BITTEN_FAPU, BURST_S, CONTACTS, GLIDE_SHARE, HOLD, JOINED_SHARE, LOWER_SHARE, MIN_HOLD_S, NEAR_FAPU, NEAR_SHARE, OPEN_FAPU, PAIRS,
+  RAMP_S, RELEASE_S, SIBILANT_FAPU, SIDE_OPENING, SOFTNESS_FAPU, TEETH_FAPU, TOUCHES,
 } = closures;
-const TOUCHES = ["lips", "teeth"];
 
-export function holdOf({ start, end }, contact) {
+export function holdOf({ start, end }, contact, isJoined) {
   const [begin, until] = HOLD[contact];
   let [from, to] = [start + begin * (end - start), start + until * (end - start)];
+  if (contact === "lips") to = isJoined ? start + JOINED_SHARE * (end - start) : to - BURST_S;
   if (TOUCHES.includes(contact) && to - from < MIN_HOLD_S) {
     from = Math.max(Math.min(from, end - MIN_HOLD_S), start);
     to = from + MIN_HOLD_S;
@@ -19,7 +19,7 @@ export function holdOf({ start, end }, contact) {
   return { start: from, stop: to, contact };
 }
 
-// Nothing of it is seen before the edge; null for a vowel or an s that is over by then.
+// Nothing of it is seen before the edge; null for one that is no touch and over by then.
 export function holdLate({ stop, contact }, edge) {
   const start = edge + RAMP_S;
   if (!TOUCHES.includes(contact)) return start < stop ? { start, stop, contact } : null;
@@ -32,13 +32,13 @@ export const holdUntil = ({ start, stop, contact }, end) => ({ start, stop: Math
 export function heldAt(time, holds) {
   const free = Object.fromEntries(CONTACTS.map((contact) => [contact, 1]));
   for (const { start, stop, contact } of holds) {
-    if (time >= start - RAMP_S && time < stop + RAMP_S) free[contact] *= 1 - bump(time, start, stop, RAMP_S);
+    if (time >= start - RAMP_S && time < stop + RAMP_S) free[contact] *= 1 - bump(time, start, stop, RAMP_S, RELEASE_S[contact] ?? RAMP_S);
   }
   return Object.fromEntries(CONTACTS.map((contact) => [contact, 1 - free[contact]]));
 }
 
 // Makes contacts in 68 FAPs, in place. low, high: what can be coded.
-export function settle(faps, { lips, teeth, open: vowels, jaw }, low, high) {
+export function settle(faps, { lips, teeth, open: vowels, jaw, glide }, low, high) {
   const free = (1 - teeth) * (1 - vowels);
   const limited = (value, number) => clamp(value, low[number - 1], high[number - 1]);
   faps[2] -= jaw * softPositive(faps[2] + SOFTNESS_FAPU / 2 - SIBILANT_FAPU, SOFTNESS_FAPU);
@@ -55,7 +55,7 @@ export function settle(faps, { lips, teeth, open: vowels, jaw }, low, high) {
     const opening = -(upper + lower);
     const parting = softPositive(opening, SOFTNESS_FAPU);
     const near = NEAR_SHARE * free * (1 - smoothstep(parting / (scale * NEAR_FAPU)));
-    const change = opening - (1 - lips) * ((1 - near) * parting);
+    const change = opening - (1 - lips) * (1 - GLIDE_SHARE * glide) * ((1 - near) * parting);
     const share = LOWER_SHARE * (1 - teeth);
     upper += (1 - share) * change;
     lower += share * change;

@@ -84,7 +84,8 @@ function inContext({ values, insists }, rows, at) {
 }
 
 // phones: { label, start, end, word, loudness }, in time order, without silences; those before firstOwn get no keys.
-// Returns the path, the phones that have keys with their contacts, and the labels among them that are not IPA.
+// Returns the path, the phones that have keys, each with its contact and whether its label has several letters, and the labels
+// among them that are not IPA.
 export function speechPath(profile, phones, firstOwn = 0) {
   const row = new Row(profile);
   phones.forEach((phone, number) => row.add(phone, number >= firstOwn, number > firstOwn));
@@ -124,7 +125,7 @@ class Row {
     this.now = this.spoken = end;
     if (isOwn) {
       if (!this.said.length) this.first = start;
-      this.said.push([start === phone.start ? phone : { ...phone, start }, contact]);
+      this.said.push([start === phone.start ? phone : { ...phone, start }, contact, rows.length > 1]);
       this.own.push({ start, end, loudness: phone.loudness ?? 0, place: kinds.length, count: parts.length, letter: letters.length, letters: rows.length });
       if (isUnknown) this.unknown.push(phone.label);
     }

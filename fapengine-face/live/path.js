@@ -10,7 +10,7 @@ export const smoothstep = (x) => {
   const t = clamp(x, 0, 1);
   return t * t * t * (10 + t * (6 * t - 15));
 };
-export const bump = (x, start, stop, ramp) => smoothstep((x - start + ramp) / ramp) * smoothstep((stop + ramp - x) / ramp);
+export const bump = (x, start, stop, rise, fall) => smoothstep((x - start + rise) / rise) * smoothstep((stop + fall - x) / fall);
 export const softPositive = (x, width) => {
   const s = clamp(x / width, 0, 1);
   return width * s * s * s * (1 - s / 2) + Math.max(x - width, 0);

@@ -130,6 +130,7 @@ export class Profile {
     const touch = letters.map((letter) => this.letters[letter].contact).find((contact) => contact !== "none");
     if (touch) return touch;
     if (letters.some((letter) => this.letters[letter].opens)) return "open";
+    if (letters.some((letter) => this.letters[letter].glides)) return "glide";
     return letters.some((letter) => this.sibilants.includes(letter)) ? "jaw" : "none";
   }
 }

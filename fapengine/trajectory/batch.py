@@ -25,7 +25,7 @@ from fapengine.mpeg4.track import to_codable
 from fapengine.profiles import Profile
 from fapengine.speech.phone_track import Phone
 from fapengine.trajectory import hermite
-from fapengine.trajectory.closures import CONTACTS, RAMP_S, Hold
+from fapengine.trajectory.closures import CONTACTS, RAMP_S, RELEASE_S, Hold
 from fapengine.trajectory.faps import Composer, Overlay
 from fapengine.trajectory.phonetics import WIDTH
 from fapengine.trajectory.stream import Counts, StreamingPlanner, plan_together
@@ -36,6 +36,7 @@ Array = NDArray[np.float64]
 KNOTS = 16
 """Number of knots of a plan in a session's window; two or three fall to a phone, so they last for half a second and
 more."""
+RELEASES_S = np.array([RELEASE_S.get(contact, RAMP_S) for contact in CONTACTS])
 FIRST_ROWS, FIRST_HOLDS = 16, 4
 """Numbers of rows, and of holds in each, that a batch begins with; they double when they are full."""
 
@@ -328,14 +329,15 @@ class BatchPlanner:
         return weights
 
     def _held(self, times_s: Array) -> Array:
-        """(4, S): what :func:`.closures.held` says of each session and contact, 0..1."""
+        """(5, S): what :func:`.closures.held` says of each session and contact, 0..1."""
         state, count = self._rows, len(times_s)
         starts, stops = state.hold_start_s[:count], state.hold_stop_s[:count]
         now = times_s[:, None]
         rows, slots = ((starts - RAMP_S < now) & (now < stops + RAMP_S)).nonzero()
-        heights = bump(times_s[rows], starts[rows, slots], stops[rows, slots], RAMP_S, RAMP_S)
+        contacts = state.hold_contact[rows, slots]
+        heights = bump(times_s[rows], starts[rows, slots], stops[rows, slots], RAMP_S, RELEASES_S[contacts])
         free = np.ones((len(CONTACTS), count))
-        np.multiply.at(free, (state.hold_contact[rows, slots], rows), 1.0 - heights)
+        np.multiply.at(free, (contacts, rows), 1.0 - heights)
         return 1.0 - free
 
 

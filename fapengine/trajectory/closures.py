@@ -13,7 +13,8 @@ face's. Each contact has a *hold* with C2 ramps, a bump ``b`` between 0 and 1; w
    ``b (p(height - lower) - p(lower - top))`` is added to it.
 3. lips that are near each other come nearer (:data:`NEAR_SHARE`), and where they would pass through each other the
    opening is held at zero: ``p(opening)``, C2;
-4. ``lips``: over the hold of every p b m it is multiplied by ``1 - b``: zero through the hold;
+4. ``lips``: over the hold of every p b m it is multiplied by ``1 - b``: zero through the hold; ``glide``: over that
+   of w by ``1 - GLIDE_SHARE b``;
 5. what the upper lip cannot carry the lower one takes, so that no contact is lost when values are clipped.
 
 What comes later wins. The lower lip takes :data:`LOWER_SHARE` of each change of the opening, the upper lip the rest;
@@ -31,6 +32,7 @@ from numpy.typing import NDArray
 from fapengine.geometry.smooth import bump, smoothstep, soft_positive
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import limits
+from fapengine.speech import ipa
 from fapengine.speech.phone_track import Phone
 
 Array = NDArray[np.float64]
@@ -40,15 +42,28 @@ PAIRS = ((4, 5, 51, 52), (8, 10, 55, 57), (9, 11, 56, 58))
 ones are positive downwards and lower ones upwards, so a pair's opening is minus its sum."""
 LOWER_SHARE = 0.6
 """The lower lip does more of a closure; it has the jaw's help."""
-HOLD = {"lips": (0.0, 0.5), "teeth": (0.4, 0.7), "open": (0.35, 0.65), "jaw": (0.2, 0.8)}
+HOLD = {"lips": (0.0, 1.0), "teeth": (0.4, 0.7), "open": (0.35, 0.65), "jaw": (0.2, 0.8), "glide": (0.0, 0.4)}
 """Part of a phone in which its contact holds, as fractions of its duration. Of those tried these fit the captured lips
-best: closures are tightest 20 ms before 0.3 of p b m, the lower lip is highest at 0.67 of f and v (median)."""
+best: the lower lip is highest at 0.67 of f and v (median), lips that say w are nearest to each other at 0.05 of it."""
 CONTACTS = tuple(HOLD)
+TOUCHES = "lips", "teeth"
+BURST_S = 0.025
+"""Time before the end of p b m at which the lips begin to part, for the burst is within the phone. Captured lips are
+1.5 mm apart 32 ms before the end of p, 18 ms before that of b (medians of 279 and 395), whatever its duration; planned ones 22
+and 10."""
+JOINED_SHARE = 0.5
+"""Part of a label of several letters, such as pf, in which its touch holds."""
 MIN_HOLD_S = 0.04
 """Least duration of a touch; a phone that is shorter holds it from its beginning."""
 RAMP_S = 0.045
-"""Duration of the ramps before and after a hold. Shorter ones fit the captured lips a little better and move them
-faster than people do."""
+"""Duration of the ramp before a hold, and after those that :data:`RELEASE_S` lacks. Shorter ones before it fit the
+captured lips a little better and move them faster than people do."""
+RELEASE_S = {"lips": 0.025, "glide": 0.025}
+"""Duration of the ramp after a hold: a burst opens the lips within a frame of video. In the 40 ms after they have parted,
+captured lips open by 5.9 mm out of p b; planned ones by 5.9, and by 5.5 with ramps of 45 ms."""
+GLIDE_SHARE = 0.6
+"""Part of their opening that lips lose in w. The least opening of captured ones is 0.5 mm, of a plan without it 1.5, and
+with it 0.7 (means of 323)."""
 SOFTNESS_FAPU = 20.0
 """About 0.4 mm on the recorded face."""
 TEETH_FAPU = 0.0
@@ -99,16 +114,19 @@ def hold_of(phone: Phone, contact: str = "lips") -> Hold:
     """Time in which a phone keeps its contact."""
     begin, end = HOLD[contact]
     start_s, stop_s = phone.start_s + begin * phone.duration_s, phone.start_s + end * phone.duration_s
-    if contact in ("lips", "teeth") and stop_s - start_s < MIN_HOLD_S:
+    if contact == "lips":
+        is_joined = len(ipa.letters(phone.label)) > 1
+        stop_s = phone.start_s + JOINED_SHARE * phone.duration_s if is_joined else stop_s - BURST_S
+    if contact in TOUCHES and stop_s - start_s < MIN_HOLD_S:
         start_s = max(min(start_s, phone.end_s - MIN_HOLD_S), phone.start_s)
         stop_s = start_s + MIN_HOLD_S
     return Hold(start_s, stop_s, contact)
 
 
 def hold_late(hold: Hold, edge_s: float) -> Hold | None:
-    """Delay a hold so that nothing of it is seen before ``edge_s``; None for a vowel or an s that is over by then."""
+    """Delay a hold so that nothing of it is seen before ``edge_s``; None for one that is no touch and over by then."""
     start_s = edge_s + RAMP_S
-    if hold.contact in ("open", "jaw"):
+    if hold.contact not in TOUCHES:
         return Hold(start_s, hold.stop_s, hold.contact) if start_s < hold.stop_s else None
     return Hold(start_s, max(hold.stop_s, start_s + MIN_HOLD_S), hold.contact)
 
@@ -138,11 +156,12 @@ class Holds:
 
 
 def held(times_s: Array, holds: Sequence[Hold]) -> Array:
-    """(4, T): how far each moment is under a hold of each of :data:`CONTACTS`, 0 to 1; times rise."""
+    """(5, T): how far each moment is under a hold of each of :data:`CONTACTS`, 0 to 1; times rise."""
     free = np.ones((len(CONTACTS), len(times_s)))
     for hold in holds:
         first, last = np.searchsorted(times_s, (hold.start_s - RAMP_S, hold.stop_s + RAMP_S)).tolist()
-        heights = bump(times_s[first:last], hold.start_s, hold.stop_s, RAMP_S, RAMP_S)
+        release_s = RELEASE_S.get(hold.contact, RAMP_S)
+        heights = bump(times_s[first:last], hold.start_s, hold.stop_s, RAMP_S, release_s)
         free[CONTACTS.index(hold.contact), first:last] *= 1.0 - heights
     return 1.0 - free
 
@@ -152,7 +171,7 @@ def close_lips(faps: Array, times_s: Array, holds: Sequence[Hold], *, openness: 
 
     ``openness``, 0..1, scales what open vowels are held to, for a face that mumbles.
     """
-    return settle(faps, held(times_s, holds) * np.array([1.0, 1.0, openness, 1.0])[:, None])
+    return settle(faps, held(times_s, holds) * np.array([1.0, 1.0, openness, 1.0, 1.0])[:, None])
 
 
 def settle(faps: Array, held: Array) -> Array:
@@ -161,14 +180,14 @@ def settle(faps: Array, held: Array) -> Array:
     Parameters
     ----------
     faps : (..., 68) float64, FAPU
-    held : (4, ...) float64
+    held : (5, ...) float64
         How far each frame is under a hold of each of :data:`CONTACTS`, 0 to 1.
 
     Returns
     -------
     (..., 68) float64, FAPU
     """
-    lips, teeth, vowels, jaw = held
+    lips, teeth, vowels, jaw, glide = held
     settled = faps.copy(order="K")
     columns = settled.transpose(-1, *range(settled.ndim - 1))
     down = columns[fap.column(3), ...]  # a view, also of a single frame
@@ -186,7 +205,7 @@ def settle(faps: Array, held: Array) -> Array:
     parting = soft_positive(opening, SOFTNESS_FAPU)
     # as far as nothing holds them open
     near = NEAR_SHARE * free * (1.0 - smoothstep(parting / (scale * NEAR_FAPU)))
-    change = opening - (1.0 - lips) * ((1.0 - near) * parting)
+    change = opening - (1.0 - lips) * (1.0 - GLIDE_SHARE * glide) * ((1.0 - near) * parting)
     share = LOWER_SHARE * (1.0 - teeth)
     upper, lower = upper + (1.0 - share) * change, lower + share * change
     carried = np.minimum(np.maximum(upper, low[0]), high[0])

@@ -85,7 +85,7 @@ class Composer:
         ----------
         weights : (K + axes, N) float64
             Places on paths; overwritten.
-        held : (4, N) float64
+        held : (5, N) float64
             How far each frame is under a hold of each of :data:`.closures.CONTACTS`, 0 to 1; overwritten.
         overlay : Overlay
 

@@ -41,6 +41,8 @@ NEAR_OPEN = 0.85
 """Opening (:class:`fapengine.speech.ipa.Sound`) of æ and ɐ; a, ɑ and ɒ have 1."""
 INTERDENTAL = "θð"
 """The tongue is seen between the teeth."""
+GLIDES = frozenset("wʍɥ")
+"""Their lips nearly touch."""
 APART_S = 0.03
 """Least distance of a phone's keyframes; a phone too short for it has one, their mean: fast speech undershoots. It
 costs 0.003 mm of lip error at natural rate and takes a third of the highest velocity away."""
@@ -304,14 +306,17 @@ def contact_of(parts: Iterable[SpelledPart], profile: Profile) -> str:
     Returns
     -------
     str
-        ``none``, ``lips``, ``teeth``, ``open`` for a vowel that must open and for θ ð, ``jaw`` where it must be high.
+        ``none``, ``lips``, ``teeth``, ``glide`` for w, ``open`` for a vowel that must open and for θ ð, ``jaw`` where it
+        must be high.
     """
     contacts = (profile.phones[name].contact for name, _ in parts)
     letters = {letter for _, heard in parts for letter in heard}
     contact = next((each for each in contacts if each != "none"), "none")
-    if contact == "none" and any(map(must_open, letters)):
+    if contact != "none":
+        return contact
+    if any(map(must_open, letters)):
         return "open"
-    return "jaw" if contact == "none" and letters & SIBILANTS else contact
+    return "glide" if letters & GLIDES else "jaw" if letters & SIBILANTS else "none"
 
 
 def must_open(letter: str) -> bool:

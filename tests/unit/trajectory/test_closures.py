@@ -14,6 +14,9 @@ from fapengine.speaking import METHOD_NAMES
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory.closures import (
     BITTEN_FAPU,
+    BURST_S,
+    CONTACTS,
+    GLIDE_SHARE,
     HOLD,
     MIN_HOLD_S,
     NEAR_FAPU,
@@ -175,10 +178,10 @@ def lips(upper: float, lower: float) -> NDArray[np.float64]:
 )
 def test_each_contact_of_one_frame(upper: float, lower: float) -> None:
     faps, on, off = lips(upper, lower), np.ones(1), np.zeros(1)
-    free = settle(faps, np.array([off, off, off, off]))
-    shut = settle(faps, np.array([on, off, off, off]))
-    touching = settle(faps, np.array([off, on, off, off]))
-    wide = settle(faps, np.array([off, off, on, off]))
+    free = settle(faps, np.array([off, off, off, off, off]))
+    shut = settle(faps, np.array([on, off, off, off, off]))
+    touching = settle(faps, np.array([off, on, off, off, off]))
+    wide = settle(faps, np.array([off, off, on, off, off]))
     for place, (inner_upper, inner_lower, outer_upper, outer_lower) in enumerate(PAIRS):
         top, bottom, above, below = (fap.column(n) for n in (inner_upper, inner_lower, outer_upper, outer_lower))
         assert free[0, top] + free[0, bottom] <= 1e-9
@@ -195,12 +198,12 @@ def test_each_contact_of_one_frame(upper: float, lower: float) -> None:
 def test_a_single_frame_is_settled_like_many() -> None:
     faps = lips(-200.0, -300.0)
     faps[0, fap.column(3)] = 600.0
-    held = np.array([0.0, 0.0, 0.0, 1.0])
+    held = np.array([0.0, 0.0, 0.0, 1.0, 0.0])
     np.testing.assert_array_equal(settle(faps[0], held), settle(faps, held[:, None])[0])
 
 
 def test_lips_that_are_far_apart_stay_as_they_are_but_for_the_softness() -> None:
-    free = settle(lips(-200.0, -300.0), np.zeros((4, 1)))
+    free = settle(lips(-200.0, -300.0), np.zeros((5, 1)))
     assert free[0, fap.column(4)] == pytest.approx(-196.0)
     assert free[0, fap.column(5)] == pytest.approx(-294.0)
     assert not free[0, :3].any()
@@ -228,6 +231,30 @@ def test_holds_lie_in_their_phones_and_last_40_ms() -> None:
     assert hold_of(Phone("f", 0.0, 1.0), "teeth").start_s == HOLD["teeth"][0]
 
 
+@pytest.mark.parametrize("label", ["p", "bʱ", "m", "m̩"])
+@pytest.mark.parametrize("each_s", [0.08, 0.12, 0.4])
+def test_lips_stay_shut_until_the_burst_and_are_open_a_frame_of_video_after_it(label: str, each_s: float) -> None:
+    phones = spoken([("ɑ", each_s), (label, each_s), ("ɑ", each_s)], 1.0)
+    opening, _ = lips_of(phones, {})
+    (burst_s,) = (phone.end_s - BURST_S for phone in phones.phones if phone.label == label)
+    at = [opening[round((burst_s + later_s) * RATE_HZ)] for later_s in (-0.025, 0.0, 0.04)]
+    assert at[0] <= CLOSED_MM
+    assert at[1] <= CLOSED_MM
+    assert at[2] > 2.5
+
+
+def test_a_label_of_several_letters_lets_go_half_way() -> None:
+    assert hold_of(Phone("p͡f", 1.0, 1.2)) == Hold(1.0, 1.1)
+
+
+def test_lips_nearly_shut_in_w_and_leave_a_hole() -> None:
+    phones = spoken([("ɑ", 0.12), ("w", 0.1), ("ɑ", 0.12)], 1.0)
+    opening, _ = lips_of(phones, {})
+    assert 0.2 < opening[frames_in(next(phone for phone in phones.phones if phone.label == "w"))].min() < 2.0
+    assert parted(120.0, glide=1.0) == pytest.approx([(1 - GLIDE_SHARE) * gap for gap in parted(120.0)])
+    assert parted(120.0, glide=1.0, lips=1.0)[0] == pytest.approx(0, abs=1e-9)
+
+
 def test_holds_that_come_late_are_put_off_and_a_vowel_that_is_over_is_let_go() -> None:
     assert hold_late(Hold(1.0, 1.2), 1.05) == Hold(1.05 + RAMP_S, 1.2)
     assert hold_late(Hold(1.0, 1.04, "teeth"), 2.0) == Hold(2.0 + RAMP_S, 2.0 + RAMP_S + MIN_HOLD_S, "teeth")
@@ -238,7 +265,7 @@ def test_holds_that_come_late_are_put_off_and_a_vowel_that_is_over_is_let_go() -
 def test_contacts_do_not_disturb_each_other() -> None:
     times = np.array([0.5])
     holds = [Hold(0.4, 0.6), Hold(0.4, 0.6, "teeth")]
-    assert held(times, holds)[:, 0].tolist() == [1.0, 1.0, 0.0, 0.0]
+    assert held(times, holds)[:, 0].tolist() == [1.0, 1.0, 0.0, 0.0, 0.0]
 
 
 def test_open_vowels_are_found_by_their_articulation() -> None:
@@ -251,7 +278,7 @@ def parted(opening_fapu: float, **contacts: float) -> list[float]:
     for index, (upper, lower, *_) in enumerate(PAIRS):
         share = SIDE_OPENING if index else 1.0
         faps[0, [fap.column(upper), fap.column(lower)]] = -0.5 * share * opening_fapu
-    settled = settle(faps, np.array([[contacts.get(name, 0.0)] for name in ("lips", "teeth", "vowels", "jaw")]))[0]
+    settled = settle(faps, np.array([[contacts.get(name, 0.0)] for name in CONTACTS]))[0]
     return [-float(settled[fap.column(upper)] + settled[fap.column(lower)]) for upper, lower, *_ in PAIRS]
 
 
@@ -263,6 +290,6 @@ def test_lips_that_are_near_each_other_come_nearer() -> None:
         assert left == right == pytest.approx(SIDE_OPENING * middle, rel=0.2)
     assert parted(120.0)[0] < 90.0
     assert parted(1.1 * NEAR_FAPU)[0] == pytest.approx(1.1 * NEAR_FAPU, abs=12.0)
-    assert parted(160.0, vowels=1.0)[0] > 145.0 > 1.15 * parted(160.0)[0]
+    assert parted(160.0, open=1.0)[0] > 145.0 > 1.15 * parted(160.0)[0]
     rising = [parted(opening)[0] for opening in np.linspace(0, 400, 200)]
     assert (np.diff(rising) > 0).all()
