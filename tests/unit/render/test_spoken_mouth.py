@@ -111,15 +111,15 @@ def without(mesh: FaceMesh, *materials: Material, bones: Iterable[Bone] = Bone) 
     return replace(mesh, triangles=mesh.triangles[~gone[mesh.triangles].any(axis=1)])
 
 
-def inside_seen(mesh: FaceMesh, spoken: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """(T, H, W) grey levels, and (T, H, W) where the inside of the mouth is seen."""
+def inside_seen(spoken: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """(T, H, W) grey levels of the head, and (T, H, W) where the inside of its mouth is seen."""
     hollow = without(head(), Material.TEETH, Material.GUM, Material.TONGUE, Material.MOUTH)
-    drawn, empty, full = (np.array(draw(spoken, FRONT, one))[..., :3] for one in (mesh, hollow, head()))
-    return drawn @ GREY, np.abs(full - empty).max(axis=-1) > 0
+    full, empty = (np.array(draw(spoken, FRONT, one))[..., :3] for one in (head(), hollow))
+    return full @ GREY, np.abs(full - empty).max(axis=-1) > 0
 
 
 def test_the_inside_of_the_mouth_is_as_grey_as_in_films_of_people() -> None:
-    grey, seen = inside_seen(head(), [pose(label) for label in ("ɑ", "ɛ", "e", "a", "i", "ʌ", "n", "s")])
+    grey, seen = inside_seen([pose(label) for label in ("ɑ", "ɛ", "e", "a", "i", "ʌ", "n", "s")])
     seen[:, 1:-1, 1:-1] &= seen[:, :-2, 1:-1] & seen[:, 2:, 1:-1]  # not the lips' edge
     assert seen.sum() > 2000
     # Levels of real clips whose lips are 7 pixels apart, without the lips' edges; ours were 35 and 205 at the ends.
@@ -140,11 +140,19 @@ def spoken_sentences() -> list[np.ndarray]:
     return faps
 
 
+@cache
+def sentences_seen() -> tuple[np.ndarray, np.ndarray]:
+    return inside_seen(spoken_sentences())
+
+
 def patterns(mesh: FaceMesh) -> np.ndarray:
     """(N, 12, 9) grey levels from lip to lip, in the middle half, sampled as ``design.mouth_patterns`` does films."""
     rows, columns = VECTORS["mean"].shape
+    greys, inside = sentences_seen()
+    if mesh is not head():
+        greys = np.array(draw(spoken_sentences(), FRONT, mesh))[..., :3] @ GREY
     found = []
-    for grey, seen in zip(*inside_seen(mesh, spoken_sentences()), strict=True):
+    for grey, seen in zip(greys, inside, strict=True):
         across = np.flatnonzero(seen.any(axis=0))
         if seen.sum(axis=0).max() < OPEN_MM * FRONT.pixels_per_mm(SIZE[1]):
             continue
@@ -157,6 +165,7 @@ def patterns(mesh: FaceMesh) -> np.ndarray:
     return np.array(found)
 
 
+@cache
 def against_films(mesh: FaceMesh) -> tuple[np.ndarray, np.ndarray]:
     """Distance of ours from those of films along their first three components: mean and spread, in their spread."""
     found = patterns(mesh)
