@@ -117,7 +117,7 @@ def _from_the_top(path: str) -> bool:
 
 
 NEED_FRAMEWORKS = ("fapengine.agents.livekit", "fapengine.agents.pipecat")
-"""Modules that can be imported in an environment of their own only: make oracles."""
+"""What the names of modules begin with that can be imported in an environment of their own only: make oracles."""
 
 
 def test_cross_references_of_docstrings_resolve() -> None:
@@ -132,7 +132,7 @@ def test_cross_references_of_docstrings_resolve() -> None:
         references += len(found)
         if not found:
             continue
-        if name in NEED_FRAMEWORKS:
+        if name.startswith(NEED_FRAMEWORKS):
             continue
         module = importlib.import_module(name)
         wrong += [

@@ -74,7 +74,7 @@ RULES: dict[Callable[[ast.AST], Found], tuple[str, ...]] = {
         "app/fit.py",
         "app/hearing.py",
         "app/inspection",
-        "agents/livekit.py",
+        "agents/livekit",
         "files/report/sliders.py",
     ),
     shapeless: (),

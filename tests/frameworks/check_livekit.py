@@ -15,10 +15,10 @@ from livekit.agents.types import TimedString
 from livekit.agents.voice.avatar import AudioSegmentEnd, QueueAudioOutput
 
 from fapengine.agents.face import AgentFace, AgentOptions
-from fapengine.agents.livekit import (
+from fapengine.agents.livekit import AvatarSession
+from fapengine.agents.livekit_tracks import (
     IDENTITY,
     SAMPLE_RATE_HZ,
-    AvatarSession,
     FaceGenerator,
     FaceOutput,
     RemoteOutput,

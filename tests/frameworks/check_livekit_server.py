@@ -20,9 +20,10 @@ from livekit import api, rtc
 from livekit.agents.types import ATTRIBUTE_AGENT_STATE, ATTRIBUTE_TRANSCRIPTION_EXPRESSION, TOPIC_TRANSCRIPTION
 from livekit.agents.voice.avatar import DataStreamAudioOutput
 
-from fapengine.agents import livekit
+from fapengine.agents import livekit_worker
 from fapengine.agents.face import AgentFace, AgentOptions
-from fapengine.agents.livekit import SAMPLE_RATE_HZ, AvatarSession
+from fapengine.agents.livekit import AvatarSession
+from fapengine.agents.livekit_tracks import FACE_RPC, IDENTITY, SAMPLE_RATE_HZ, RemoteOutput
 from fapengine.engine.commands import Express
 from fapengine.errors import ResourceError, UsageError
 from tests.frameworks.check_livekit import Room, Session, pieces, sound
@@ -66,7 +67,7 @@ class Visitor:
 async def worker(url: str) -> AsyncIterator["subprocess.Popen[bytes]"]:
     """A worker in a process of its own."""
     arguments = [url, token("avatar"), "--size", "128", "128", "--rate", "10", "--antialias", "none"]
-    process = start([sys.executable, "-m", "fapengine.agents.livekit", *arguments], cwd=ROOT)
+    process = start([sys.executable, "-m", "fapengine.agents.livekit_worker", *arguments], cwd=ROOT)
     try:
         yield process
     finally:
@@ -183,7 +184,7 @@ async def pool() -> AsyncIterator[str]:
     command = [
         sys.executable,
         "-m",
-        "fapengine.agents.livekit",
+        "fapengine.agents.livekit_worker",
         "--serve",
         str(port),
         "--size",
@@ -233,14 +234,14 @@ def test_a_remote_face_joins_speaks_and_leaves_with_its_agent() -> None:
 def test_a_worker_follows_what_its_agent_does_and_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
     """``lk.agent.state``, ``lk.expression``, and the acts of an ``AvatarSession``: words, cues, pauses."""
     faces: list[AgentFace] = []
-    monkeypatch.setattr(livekit, "open_face", lambda options: faces.append(AgentFace.open(options)) or faces[0])
+    monkeypatch.setattr(livekit_worker, "open_face", lambda options: faces.append(AgentFace.open(options)) or faces[0])
     options = AgentOptions(size=(128, 128), edges="none", frame_rate_hz=10.0, hears=False)
 
     async def followed() -> list[Any]:
         async with LiveKitDouble().open() as url, room_with(url) as (visitor, agent, _, _):
-            working = asyncio.create_task(livekit.work(url, token(livekit.IDENTITY), options))
-            await until(lambda: livekit.IDENTITY in agent.remote_participants)
-            await until(lambda: len(agent.remote_participants[livekit.IDENTITY].track_publications) == 2)
+            working = asyncio.create_task(livekit_worker.work(url, token(IDENTITY), options))
+            await until(lambda: IDENTITY in agent.remote_participants)
+            await until(lambda: len(agent.remote_participants[IDENTITY].track_publications) == 2)
             face, given = faces[0], []
             send = face.host.send_command
             face.host.send_command = lambda command: (given.append(command), send(command))
@@ -249,7 +250,7 @@ def test_a_worker_follows_what_its_agent_does_and_no_other(monkeypatch: pytest.M
                 await until(lambda then=then: face.attention.state == then)
             with pytest.raises(rtc.RpcError) as refused:
                 await visitor.room.local_participant.perform_rpc(
-                    destination_identity=livekit.IDENTITY, method=livekit.FACE_RPC, payload='[["pause"]]'
+                    destination_identity=IDENTITY, method=FACE_RPC, payload='[["pause"]]'
                 )
             if refused.value.code == rtc.RpcError.ErrorCode.CONNECTION_TIMEOUT:
                 skip_if_busy("no answer came")
@@ -257,9 +258,9 @@ def test_a_worker_follows_what_its_agent_does_and_no_other(monkeypatch: pytest.M
             for wrong in ("hello", '[["dance"]]', "3"):
                 with pytest.raises(rtc.RpcError, match=r"expected a list of \[name, argument"):
                     await agent.local_participant.perform_rpc(
-                        destination_identity=livekit.IDENTITY, method=livekit.FACE_RPC, payload=wrong
+                        destination_identity=IDENTITY, method=FACE_RPC, payload=wrong
                     )
-            output, events = livekit.RemoteOutput(agent), []
+            output, events = RemoteOutput(agent), []
             output.on("playback_finished", events.append)
             output.pause()
             output.act("expect", "[nod] Hello there.")
