@@ -15,8 +15,9 @@ lips need to anticipate. Then:
   back is played, too. When more comes, both continue.
 - **A TTS that sends nothing** makes no audio and no event. What it sends at once is played in its time.
 - **Another sample rate** in the middle is handed out at its own rate, in a piece of its own.
-- **A recognizer that is slow or gone** delays the audio by :data:`PATIENCE_S` at most; then this utterance continues
-  without it.
+- **A slow recognizer** does less work (:mod:`fapengine.recognition.process`), so that the audio need not wait for it.
+- **A recognizer that is much too slow, or gone,** delays the audio by :data:`PATIENCE_S` at most; then this utterance
+  continues without it.
 - **An interruption** ends all utterances at once; the lips are neutral within :data:`REST_S`.
 """
 
@@ -55,6 +56,9 @@ FEED_S = 0.6
 """Time ahead for which the engine receives phones; later words may still change the others."""
 STALL_S = 1.0
 """Time without more audio after which the audio that is held back is played."""
+SLOW_S = 0.12
+"""Time by which the recognizer's phones end before the audio that it has processed, less
+:data:`fapengine.recognition.process.LEAD_S`, and a frame: it does less work before the audio has to wait."""
 PATIENCE_S = 1.0
 """Time for which audio waits for its recognizer."""
 REST_S = 0.25
@@ -435,8 +439,12 @@ class StreamHost(Host, GestureMethods):
     def _poll(self) -> list[RecognizedPhones]:
         """Return the recognizer's news; if it has ended, continue without."""
         assert self._recognizer is not None
+        shown_s = -inf
+        if self._listening is not None and self._listening[0] in self._queue[:1]:
+            utterance, run = self._listening
+            shown_s = utterance.sound.due_s - run.start_s + SLOW_S
         try:
-            return self._recognizer.poll()
+            return self._recognizer.poll(shown_s)
         except ResourceError:
             self._recognizer = self._listening = None
             return []

@@ -130,7 +130,7 @@ class RecognizerProcess:
         if self.is_ready:
             self._keep_up(shown_s)
             lead_s = self._processed_s - shown_s
-            self._write(AHEAD_S if lead_s > AHEAD_S else LIVE_AHEAD_S if lead_s > LEAD_S else SLOW_AHEAD_S)
+            self._write(AHEAD_S if lead_s > AHEAD_S else LIVE_AHEAD_S if self._late <= 0 else SLOW_AHEAD_S)
         return found
 
     def close(self) -> None:

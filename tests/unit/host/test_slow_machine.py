@@ -12,12 +12,15 @@ from numpy.typing import NDArray
 
 from fapengine._child import Head, Message
 from fapengine.host.hearing import DELAY_S
+from fapengine.host.stream import StreamFrame, StreamHost
 from fapengine.recognition.process import LEAD_S, REDUCED_S, RecognizerProcess, answers
 from fapengine.recognition.protocol import RATE_HZ
 from fapengine.recognition.small_recognizer import JointRecognizer, SmallRecognizer
 from fapengine.speech.phone_track import Phone
+from fapengine.trajectory.style import Style
+from tests.english import english
 from tests.unit.host.test_hearing import Clock, Stage, piecewise
-from tests.unit.recognition.speech import BABY, POPPIES, opening_mm, spoken
+from tests.unit.recognition.speech import BABY, FAPU_MM, POPPIES, opening_mm, spoken
 
 FRAME_HZ = 200 / 3
 
@@ -148,6 +151,29 @@ def test_a_network_that_stalls_is_no_slow_recognizer() -> None:
     counts = stage.hearing.counts
     assert counts.reduced_s == counts.skipped_s == 0
     assert counts.heard_s == pytest.approx(4.0, abs=0.3)
+
+
+@pytest.mark.parametrize(("costs", "is_live"), [((3.0, 0.4), True), ((1.5, 0.4), False)])
+def test_an_agents_audio_does_not_wait_for_a_slow_recognizer(costs: tuple[float, float], is_live: bool) -> None:
+    clock, sound = Clock(), talk(4.0)
+    recognizer = RecognizerProcess(SlowChild(clock, lambda now_s: costs))  # type: ignore[arg-type]
+    style = Style.speech_only()
+    face = StreamHost(english(), rng=np.random.default_rng(1), style=style, recognizer=recognizer)
+    arriving = np.array_split(sound, 100 if is_live else 1)
+    frames: list[StreamFrame] = []
+    while face.is_speaking or not frames:
+        clock.now_s += 0.04
+        if arriving:
+            face.push(arriving.pop(0), RATE_HZ)
+        else:
+            face.end()
+        frames.append(face.next(0.04))
+    started = [bool(frame.sounds) for frame in frames]
+    spoken_frames = frames[started.index(True) : len(started) - started[::-1].index(True)]
+    lips_mm = np.array([-(frame.faps[3] + frame.faps[4]) * FAPU_MM for frame in spoken_frames])
+    assert started.index(True) < 20
+    assert len(spoken_frames) <= 100 + 12  # half a second of waiting
+    assert min(float(np.ptp(second)) for second in np.split(lips_mm, range(25, len(lips_mm), 25))[:-1]) > 3
 
 
 def phones_of(recognizer: SmallRecognizer, sound: NDArray[np.int16], is_reduced: Callable[[int], bool]) -> list[Phone]:
