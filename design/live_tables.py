@@ -30,7 +30,7 @@ from fapengine.mpeg4.track import _codable_range
 from fapengine.profiles import Profile
 from fapengine.recognition import loudness, protocol, small_net, small_recognizer
 from fapengine.speaking import DEFAULT_PROFILE
-from fapengine.speech import ipa, phone_track
+from fapengine.speech import ipa, phone_track, prosody
 from fapengine.speech.alphabets import phone_sets
 from fapengine.speech.alphabets.phone_set import PhoneSet
 from fapengine.speech.articulation import ARTICULATIONS
@@ -48,7 +48,7 @@ from fapengine.trajectory import (
     targets,
 )
 from fapengine.trajectory.expression import expression_faps
-from fapengine.trajectory.faps import displacements_to_faps
+from fapengine.trajectory.faps import speech_faps
 from fapengine.trajectory.style import jaw_share
 from fapengine.voices import pronounce, spoken_form
 
@@ -57,8 +57,8 @@ MODULES: dict[str, ModuleType] = {
     module.__name__.rpartition(".")[2]: module
     for module in (
         changing, closures, context, expression, fap, fapu, gestures, hearing, hermite, ipa, loudness, phone_track,
-        phonetics, protocol, ramps, small_net, small_recognizer, speaking, stream, style, targets, entries, phone_sets,
-        pronounce, services,
+        phonetics, prosody, protocol, ramps, small_net, small_recognizer, speaking, stream, style, targets, entries,
+        phone_sets, pronounce, services,
     )
 } | {"host_words": host_words}  # fmt: skip
 """Modules with constants that the JavaScript imports, by the name that it uses."""
@@ -167,13 +167,14 @@ def planner_tables(profile: Profile) -> tuple[dict[str, Any], dict[str, NDArray[
     """Gather what the planner needs of a profile: names and small tables, and arrays."""
     model = profile.context
     assert model is not None, f"profile {profile.id}: got no context model, expected one"
-    space, known = profile.space, tuple(profile.phones)
+    known = tuple(profile.phones)
     letters = {}
     for letter in ipa.SOUNDS:
         ((name, _),), _ = context.spelled(letter, known)
         letters[letter] = {
             "contact": profile.phones[name].contact,
             "opens": targets.must_open(letter),
+            "glides": letter in targets.GLIDES,
             "ways": context.ways(letter),
         }
     about = {
@@ -191,7 +192,7 @@ def planner_tables(profile: Profile) -> tuple[dict[str, Any], dict[str, NDArray[
     low, high = _codable_range()
     return about, {
         "coefficients": halves if np.array_equal(halves, coefficients) else coefficients,
-        "modes": displacements_to_faps(space.modes_mm, space.points, profile.fapu),
+        "modes": speech_faps(profile, np.eye(profile.space.mode_count)),
         "jaws": jaw_share(profile),
         "layer": phonetics.layer_faps(profile),
         "values": phonetics.values_of(profile),

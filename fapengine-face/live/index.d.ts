@@ -128,7 +128,7 @@ export class Live extends EventTarget {
     },
   ): Promise<Live>;
   readonly isSpeaking: boolean;
-  /** Follow sound; resolves to the delayed sound. What is heard has no stress, and does not nod. */
+  /** Follow sound; resolves to the delayed sound. Loud speech opens the mouth wider, and stressed vowels nod. */
   hear(input: MediaStream | AudioNode, options?: HearOptions): Promise<AudioNode>;
   /** Follow sound without Web Audio, as it comes. @param samples -1 to 1, mono. @param rate Hz, the same until `stop()`. */
   push(samples: Float32Array, rate: number, options?: { delay?: number; lookAhead?: number }): Promise<void>;

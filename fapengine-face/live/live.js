@@ -5,7 +5,7 @@ import { bytesOf } from "./bytes.js";
 import { changing, expression, hearing, phone_track, protocol } from "./constants.js";
 import { Gestures } from "./gestures.js";
 import { placeAfter } from "./path.js";
-import { Planner, checkedPhone } from "./planner.js";
+import { Planner, checkedPhone, isSame } from "./planner.js";
 import { Profile, marked } from "./profile.js";
 import { Ramp } from "./ramp.js";
 import { Recognizer } from "./recognizer.js";
@@ -44,7 +44,6 @@ let policy = null;
 
 const startOf = ({ start }) => start;
 const seconds = () => performance.now() / 1000;
-const isAs = (one, other) => one.label === other.label && one.start === other.start && one.end === other.end;
 
 // Events: started, phone, finished, cancelled, error. Stateful.
 export class Live extends EventTarget {
@@ -177,7 +176,7 @@ export class Live extends EventTarget {
     const phones = [...final, ...partial].filter(({ start }) => start >= this.deaf);
     const last = phones.at(-1);
     if (partial.length && last && last.label !== SILENCE) phones[phones.length - 1] = { ...last, end: last.end + OPEN_S };
-    const same = phones.findIndex((phone, index) => !this.fed[index] || !isAs(phone, this.fed[index]));
+    const same = phones.findIndex((phone, index) => !this.fed[index] || !isSame(phone, this.fed[index]));
     const first = same < 0 ? phones.length : same;
     const { edge } = this.planner;
     const from = Math.min(phones[first]?.start ?? Infinity, this.fed[first]?.start ?? Infinity);

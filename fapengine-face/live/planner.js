@@ -15,7 +15,7 @@ const { FAP_COUNT } = fap;
 
 const startOf = ({ start }) => start;
 const endOf = ({ end }) => end;
-const isSame = (one, other) => ["label", "start", "end", "stress", "word", "loudness"].every((name) => one[name] === other[name]);
+export const isSame = (one, other) => ["label", "start", "end", "stress", "word", "loudness"].every((name) => one[name] === other[name]);
 // As np.rint: a half goes to the even neighbour.
 const rounded = (value) => {
   const nearest = Math.round(value);
@@ -267,7 +267,7 @@ export class Planner {
     this.holds = new Map();
     const hasBegun = ({ hold }) => hold.start - RAMP_S < edge;
     const begun = [...before].filter(([, one]) => hasBegun(one)).map(([key]) => key);
-    for (const [phone, contact] of said) {
+    for (const [phone, contact, isJoined] of said) {
       if (contact === "none") continue;
       const key = `${phone.start} ${phone.end} ${phone.label}`;
       let from = key;
@@ -278,7 +278,7 @@ export class Planner {
       const same = before.get(from)?.hold;
       before.delete(from);
       if (!same && phone.end <= edge) continue; // its time is over, and so is what it had to hold
-      let hold = same ? holdUntil(same, Math.max(phone.end, edge)) : holdOf(phone, contact);
+      let hold = same ? holdUntil(same, Math.max(phone.end, edge)) : holdOf(phone, contact, isJoined);
       if (!same && hold.start - RAMP_S < edge) hold = holdLate(hold, edge);
       if (hold) this.holds.set(key, { phone, hold });
     }
@@ -321,7 +321,7 @@ export function planAll(profile, phones, { rate = 30, ...style } = {}) {
   if (!(rate > 0 && rate < Infinity)) throw new TypeError(`rate: got ${rate}, expected frames per second`);
   const spoken = phones.map(checkedPhone).filter(({ label }) => label !== SILENCE);
   const { path, said, unknown } = speechPath(profile, spoken);
-  const holds = said.filter(([, contact]) => contact !== "none").map(([phone, contact]) => holdOf(phone, contact));
+  const holds = said.filter(([, contact]) => contact !== "none").map((one) => holdOf(...one));
   const composer = new Composer(profile, style);
   const end = Math.max(phones.at(-1)?.end ?? 0, spoken.length ? spoken.at(-1).end + targets.REST_MARGIN_S : 0);
   const jet = emptyJet(profile.width);

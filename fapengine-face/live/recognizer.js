@@ -1,9 +1,11 @@
-// Sound in, phones out, without a text: SmallRecognizer of fapengine/recognition/small_recognizer.py. Stateful.
+// Sound in, phones with stress and loudness out, without a text: SmallRecognizer of
+// fapengine/recognition/small_recognizer.py, with what process.py adds to its phones. Stateful.
 
 import { loudness, phone_track, protocol, small_net, small_recognizer } from "./constants.js";
 import { LogMel, RunningMean } from "./mel.js";
 import { Search } from "./search.js";
 import { SmallNet } from "./small-net.js";
+import { RunningProsody } from "./prosody.js";
 import { readTables } from "./tables.js";
 import { Voicing, joined } from "./voicing.js";
 
@@ -91,9 +93,11 @@ export class Recognizer {
     this.scores = new Scores(this.tables, this.net);
     this.voicing = new Voicing();
     this.search = new Search(this.tables.arrays);
+    this.prosody = new RunningProsody();
   }
 
-  // samples: Int16Array, 16 kHz, mono. Returns the phones that are final now: { label, start, end }, s, without gaps.
+  // samples: Int16Array, 16 kHz, mono. Returns the phones that are final now: { label, start, end, stress?, loudness? }, s
+  // and dB, without gaps; what is not known yet is left out.
   push(samples) {
     if (!(samples instanceof Int16Array)) throw new TypeError(`push: got ${samples?.constructor?.name}, expected an Int16Array at 16 kHz`);
     this.came += samples.length;
@@ -128,8 +132,11 @@ export class Recognizer {
     const chosen = due(segments, this.told, horizon, isEnd);
     if (chosen.length) this.told = chosen.at(-1)[2];
     this.search.forget(this.told);
-    this.partial = this.phonesOf(begun(due(segments, this.told, this.search.now), this.search.now));
-    return this.phonesOf(chosen);
+    const partial = begun(due(segments, this.told, this.search.now), this.search.now);
+    const soundingOf = (phone) => this.voicing.sounding(phone);
+    const [phones, changing] = this.prosody.push(this.phonesOf(chosen), this.phonesOf(partial), soundingOf);
+    this.partial = changing;
+    return phones;
   }
 
   phonesOf(segments) {

@@ -1,20 +1,25 @@
-// Loudness and pitch, and which segments of a hypothesis are a voice: fapengine/recognition/loudness.py, and Voicing of
-// small_recognizer.py.
+// Loudness and pitch of frames and phones, and which segments of a hypothesis are a voice:
+// fapengine/recognition/loudness.py, and Voicing of small_recognizer.py.
 
 import { loudness, phone_track, protocol, small_recognizer } from "./constants.js";
 import { Fft } from "./fft.js";
 
 const {
-  GLIDE_FRAMES, HOP, MAX_PHONE_S, PITCH_HZ, QUIET_DB, REACH_S, SILENT_DB, STEADY_FRAMES, STEADY_SHARE, STILL, VOICED, VOICED_FRAMES, WINDOW,
+  CONTEXT, EVEN, GLIDE_FRAMES, HOP, LATE, MAX_PHONE_S, PITCH_HZ, QUIET_DB, REACH_S, SILENT_DB, STEADY_FRAMES, STEADY_SHARE, STILL, VOICED, VOICED_FRAMES, WINDOW,
 } = loudness;
 const { FRAME_HZ, RATE_HZ } = protocol;
-const { CONTEXT, NEAR_VOWEL, REMEMBERED, VOWEL_LETTERS } = small_recognizer;
+const { NEAR_VOWEL, REMEMBERED, VOWEL_LETTERS } = small_recognizer;
 const { SILENCE } = phone_track;
 const [SHORTEST, LONGEST] = [Math.trunc(RATE_HZ / PITCH_HZ[1]), Math.trunc(RATE_HZ / PITCH_HZ[0])];
 const AROUND = (WINDOW - HOP) / 2;
 const LENGTH = 2 ** Math.ceil(Math.log2(WINDOW + LONGEST)); // of the transform: no lag that is looked at wraps round
 
-const isVowel = (label) => VOWEL_LETTERS.includes(label[0]);
+export const isVowel = (label) => VOWEL_LETTERS.includes(label[0]);
+export const median = (values) => {
+  const ordered = [...values].sort((one, other) => one - other);
+  const half = ordered.length >> 1;
+  return ordered.length % 2 ? ordered[half] : (ordered[half - 1] + ordered[half]) / 2;
+};
 export const joined = (one, other) => {
   const both = new one.constructor(one.length + other.length);
   both.set(one);
@@ -100,11 +105,11 @@ export class Voicing {
   }
 
   // Adds int16 samples, whole frames except at the end; the last frames get no pitch yet.
-  push(samples, keep = 2) {
+  push(samples, late = LATE) {
     this.sound = joined(this.sound, samples);
     for (let at = 0; at < samples.length; at += HOP) this.levels.push(levelOf(samples, at));
     const frame = new Float64Array(WINDOW);
-    const count = Math.ceil(this.sound.length / HOP) - keep;
+    const count = Math.ceil(this.sound.length / HOP) - late;
     for (let number = this.first + this.pitches.length - this.begins; number < count; ++number) {
       for (let n = 0; n < WINDOW; ++n) frame[n] = this.sound[number * HOP - AROUND + n] ?? 0;
       this.pitches.push(this.finder.of(frame));
@@ -116,6 +121,15 @@ export class Voicing {
     this.pitches.splice(0, gone);
     this.levels.splice(0, gone);
     this.first += gone;
+  }
+
+  // Loudness and pitch of a phone of the last seconds.
+  sounding({ start, end }) {
+    const [from, stop] = [start, end].map((at) => Math.max(Math.trunc(at * FRAME_HZ + EVEN) - this.first, 0));
+    const first = Math.min(from, Math.max(this.levels.length - 1, 0));
+    const [levels, pitches] = [this.levels, this.pitches].map((list) => list.slice(first, Math.max(first + 1, stop)));
+    const voiced = pitches.filter((pitch) => pitch > 0);
+    return { level: Math.max(SILENT_DB, ...levels), pitch: voiced.length ? median(voiced) : 0 };
   }
 
   // Which frames have a voice near them that is not music.

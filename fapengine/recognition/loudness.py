@@ -36,7 +36,9 @@ PITCH_HZ = (60.0, 450.0)
 PIECE_S = 20.0
 VOICED = 0.5
 """Least similarity of a frame to itself, one period later, that counts as voiced."""
+_EVEN = 1e-6  # of a frame: times of whole frames are not quite whole
 _WINDOW = 640  # 40 ms: more than two periods of the lowest pitch
+_LATE, _CONTEXT = 2, 6  # frames after and before one that its window, or that of one without a pitch, reaches into
 _MIN_LAG, _MAX_LAG = int(RATE_HZ / PITCH_HZ[1]), int(RATE_HZ / PITCH_HZ[0])
 _LENGTH = 1 << (_WINDOW + _MAX_LAG - 1).bit_length()  # of the transform: no lag that is looked at wraps round
 
@@ -138,19 +140,20 @@ def soundings(phones: Sequence[Phone], samples: NDArray[np.int16], begins_s: flo
         Time of the first sample.
     """
     levels, pitches = loudness_db(samples), pitch_hz(samples)
-    found: list[Sounding] = []
-    for phone in phones:
-        first, behind = (max(int((time_s - begins_s) * FRAME_HZ), 0) for time_s in (phone.start_s, phone.end_s))
-        first = min(first, max(len(levels) - 1, 0))
-        frames = slice(first, max(first + 1, behind))
-        voiced = pitches[frames][pitches[frames] > 0]
-        found.append(
-            Sounding(
-                float(levels[frames].max()) if len(levels) else SILENT_DB,
-                float(np.median(voiced)) if len(voiced) else 0.0,
-            )
-        )
-    return found
+    return [_sounding(phone, levels, pitches, begins_s) for phone in phones]
+
+
+def _sounding(
+    phone: Phone, levels_db: NDArray[np.float64], pitches_hz: NDArray[np.float64], begins_s: float
+) -> Sounding:
+    first, behind = (max(int((at_s - begins_s) * FRAME_HZ + _EVEN), 0) for at_s in (phone.start_s, phone.end_s))
+    first = min(first, max(len(levels_db) - 1, 0))
+    frames = slice(first, max(first + 1, behind))
+    voiced = pitches_hz[frames][pitches_hz[frames] > 0]
+    return Sounding(
+        float(levels_db[frames].max(initial=SILENT_DB)),
+        float(np.median(voiced)) if len(voiced) else 0.0,
+    )
 
 
 def soundings_at(phones: Sequence[Phone], samples: NDArray[np.int16], rate_hz: int) -> list[Sounding]:
@@ -177,29 +180,44 @@ def soundings_at(phones: Sequence[Phone], samples: NDArray[np.int16], rate_hz: i
 
 
 class RunningSoundings:
-    """Loudness and pitch of the phones of a stream. Stateful."""
+    """Loudness and pitch of the frames of a stream, and of phones in it. Stateful."""
 
     def __init__(self) -> None:
         self._sound = np.zeros(0, np.int16)
-        self._forgotten = 0
-        """Samples before those of ``_sound``, with all phones reported."""
+        """Samples from frame ``_begins`` on."""
+        self._begins = 0
+        self.levels_db = self.pitches_hz = np.zeros(0)
+        """(T,) of the frames from ``first`` on; the last :data:`_LATE` of them have no pitch yet."""
+        self.first = 0
 
-    def push(self, samples: NDArray[np.int16]) -> None:
+    def push(self, samples: NDArray[np.int16], *, is_last: bool = False) -> None:
         """Add audio, (N,) int16."""
         self._sound = np.concatenate([self._sound, samples])
+        stop = -(-len(self._sound) // HOP) if is_last else len(self._sound) // HOP
+        before = self.first - self._begins
+        levels = loudness_db(self._sound[(before + len(self.levels_db)) * HOP : stop * HOP])
+        pitches = pitch_hz(self._sound, before + len(self.pitches_hz), stop - (0 if is_last else _LATE))
+        self.levels_db = np.concatenate([self.levels_db, levels])
+        self.pitches_hz = np.concatenate([self.pitches_hz, pitches])
+        over = max(stop - _CONTEXT, 0)
+        self._sound, self._begins = self._sound[over * HOP :], self._begins + over
 
-    def of(self, phones: list[Phone]) -> list[Sounding]:
-        """Loudness and pitch of the next phones; their audio is dropped."""
+    def look(self, phones: Sequence[Phone]) -> list[Sounding]:
+        """Loudness and pitch of phones that have sounded."""
+        return [_sounding(phone, self.levels_db, self.pitches_hz, self.first / FRAME_HZ) for phone in phones]
+
+    def of(self, phones: Sequence[Phone]) -> list[Sounding]:
+        """Loudness and pitch of the next phones; their frames are dropped."""
         found = self.look(phones)
         if phones:
-            over = round(max(phones[-1].end_s - self._forgotten / RATE_HZ, 1e-3) * RATE_HZ)
-            over = min(over, len(self._sound))
-            self._sound, self._forgotten = self._sound[over:], self._forgotten + over
+            self.forget(int(phones[-1].end_s * FRAME_HZ + _EVEN))
         return found
 
-    def look(self, phones: list[Phone]) -> list[Sounding]:
-        """Loudness and pitch of the next phones, which may still change."""
-        return soundings(phones, self._sound, self._forgotten / RATE_HZ) if phones else []
+    def forget(self, frame: int) -> None:
+        """Drop the frames before one."""
+        over = min(max(frame - self.first, 0), len(self.pitches_hz))
+        self.levels_db, self.pitches_hz = self.levels_db[over:], self.pitches_hz[over:]
+        self.first += over
 
 
 REACH_S = 1.0

@@ -219,10 +219,11 @@ class _Stream:
             phones += self._recognizer.push(piece)
         if samples is None:
             phones += self._recognizer.end()
-        phones = self._prosody.push(phones, self._soundings.of(phones))
-        if self._recognizer.partial is not self._looked_at:
+            self._soundings.push(np.zeros(0, np.int16), is_last=True)
+        if phones or self._recognizer.partial is not self._looked_at:
             self._looked_at = self._recognizer.partial
-            self._partial = self._prosody.look(self._looked_at, self._soundings.look(self._looked_at))
+            partial = self._soundings.look(self._looked_at)
+            phones, self._partial = self._prosody.push(phones, self._soundings.of(phones), self._looked_at, partial)
         found = RecognizedPhones(self.number, self._position_s, self._placed(phones), samples is None)
         return replace(found, partial=self._placed(self._partial))
 

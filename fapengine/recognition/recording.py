@@ -247,6 +247,7 @@ def listen_by(
             gathered.extend(phones, running.of(phones))
             on_heard(len(samples) / RATE_HZ)
     phones = recognizer.end()
+    running.push(np.zeros(0, np.int16), is_last=True)
     gathered.extend(phones, running.of(phones))
     return gathered.done(())
 

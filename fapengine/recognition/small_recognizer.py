@@ -29,9 +29,8 @@ from fapengine.recognition.loudness import (
     MAX_PHONE_S,
     QUIET_DB,
     SILENT_DB,
-    loudness_db,
+    RunningSoundings,
     musical_frames,
-    pitch_hz,
     voiced_frames,
 )
 from fapengine.recognition.protocol import MIN_FRAMES, RATE_HZ, BlockRecognizer, Labelled, due, phones_of
@@ -58,7 +57,6 @@ ONSET_FRAMES = 5
 NEAR_VOWEL = 100
 """Frames after a vowel in which a phone may be isolated; elsewhere it is a knock."""
 VOWEL_LETTERS = frozenset("aeiouæɑɔəɛɝɪʊʌ")
-_CONTEXT = 6
 
 Floats = NDArray[np.float32]
 
@@ -182,38 +180,27 @@ class Voicing:
     """Pitch and loudness of the last seconds, which reject segments of a hypothesis. Stateful."""
 
     def __init__(self) -> None:
-        self._sound = np.zeros(0, np.int16)
-        self._begins = 0
-        """Frame at which ``_sound`` begins."""
-        self._pitch = self._levels = np.zeros(0)
-        self._first = 0
-        """Frame at which pitch and loudness begin."""
+        self._frames = RunningSoundings()
         self._vowel = -REMEMBERED
         """Frame after the last vowel."""
 
-    def push(self, samples: NDArray[np.int16], *, keep: int = 2) -> None:
-        """Add (N,) int16, whole frames except at the end; the last ``keep`` frames get no pitch yet."""
-        self._sound = np.concatenate([self._sound, samples])
-        self._levels = np.concatenate([self._levels, loudness_db(samples)])
-        known = self._first + len(self._pitch) - self._begins
-        fresh = pitch_hz(self._sound, known, -(-len(self._sound) // HOP) - keep)
-        self._pitch = np.concatenate([self._pitch, fresh])
-        gone = max(len(self._sound) // HOP - _CONTEXT, 0)
-        self._sound, self._begins = self._sound[gone * HOP :], self._begins + gone
-        gone = max(len(self._pitch) - REMEMBERED, 0)
-        self._pitch, self._levels, self._first = self._pitch[gone:], self._levels[gone:], self._first + gone
+    def push(self, samples: NDArray[np.int16], *, is_last: bool = False) -> None:
+        """Add (N,) int16, whole frames except at the end."""
+        self._frames.push(samples, is_last=is_last)
+        self._frames.forget(self._frames.first + len(self._frames.pitches_hz) - REMEMBERED)
 
     def spoken(self, segments: list[Labelled]) -> list[Labelled]:
         """Replace segments that are voiceless, music, very quiet, or isolated by silence; without gaps."""
-        voice = voiced_frames(self._pitch) & ~musical_frames(self._pitch)
+        pitches_hz, first = self._frames.pitches_hz, self._frames.first
+        voice = voiced_frames(pitches_hz) & ~musical_frames(pitches_hz)
         found: list[Labelled] = []
         for index, (label, a, b) in enumerate(segments):
             following = [one for one, _, _ in segments[index + 1 :]]
-            near = slice(max(a - self._first, 0), max(b - self._first, 1))
+            near = slice(max(a - first, 0), max(b - first, 1))
             is_phone = (
                 label != SILENCE
                 and b - a <= MAX_PHONE_S[is_vowel(label)] * FRAME_HZ
-                and self._levels[near].max(initial=SILENT_DB) >= QUIET_DB
+                and self._frames.levels_db[near].max(initial=SILENT_DB) >= QUIET_DB
                 and (
                     is_vowel(label)
                     or a - self._vowel <= NEAR_VOWEL
@@ -281,7 +268,7 @@ class SmallRecognizer(BlockRecognizer):
         count = -(-self._came // HOP)
         if not count:
             return []
-        self._voicing.push(self._waiting, keep=0)
+        self._voicing.push(self._waiting, is_last=True)
         silence = np.zeros((count - self._search.now + 2 * LATE) * HOP, np.int16)
         scores = self._score(np.concatenate([self._waiting, silence]), rest=len(self._waiting))
         self._search.push(scores[: count - self._search.now])

@@ -70,9 +70,10 @@ const say = async ({ phones, times, style }) => {
     return [...faps];
   });
 };
-// A face that follows sound in pieces of 10 ms, with a frame after each: what it tells, and [position, FAP 4, FAP 5].
-const follow = async ({ samples, rate, delay, cancelAt }) => {
-  const [live, faps, told] = [await Live.make({ still: true }), new Float32Array(68), []];
+// A face that follows sound in pieces of 10 ms, with a frame after each: what it tells, [position, FAP 4, FAP 5], and how
+// many nods it makes.
+const follow = async ({ samples, rate, delay, cancelAt, still = true }) => {
+  const [live, faps, told] = [await Live.make({ still, seed: 1 }), new Float32Array(68), []];
   for (const type of ["started", "phone", "finished", "cancelled", "error"]) {
     live.addEventListener(type, ({ detail }) => told.push([type, detail?.label ?? null, live.position]));
   }
@@ -88,6 +89,6 @@ const follow = async ({ samples, rate, delay, cancelAt }) => {
   const joy = live.sample(performance.now() / 1000 + 9, faps) && faps[11];
   const weights = await new Promise((done) => (live.onweights = (arkit, these) => done([arkit.length, these.length])));
   live.close();
-  return { told, frames, joy, weights };
+  return { told, frames, joy, weights, nods: live.gestures?.random[4].drawn };
 };
 await writeFile(output, JSON.stringify({ streams: streams.map(played), tracks: tracks.map(planned), heard, glided: ramps.map(glided), drawn: faces.map(drawn), said: await Promise.all(said.map(say)), followed: await Promise.all(followed.map(follow)) }));

@@ -20,8 +20,9 @@ from fapengine.files.sound import load_sound
 from fapengine.mpeg4 import fap
 from fapengine.profiles import Profile
 from fapengine.recognition import small_net
+from fapengine.recognition.process import answers
 from fapengine.recognition.protocol import RATE_HZ
-from fapengine.recognition.small_recognizer import SmallRecognizer
+from fapengine.recognition.small_recognizer import BLOCK, SmallRecognizer
 from fapengine.retarget.blend import ARKIT_NAMES
 from fapengine.speech import ipa
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
@@ -41,7 +42,7 @@ RUNNER = Path(__file__).with_name("live_runner.mjs")
 PORTED = {
     "recognition/loudness.py": "voicing.js", "recognition/protocol.py": "recognizer.js",
     "recognition/small_net.py": "mel.js and small-net.js",
-    "recognition/small_recognizer.py": "recognizer.js and search.js",
+    "recognition/small_recognizer.py": "recognizer.js and search.js", "speech/prosody.py": "prosody.js",
     "trajectory/batch.py": "planner.js", "trajectory/closures.py": "closures.js", "trajectory/context.py": "keys.js",
     "trajectory/faps.py": "planner.js", "trajectory/gestures.py": "gestures.js",
     "trajectory/hermite.py": "path.js", "trajectory/phonetics.py": "keys.js",
@@ -336,6 +337,46 @@ def test_phones_are_pythons(package: Path) -> None:
     assert check_phones(package, [*sentences, *others]) > 40
 
 
+def check_prosody(package: Path, sounds: list[np.ndarray]) -> tuple[int, int]:
+    """Loudness and stress of what is heard in both languages, of final and partial phones after each block of 20 ms.
+
+    The number of phones that are louder or quieter than usual, and of stressed ones.
+    """
+    given = [{"samples": samples.tolist(), "pieces": [BLOCK]} for samples in sounds]
+    found = node(package, RUNNER, {"sounds": given})["heard"]
+    loud = stressed = 0
+    for number, (samples, one) in enumerate(zip(sounds, found, strict=True)):
+        head = {"stream": number, "rate_hz": RATE_HZ, "skips": 0, "is_reduced": False}
+        blocks = [samples[at : at + BLOCK].astype("<i2").tobytes() for at in range(0, len(samples), BLOCK)]
+        messages = [*((head, block) for block in blocks), (head | {"rate_hz": 0}, b"")]
+        _, *told = answers(messages, SmallRecognizer(weights=as_shipped()))
+        final = [phone for answer in told for phone in answer["phones"]]
+        for given_phones, phones in zip(
+            (one["phones"], *one["partials"]), (final, *(a["partial"] for a in told[:-1])), strict=True
+        ):
+            spelled = [(one["label"], one["start"], one.get("stress", 0)) for one in given_phones]
+            assert spelled == [(one["label"], one["start_s"], one["stress"]) for one in phones], f"sound {number}"
+            louder = np.array([one.get("loudness", 0.0) for one in given_phones])
+            assert np.abs(louder - [one["loudness_db"] for one in phones]).max(initial=0) < 1e-6, f"sound {number}"
+            loud += np.count_nonzero(louder)
+            stressed += sum(stress for _, _, stress in spelled)
+    return loud, stressed
+
+
+def emphasized(speech: np.ndarray, gains: list[float]) -> np.ndarray:
+    """Speech again and again, a gain each, with a louder syllable in each second."""
+    gain = np.repeat(gains, len(speech))
+    gain[np.arange(len(gain)) % RATE_HZ < 0.25 * RATE_HZ] *= 2
+    return (gain * np.tile(speech, len(gains))).astype(np.int16)
+
+
+def test_loudness_and_stress_of_what_is_heard_are_pythons(package: Path) -> None:
+    speech = spoken_by_espeak("en-us", BABY).samples
+    loud, stressed = check_prosody(package, [emphasized(speech, [0.2, 0.02, 0.5])])
+    assert loud > 200
+    assert stressed > 10
+
+
 def test_values_glide_as_pythons(package: Path) -> None:
     rng = np.random.default_rng(3)
     given, expected = [], []
@@ -440,6 +481,16 @@ def test_gestures_are_pythons(package: Path, profile: Profile) -> None:
     assert nods > 20
     assert np.abs(found[0] - found[1]).max() > 100
     assert (found[..., fap.column(19)] > 900).any(axis=1).all()  # they blink
+
+
+def test_a_face_that_hears_nods_and_opens_wide_for_loud_speech(package: Path) -> None:
+    speech = spoken_by_espeak("en-us", BABY).samples
+    sounds = [emphasized(speech, [0.1, gain]) for gain in (0.1, 0.5)]
+    followed = [{"samples": sound.tolist(), "rate": RATE_HZ, "still": False} for sound in sounds]
+    found = node(package, RUNNER, {"followed": followed})["followed"]
+    even, loud = (-np.array(one["frames"])[len(speech) // 160 :, 1:].sum(axis=1) for one in found)
+    assert np.percentile(loud, 90) > 1.2 * np.percentile(even, 90)  # 1.40 times
+    assert all(one["nods"] for one in found)
 
 
 def test_a_face_without_a_page_follows_sound(package: Path) -> None:

@@ -107,7 +107,11 @@ def test_it_follows_sound_as_it_is_planned(static: Page, sentence: Spoken) -> No
     static.run("context.suspend()")
     static.sleep(0.3)
     assert static.run("face.source.clock() <= limit()")  # it stands still with the sound
-    phones = [Phone(one["label"], one["start"], one["end"]) for one in static.run("face.source.planner.phones")]
+    phones = [
+        Phone(one["label"], one["start"], one["end"], one["stress"], loudness_db=one["loudness"])
+        for one in static.run("face.source.planner.phones")
+    ]
+    assert any(phone.loudness_db for phone in phones)
     assert sum(one.label in ("p", "b", "m") for one in phones) >= 6
     style = Style.speech_only()
     planned = plan(

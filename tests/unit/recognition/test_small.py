@@ -12,11 +12,22 @@ from hypothesis import strategies as st
 from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.recognition import choice
 from fapengine.recognition.choice import BOTH, SMALL, check_recognizer, chosen, new_recognizer
+from fapengine.recognition.loudness import RunningSoundings, loudness_db, pitch_hz, soundings
 from fapengine.recognition.protocol import RATE_HZ
 from fapengine.recognition.small_net import WEIGHTS, read_weights
 from fapengine.recognition.small_recognizer import JointRecognizer, SmallRecognizer
-from fapengine.speech.phone_track import PhoneTrack
-from tests.unit.recognition.speech import BABY, POPPIES, closures, heard, met, no_speech, opening_mm, spoken
+from fapengine.speech.phone_track import Phone, PhoneTrack
+from tests.unit.recognition.speech import (
+    BABY,
+    POPPIES,
+    closures,
+    heard,
+    met,
+    no_speech,
+    opening_mm,
+    spoken,
+    spoken_by_espeak,
+)
 
 
 @pytest.fixture(scope="module", params=[SmallRecognizer, JointRecognizer])
@@ -67,13 +78,29 @@ def test_sounds_of_a_few_samples(ear: SmallRecognizer, count: int) -> None:
     assert (phones[-1].end_s if phones else 0.0) == pytest.approx(count / RATE_HZ)
 
 
+def test_loudness_and_pitch_of_a_stream_are_those_of_the_whole() -> None:
+    samples = spoken_by_espeak("en-us", BABY).samples[: 2 * RATE_HZ + 77]
+    for length in (50, 320, 999, 4000):
+        running = RunningSoundings()
+        for at in range(0, len(samples), length):
+            running.push(samples[at : at + length])
+        running.push(samples[:0], is_last=True)
+        assert np.array_equal(running.levels_db, loudness_db(samples))
+        assert np.allclose(running.pitches_hz, pitch_hz(samples), rtol=0, atol=1e-9)
+        phones = [Phone("a", at / 100, (at + 9) / 100) for at in range(0, 198, 9)]
+        whole = soundings(phones, samples)
+        assert running.look(phones) == whole
+        assert running.of(phones[:11]) + running.of(phones[11:]) == whole
+        assert len(running.levels_db) <= 6
+
+
 def test_memory_does_not_grow() -> None:
     ear = SmallRecognizer()
     rng = np.random.default_rng(1)
     for _ in range(20):
         ear.push(rng.normal(0, 3000, RATE_HZ).astype(np.int16))
     assert len(ear._search._before) < 100
-    assert len(ear._voicing._pitch) <= 300
+    assert len(ear._voicing._frames.pitches_hz) <= 300
 
 
 def test_refuses_a_look_ahead_that_cannot_be() -> None:

@@ -1,13 +1,15 @@
 """Loudness against the speaker's own, and stress that no text tells."""
 
 from dataclasses import replace
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 
 from fapengine.errors import UsageError
+from fapengine.speech import prosody
 from fapengine.speech.phone_track import LOUDNESS_DB, SILENCE, Phone
-from fapengine.speech.prosody import KNOWN_S, RunningProsody, Sounding, Usual, with_prosody
+from fapengine.speech.prosody import KNOWN_S, RunningProsody, Sounding, with_prosody
 
 
 def speech(levels_db: list[float], *, vowel: str = "a") -> tuple[list[Phone], list[Sounding]]:
@@ -83,24 +85,19 @@ def test_without_vowels_nothing_is_said() -> None:
     assert with_prosody([], []) == []
 
 
-def test_another_usual_may_be_given() -> None:
-    phones, soundings = speech([-20.0] * 10)
-    assert loudness(with_prosody(phones, soundings, Usual(-30.0, 120.0))) == pytest.approx(6.0)
-
-
 def test_a_stream_is_compared_with_its_past() -> None:
     phones, soundings = speech(PARTS)
     running = RunningProsody()
     told = []
     for start in range(0, len(phones), 3):
-        told += running.push(phones[start : start + 3], soundings[start : start + 3])
+        told += running.push(phones[start : start + 3], soundings[start : start + 3])[0]
     assert [replace(phone, stress=0, loudness_db=0.0) for phone in told] == phones
     found = loudness(told)
     assert (found[:20] == 0).all()
     assert (found[30:44] < -9).all()
     assert (found[80:] > 6).all()
     assert told[: int(2 * KNOWN_S / 0.12)] == phones[: int(2 * KNOWN_S / 0.12)]  # nothing is known yet
-    assert running.push([], []) == []
+    assert running.push([], []) == ([], [])
 
 
 @pytest.mark.parametrize("loudness_db", [LOUDNESS_DB[0] - 0.1, LOUDNESS_DB[1] + 0.1, float("nan")])
@@ -109,11 +106,36 @@ def test_a_loudness_out_of_range_is_refused(loudness_db: float) -> None:
         Phone("a", 0.0, 0.1, loudness_db=loudness_db)
 
 
-def test_the_last_phones_alone_are_as_among_all() -> None:
-    rng = np.random.default_rng(3)
-    phones = [Phone("ma_"[n % 3], n / 10, (n + 1) / 10, confidence=0.5) for n in range(60)]
-    sounds = [Sounding(float(rng.uniform(-40, -10)), float(rng.uniform(90, 200))) for _ in phones]
-    whole = with_prosody(phones, sounds)
-    assert sum(phone.stress for phone in whole) >= 3
-    for first in (0, 1, 31, 58):
-        assert with_prosody(phones, sounds, first=first) == whole[first:]
+def test_phones_that_may_still_change_count_for_those_before_them() -> None:
+    phones, soundings = speech([-20.0] * 10)
+    phones_after, soundings_after = phones[16:], soundings[16:]
+    running = RunningProsody()
+    running.push(phones[:14], soundings[:14])
+    louder = [replace(one, loudness_db=one.loudness_db + 12) for one in soundings_after]
+    expected = with_prosody(phones, [*soundings[:16], *louder])
+    for _ in range(2):  # they are not kept
+        final, partial = running.push([], [], phones[14:], [*soundings[14:16], *louder])
+        assert (final, partial) == ([], expected[14:])
+    assert running.push(phones[14:16], soundings[14:16], phones_after, louder) == (expected[14:16], expected[16:])
+    assert expected[15].loudness_db > 0
+
+
+def test_in_a_stream_too_one_of_neighbours_is_stressed() -> None:
+    levels = [-20.0] * 12
+    levels[8], levels[9] = -12.0, -13.0
+    running, told = RunningProsody(), []
+    for phone, sounding in zip(*speech(levels), strict=True):
+        told += running.push([phone], [sounding])[0]
+    assert [number for number, phone in enumerate(told) if phone.stress] == [17]
+
+
+def test_a_long_stream_takes_no_more_work_than_a_short_one() -> None:
+    running, work = RunningProsody(), []
+    phones, soundings = speech([-20.0, -23.0, -18.0] * 100)
+    for at in range(0, len(phones) - 4, 2):
+        new, after = slice(at, at + 2), slice(at + 2, at + 6)
+        with patch.object(prosody, "_prominence", wraps=prosody._prominence) as compared:
+            running.push(phones[new], soundings[new], phones[after], soundings[after])
+        work.append(compared.call_count)
+    assert max(work[20:]) == max(work[-20:]) <= 10
+    assert len(running._vowels) <= 5 * prosody.KEPT_S
