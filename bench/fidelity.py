@@ -48,7 +48,7 @@ from fapengine.speech.alphabets.convert import SILENCES, to_ipa
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.trajectory import hermite
 from fapengine.trajectory.closures import close_lips, holds_of
-from fapengine.trajectory.faps import displacements_to_faps
+from fapengine.trajectory.faps import displacements_to_faps, speech_faps
 from fapengine.trajectory.methods import dominance as spread
 from fapengine.trajectory.methods import sample_path
 from fapengine.trajectory.phonetics import PUSHED, layer_faps
@@ -291,7 +291,8 @@ def ours(method: str) -> Method:
         faps = displacements_to_faps(moved, profile.space.points, profile.fapu)
         layer = path[:, modes:] @ layer_faps(profile)
         layer[:, list(UNMEASURED)] = 0.0
-        change = close_lips(faps + layer, times, holds_of(keys.said[0])) - faps
+        shown = speech_faps(profile, path[:, :modes], context=method == "context") + layer
+        change = close_lips(shown, times, holds_of(keys.said[0])) - faps
         for row in fap.FAPS:  # what the layer and the closures add to the FAPs, back as displacements
             shift = change[:, fap.column(row.number)]
             if np.abs(shift).max() > 0:

@@ -10,7 +10,7 @@ from fapengine.mpeg4.track import to_codable
 from fapengine.speech.phone_track import Phone
 from fapengine.trajectory import hermite
 from fapengine.trajectory.closures import close_lips
-from fapengine.trajectory.faps import displacements_to_faps
+from fapengine.trajectory.faps import speech_faps
 from fapengine.trajectory.phonetics import layer_faps, layer_gain
 from fapengine.trajectory.stream import StreamingPlanner, StreamPlan, plan_together
 
@@ -69,8 +69,8 @@ class SingleStream(StreamingPlanner):
             raise UsageError(f"times_s: got {times[0]:g} s, expected rising times from {self._shown_s:g} s")
         space = self.profile.space
         path = self.path(times)
-        moved = space.to_points_mm(path[:, : space.mode_count] @ self.style.gains(self.profile))
-        faps = displacements_to_faps(moved, space.points, self.profile.fapu)
+        weights = path[:, : space.mode_count] @ self.style.gains(self.profile)
+        faps = speech_faps(self.profile, weights, context=self.style.context)
         faps += layer_gain(self.style.lips_gain) * path[:, space.mode_count :] @ layer_faps(self.profile)
         faps = close_lips(faps, times, self.holds, openness=self.style.openness)
         self.settle(float(times[-1]))

@@ -47,10 +47,9 @@ HOLD = {"lips": (0.0, 1.0), "teeth": (0.4, 0.7), "open": (0.35, 0.65), "jaw": (0
 best: the lower lip is highest at 0.67 of f and v (median), lips that say w are nearest to each other at 0.05 of it."""
 CONTACTS = tuple(HOLD)
 TOUCHES = "lips", "teeth"
-BURST_S = 0.025
+BURST_S = 0.03
 """Time before the end of p b m at which the lips begin to part, for the burst is within the phone. Captured lips are
-1.5 mm apart 32 ms before the end of p, 18 ms before that of b (medians of 279 and 395), whatever its duration; planned ones 22
-and 10."""
+1.5 mm apart 32 ms before the end of p, 18 ms before that of b (medians of 279 and 395), planned ones 22 and 10."""
 JOINED_SHARE = 0.5
 """Part of a label of several letters, such as pf, in which its touch holds."""
 MIN_HOLD_S = 0.04
@@ -58,12 +57,12 @@ MIN_HOLD_S = 0.04
 RAMP_S = 0.045
 """Duration of the ramp before a hold, and after those that :data:`RELEASE_S` lacks. Shorter ones before it fit the
 captured lips a little better and move them faster than people do."""
-RELEASE_S = {"lips": 0.025, "glide": 0.025}
-"""Duration of the ramp after a hold: a burst opens the lips within a frame of video. In the 40 ms after they have parted,
-captured lips open by 5.9 mm out of p b; planned ones by 5.9, and by 5.5 with ramps of 45 ms."""
+RELEASE_S = {"lips": 0.03, "glide": 0.03}
+"""Duration of the ramp after a hold: a burst opens the lips within a frame of video. In the 40 ms after they are 1.5 mm
+apart, captured lips open by 5.9 mm out of p b, planned ones by 6.1 (means of 674)."""
 GLIDE_SHARE = 0.6
-"""Part of their opening that lips lose in w. The least opening of captured ones is 0.5 mm, of a plan without it 1.5, and
-with it 0.7 (means of 323)."""
+"""Part of their opening that lips lose in w. The least opening of captured ones is 0.5 mm, of planned ones 0.7, and 1.5
+without it (means of 323)."""
 SOFTNESS_FAPU = 20.0
 """About 0.4 mm on the recorded face."""
 TEETH_FAPU = 0.0

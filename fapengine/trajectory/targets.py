@@ -306,8 +306,8 @@ def contact_of(parts: Iterable[SpelledPart], profile: Profile) -> str:
     Returns
     -------
     str
-        ``none``, ``lips``, ``teeth``, ``glide`` for w, ``open`` for a vowel that must open and for θ ð, ``jaw`` where it
-        must be high.
+        ``none``, ``lips``, ``teeth``, ``open`` for a vowel that must open and for θ ð, ``glide`` for w, ``jaw`` where
+        it must be high.
     """
     contacts = (profile.phones[name].contact for name, _ in parts)
     letters = {letter for _, heard in parts for letter in heard}

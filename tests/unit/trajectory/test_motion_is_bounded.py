@@ -11,7 +11,7 @@ from fapengine.mpeg4 import fap
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory import hermite
 from fapengine.trajectory.closures import close_lips, holds_of
-from fapengine.trajectory.faps import displacements_to_faps
+from fapengine.trajectory.faps import speech_faps
 from fapengine.trajectory.planner import Style, plan
 from fapengine.trajectory.targets import APART_S, REST_MARGIN_S, keys_of, weights_of
 from tests.english import english
@@ -39,8 +39,7 @@ def spoken(speech: list[tuple[str, float]], rate: float) -> PhoneTrack:
 def opening_mm(phones: PhoneTrack, step_s: float = STEP_S) -> NDArray[np.float64]:
     """Of the lips' middle, every millisecond, not rounded."""
     times = np.arange(0, phones.duration_s, step_s)
-    moved = english().space.to_points_mm(weights_of(phones, english(), times))
-    faps = displacements_to_faps(moved, english().space.points, english().fapu)
+    faps = speech_faps(english(), weights_of(phones, english(), times))
     faps = close_lips(faps, times, holds_of(keys_of(phones, english()).said[0]))
     gap: NDArray[np.float64] = -english().fapu.unit(fap.FapUnit.MNS) * (faps[:, fap.column(4)] + faps[:, fap.column(5)])
     return gap

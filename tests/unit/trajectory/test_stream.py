@@ -191,7 +191,7 @@ def test_a_late_bilabial_still_closes_the_lips(late_s):
     rest = planner.frames(np.arange(0.6 + late_s, 1.2, 0.01))
     gap = opening(np.concatenate([shown, rest]))
     assert (opening(rest) <= closed()).sum() >= 4  # 40 ms
-    assert np.abs(np.diff(gap)).max() < 0.6 * gap.max()  # in 10 ms, for a burst takes 25; else it would be a jump
+    assert np.abs(np.diff(gap)).max() < 0.5 * gap.max()  # in 10 ms, for a burst takes 30; else it would be a jump
     assert planner.counts.late + planner.counts.dropped == 1
 
 
