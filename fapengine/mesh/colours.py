@@ -48,9 +48,20 @@ TEETH = np.array([0.76, 0.63, 0.53])
 """
 EYE = np.array([0.80, 0.77, 0.74])
 LASH = np.array([0.030, 0.018, 0.013])
-CLOTH = np.array([0.030, 0.060, 0.105])
-SHIRT = np.array([0.56, 0.55, 0.54])
-"""The T-shirt below it."""
+CLOTH_COLOURS: dict[str, tuple[float, float, float]] = {
+    "blue": (0.030, 0.060, 0.105),
+    "teal": (0.020, 0.090, 0.090),
+    "green": (0.040, 0.078, 0.046),
+    "plum": (0.090, 0.028, 0.055),
+    "rust": (0.210, 0.066, 0.028),
+    "mustard": (0.330, 0.190, 0.040),
+    "grey": (0.120, 0.122, 0.128),
+    "sky": (0.260, 0.350, 0.450),
+    "cream": (0.520, 0.460, 0.370),
+}
+"""Colours of clothes by name, linear RGB."""
+CLOTH = np.array(CLOTH_COLOURS["blue"])
+T_SHIRT = np.array([0.56, 0.55, 0.54])
 
 BLOOD = np.array([0.35, 1.0, 0.9])
 """Fractions of red, green and blue that more blood in the skin absorbs."""

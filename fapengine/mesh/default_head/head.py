@@ -18,6 +18,7 @@ from fapengine.geometry.surface import ambient_light, average_over_mesh, unit_ve
 from fapengine.mesh.colours import EYE_COLOURS
 from fapengine.mesh.default_head import faces, parts
 from fapengine.mesh.default_head.basis import JAW_FAP, JAW_PIVOT, THROAT_FAPU, build_basis, teeth_by_light, throat
+from fapengine.mesh.default_head.clothes import build_clothes, neck_weight
 from fapengine.mesh.default_head.eyes import build_lids
 from fapengine.mesh.default_head.folds import KEY_FROM, fold_map, resting_folds
 from fapengine.mesh.default_head.hair import build_hair
@@ -152,7 +153,7 @@ def build_parts(style: HeadStyle, level: Detail) -> tuple[MeshBuilder, HeadParts
         crown=crown,
         pivot=int(builder.add(HEAD_PIVOT, albedo=palette_of(style).base)),
     )
-    parts.build_shirt(builder, style, detail)
+    build_clothes(builder, style, detail)
     if style.glasses:
         build_glasses(builder, style, detail)
     return builder, head
@@ -165,8 +166,6 @@ def _build_skin(builder: MeshBuilder, style: HeadStyle, detail: float) -> tuple[
     palette = palette_of(style)
     y, angle = np.meshgrid(rows, columns, indexing="ij")
     points = position(angle, y, style)
-    # The neck leans forward less than the sections' axis suggests; it follows the head, less and less to the collar.
-    head_weight = np.maximum(smoothstep((y + 126.0) / 56.0), smoothstep((points[..., 2] - 55.0) / 25.0))
     inside = nostril(radius(angle, y, style) * np.sin(angle), y, style.nose_width) * (np.cos(angle) > 0.5)
     # Nostrils are dark, and reddish rather than grey.
     albedo = palette.skin(points) * (1 - inside[..., None] * np.array([0.86, 0.93, 0.95]))
@@ -178,7 +177,11 @@ def _build_skin(builder: MeshBuilder, style: HeadStyle, detail: float) -> tuple[
         )
         albedo += roots[..., None] * (0.8 * palette.hair - albedo)
     grid = builder.add(
-        points, albedo=albedo, head_weight=head_weight, uv=skin_uv(angle, y), place=np.stack([angle, y], -1)
+        points,
+        albedo=albedo,
+        head_weight=neck_weight(y, points[..., 2]),
+        uv=skin_uv(angle, y),
+        place=np.stack([angle, y], -1),
     )
     blocks = [
         _block(rows, columns, (-62.0, MOUTH_LINE_Y, -16.5), (-25.5, 25.5)),

@@ -1,4 +1,4 @@
-"""Parts added to the bare head: teeth, tongue, brows, ears, glasses, and the shirt at the end of the neck.
+"""Parts added to the bare head: teeth, tongue, brows, ears and glasses.
 
 An ear is a shell over an egg-shaped outline, its relief a sum of ridges and hollows with anatomical names. Its local
 axes are *up* along the ear, *back* across it and *out* of the head; ``share`` runs from the middle (0) to the outline
@@ -18,7 +18,7 @@ from fapengine.mesh.colours import BLOOD
 from fapengine.mesh.default_head import faces
 from fapengine.mesh.default_head.mesh_builder import MeshBuilder, golden, resampled
 from fapengine.mesh.default_head.style import HeadStyle, palette_of
-from fapengine.mesh.default_head.surface import AXIS_Z_MM, angle_of, normal, position
+from fapengine.mesh.default_head.surface import angle_of, normal, position
 from fapengine.mesh.face_mesh import Bone, Material
 
 
@@ -67,10 +67,10 @@ def build_teeth(builder: MeshBuilder, detail: float, *, upper: bool) -> Indices:
         scallop = 0.10 * (1 - round_off) * (abs(height) < 0.1)
         y = gum_y + direction * abs(edge_y - gum_y) * (np.where(height > 0, height * tip, height) + scallop)
         rows.append(np.stack([xz[:, 0], y, xz[:, 1]], axis=-1))
-        gap = 0.55 + 0.45 * round_off
+        gap = 0.68 + 0.32 * round_off
         far = 1 - 0.40 * smoothstep((np.abs(share) - 0.2) / 0.6)
         # A smile shows the light half above the upper edges; lower teeth come out of the lip's shadow.
-        shade = 1.5 - 0.7 * np.clip(height, 0, 1) if upper else 0.54
+        shade = np.interp(height, (0.0, 0.3, 0.7, 1.0), (1.4, 1.2, 0.8, 0.92)) if upper else 0.53
         colour = colours.GUM if is_gum else colours.TEETH * (shade * gap)[:, None]
         looks.append(np.broadcast_to(colour, rows[-1].shape) * far[:, None])
     points, albedo = np.stack(rows), np.stack(looks)
@@ -117,45 +117,6 @@ def build_tongue(builder: MeshBuilder, detail: float) -> Indices:
     builder.quads(grid, closed=True)
     builder.fan(grid[-1], int(tip))
     return np.append(grid.ravel(), tip)
-
-
-COLLAR_HARMONICS = 5
-"""Harmonics of the outline of a neck that its collar follows."""
-
-
-def build_shirt(builder: MeshBuilder, style: HeadStyle, detail: float) -> None:
-    """Add a jumper over a T-shirt, which do not follow the head's rotation; their collars fit around this neck."""
-    around = np.linspace(-np.pi, np.pi, max(32, round(44 * detail)) + 1)[:-1]
-    # fmt: off
-    rows = (  # height, half width, half depth, drop at the front; distance from the neck, share of the shoulders
-        (-112, 52, 58, 16, 0.6, 0.0), (-105.4, 56, 62, 17, 1.6, 0.0), (-105.0, 56, 62, 17, 2.6, 0.0),
-        (-110.4, 57, 63, 17, 3.4, 0.0), (-109.6, 58, 64, 17, 4.2, 0.0), (-109.8, 58, 64, 17, 5.6, 0.0),
-        (-112, 60, 66, 17.5, 6.9, 0.02), (-119.5, 66, 70, 18.5, 8.6, 0.08),
-        (-120.3, 67, 70, 18.5, 7.7, 0.11), (-124, 80, 74, 19, 9.0, 0.55), (-131, 100, 78, 19, 12, 1.0),
-        (-142, 132, 81, 18, 0, 1.0), (-160, 168, 86, 16, 0, 1.0),
-        (-195, 186, 95, 10, 0, 1.0), (-300, 192, 102, 0, 0, 1.0),
-    )
-    # fmt: on
-    table = resampled(rows, max(1.0, detail))[:, :, None]
-    table[0, 4] -= 6.0 * max(0.0, 1.0 - detail)  # a coarse neck is narrower between its columns
-    y = table[:, 0] - table[:, 3] * np.maximum(np.cos(around), 0)
-    x, z = table[:, 1] * np.sign(np.sin(around)) * np.abs(np.sin(around)) ** 0.9, -8.0 + table[:, 2] * np.cos(around)
-    shoulders = np.stack([x, y, z], axis=-1)
-    angle = np.broadcast_to(around, y.shape)
-    # A collar spans the hollows between the muscles of the neck.
-    neck = faces.position(angle, y, style) - [0.0, 0.0, AXIS_Z_MM]
-    away = np.hypot(neck[..., 0], neck[..., 2])
-    round_neck = np.fft.irfft(np.fft.rfft(away, axis=1)[:, :COLLAR_HARMONICS], len(around), axis=1)
-    collar = np.stack([np.sin(angle), 0 * y, np.cos(angle)], axis=-1) * (round_neck + table[:, 4])[..., None]
-    collar += np.stack([0 * y, y, np.full_like(y, AXIS_Z_MM)], axis=-1)
-    points = collar + table[:, 5][..., None] * (shoulders - collar)
-    folds = 1 + 0.04 * np.sin(around * 9 + table[:, 0] * 0.08)
-    is_band = (table[:, 0] > -120.0) & (table[:, 5] > 0.0) | (table[:, 4] > 4.0) & (table[:, 5] == 0.0)
-    is_shirt = (table[:, 5] == 0.0) & (table[:, 4] < 3.0)
-    band = np.where(is_band, 0.78, np.where((table[:, 4] > 3.0) & (table[:, 5] < 0.2), 0.45, 1.0))
-    albedo = np.where(is_shirt[..., None], colours.SHIRT, colours.CLOTH * (folds * band)[..., None])
-    grid = builder.add(points, albedo=albedo, material=Material.CLOTH, head_weight=0.0)
-    builder.quads(grid[::-1], closed=True)
 
 
 BROWS: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = {

@@ -17,7 +17,7 @@ import numpy as np
 
 from fapengine._strict_toml import check_fields, parse_toml
 from fapengine.errors import UsageError
-from fapengine.mesh.colours import EYE_COLOURS, HAIR_COLOURS, Palette
+from fapengine.mesh.colours import CLOTH_COLOURS, EYE_COLOURS, HAIR_COLOURS, Palette
 
 
 class Detail(NamedTuple):
@@ -40,6 +40,7 @@ LEVELS: dict[str, Detail] = {
 
 HAIRCUTS = ("short", "cropped", "bob", "long")
 BROW_SHAPES = ("soft", "straight", "arched")
+GARMENTS = ("crew_neck", "shirt", "high_neck")
 MODES = 16
 """Number of measured modes of difference between faces (:mod:`.faces`)."""
 MAX_WEIGHT = 2.5
@@ -115,6 +116,10 @@ class HeadStyle:
     eye_colour: str = "brown"
     """One of :data:`EYE_COLOURS`."""
     glasses: bool = False
+    garment: str = "crew_neck"
+    """One of :data:`GARMENTS`."""
+    cloth_colour: str = "blue"
+    """One of :data:`CLOTH_COLOURS`."""
     charm: float = 0.6
     """Likeness to a character of an animated film (:mod:`.stylised`): 0 is the measured anatomy, 1.3 the most."""
     childlike: float = 0.0
@@ -143,7 +148,7 @@ class HeadStyle:
                 raise UsageError(f"{name}: must be {low:g} to {high:g}, got {value}")
         for name, known in (
             ("hair_colour", HAIR_COLOURS), ("haircut", HAIRCUTS), ("eye_colour", EYE_COLOURS),
-            ("brow_shape", BROW_SHAPES),
+            ("brow_shape", BROW_SHAPES), ("garment", GARMENTS), ("cloth_colour", CLOTH_COLOURS),
         ):  # fmt: skip
             if getattr(self, name) not in known:
                 raise UsageError(f"{name}: got {getattr(self, name)!r}, expected one of {', '.join(known)}")
@@ -248,8 +253,17 @@ def random_person(seed: int) -> HeadStyle:
         haircut=str(rng.choice(HAIRCUTS)),
         hair=bool(rng.uniform() > 0.25 * age),
         eye_colour=str(rng.choice(eye_colours)),
-        brow_shape=str(rng.choice(BROW_SHAPES)),  # drawn last: what seeds gave before stays
+        # Drawn last: what seeds gave before stays.
+        brow_shape=str(rng.choice(BROW_SHAPES)),
+        garment=str(rng.choice(GARMENTS)),
+        cloth_colour=str(rng.choice(_clothes_beside(tone))),
     )
+
+
+def _clothes_beside(skin_tone: float) -> list[str]:
+    """Colours of clothes that differ visibly from a skin."""
+    skin = np.sqrt(Palette.of(skin_tone).base)  # roughly as bright as they look
+    return [name for name, colour in CLOTH_COLOURS.items() if np.linalg.norm(np.sqrt(colour) - skin) > 0.2]
 
 
 def parse_person(name: str) -> tuple[HeadStyle, str] | None:

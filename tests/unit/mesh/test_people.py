@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from fapengine.errors import UsageError
-from fapengine.mesh.colours import EYE_COLOURS
+from fapengine.mesh.colours import CLOTH_COLOURS, EYE_COLOURS
 from fapengine.mesh.default_head.faces import Scalp, displacement
 from fapengine.mesh.default_head.head import build_head, build_parts
 from fapengine.mesh.default_head.style import (
     BROW_SHAPES,
+    GARMENTS,
     HAIRCUTS,
     LEVELS,
     MODES,
@@ -127,6 +128,8 @@ def test_numbers_make_people_that_differ() -> None:
     assert weights.std(axis=0) == pytest.approx(np.full(MODES, 0.96), abs=0.15)
     assert {person.haircut for person in people} == set(HAIRCUTS)
     assert {person.brow_shape for person in people} == set(BROW_SHAPES)
+    assert {person.garment for person in people} == set(GARMENTS)
+    assert {person.cloth_colour for person in people} == set(CLOTH_COLOURS)
     assert any(not person.hair for person in people)
     assert {person.eye_colour for person in people} == set(EYE_COLOURS)
 
