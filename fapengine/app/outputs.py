@@ -31,7 +31,7 @@ from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mpeg4.fap import FULL_WEIGHT
 from fapengine.mpeg4.track import FapTrack
 from fapengine.render.drawing import DEFAULT_RENDER_OPTIONS, Picture, RenderOptions
-from fapengine.render.native import NativeRenderer, open_renderer
+from fapengine.render.native import open_renderer
 from fapengine.speech.phone_track import PhoneTrack
 
 if TYPE_CHECKING:
@@ -306,10 +306,10 @@ def draw_frames(rows: NDArray[np.int32], options: SaveOptions, *, planes: bool =
     with report.stage("upload"):
         renderer = open_renderer(mesh, options.drawing)
     with renderer:
-        if planes and isinstance(renderer, NativeRenderer) and renderer.has_planes:
-            pictures = renderer.planes(rows)
+        if planes and options.drawing.takes_i420:
+            pictures = renderer.frames(rows, "i420")
         else:
-            pictures = (straight(picture) for picture in renderer.frames(rows))
+            pictures = map(straight, renderer.frames(rows))
         for _ in range(len(rows)):
             with report.stage("draw"):
                 picture = next(pictures)

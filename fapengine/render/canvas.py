@@ -5,20 +5,22 @@ Theory of operation
 Images are drawn into a texture and their edges smoothed: one pass copies and marks edges in the depth buffer, the next
 runs only where the depth test lets it, on edges; both only in the parts that can have edges. They are then copied into
 one of two pixel buffers; :meth:`Canvas.frames` reads a buffer only after the next frame has been submitted to the GPU,
-so neither waits for the other. An image may be rendered smaller than its final size; a last pass enlarges it.
+so neither waits for the other. An image may be rendered smaller than its final size; then a pass enlarges it. For
+encoders, a last pass converts it to I420, half as many bytes to read.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from math import prod
 from typing import Any, TypeAlias
 
 import numpy as np
 
 from fapengine._signals import signals_kept
 from fapengine.render.context import Programs, moderngl
-from fapengine.render.drawing import Picture, RenderOptions
-from fapengine.render.programs import PICTURE
+from fapengine.render.drawing import Picture, Pixels, RenderOptions
+from fapengine.render.programs import CHROMA, PICTURE
 
 Rectangle: TypeAlias = tuple[int, int, int, int]
 """Left, top, width and height in pixels."""
@@ -99,7 +101,7 @@ class Canvas:
 
     def __init__(self, programs: Programs, drawing: RenderOptions) -> None:
         self.size, self.drawn, self._components = drawing.size, drawing.drawn_size, drawing.components
-        self._context, self._samples = programs.context, drawing.samples
+        self._programs, self._context, self._samples = programs, programs.context, drawing.samples
         self._resources: list[Any] = []
         self._canvas = self._framebuffer(self.drawn, self._samples if self._samples > 1 else 0)
         self._small = self._framebuffer(self.drawn, 0)
@@ -107,6 +109,7 @@ class Canvas:
         self._passes = [self._pass(programs.get(name)) for name in ("edges", "smooth", "enlarge")]
         self._buffers = [self._context.buffer(reserve=self.size[0] * self.size[1] * self._components) for _ in range(2)]
         self._resources += self._buffers
+        self._planes: moderngl.Framebuffer | None = None
         self._ground: moderngl.Framebuffer | None = None
         self._ground_is: object = None
 
@@ -166,19 +169,22 @@ class Canvas:
         while self._resources:
             self._resources.pop().release()
 
-    def frames(self, draws: Iterable[Draw]) -> Iterator[Picture]:
-        """Yield the images (H, W, C) that ``draws`` draw; each is read while the next is drawn."""
+    def frames(self, draws: Iterable[Draw], pixels: Pixels = "rgb") -> Iterator[Picture]:
+        """Yield the images that ``draws`` draw, (H, W, C) or (H * 3 // 2, W); each is read while the next is drawn."""
         waiting: moderngl.Buffer | None = None
         for number, draw in enumerate(draws):
             target = self._buffers[number % 2]
             with self._context:  # others may have drawn since; to enter it twice would leave it
                 self._finish(draw())
-                self._output.read_into(target, components=self._components, alignment=1)
+                if pixels == "i420":
+                    self._converted().read_into(target, components=1, alignment=1)
+                else:
+                    self._output.read_into(target, components=self._components, alignment=1)
             if waiting is not None:
-                yield self._picture(waiting)
+                yield self._picture(waiting, pixels)
             waiting = target
         if waiting is not None:
-            yield self._picture(waiting)
+            yield self._picture(waiting, pixels)
 
     def paint(self, draw: Draw) -> moderngl.Texture:
         """Draw one image into a texture on the GPU, top row first, valid until the next one."""
@@ -188,11 +194,28 @@ class Canvas:
         assert isinstance(painted, moderngl.Texture)
         return painted
 
-    def _picture(self, buffer: moderngl.Buffer) -> Picture:
+    def _picture(self, buffer: moderngl.Buffer, pixels: Pixels) -> Picture:
         width, height = self.size
+        shape = (height * 3 // 2, width) if pixels == "i420" else (height, width, self._components)
         with self._context:
-            data = buffer.read()
-        return np.frombuffer(data, dtype=np.uint8).reshape(height, width, self._components)
+            data = buffer.read(prod(shape))
+        return np.frombuffer(data, dtype=np.uint8).reshape(shape)
+
+    def _converted(self) -> moderngl.Framebuffer:
+        """Return the image as I420 in one channel, (H * 3 // 2, W)."""
+        if self._planes is None:
+            width, height = self.size
+            texture = self._context.texture((width, height * 3 // 2), 1)
+            self._planes = self._context.framebuffer([texture])
+            self._resources += [texture, self._planes]
+            self._passes += [self._pass(self._programs.get("planes", defined)) for defined in ((), (CHROMA,))]
+        width, height = self.size
+        self._planes.use()
+        for each, part in zip(self._passes[-2:], ((0, 0, width, height), (0, height, width, height // 2)), strict=True):
+            self._planes.scissor = part
+            self._over(*each, self._output.color_attachments[0])
+        self._planes.scissor = None  # type: ignore[assignment]  # all of it; it would clip later copies, too
+        return self._planes
 
     def _finish(self, parts: Sequence[Rectangle] | None) -> None:
         context = self._context

@@ -21,6 +21,11 @@ Background = Literal["studio", "transparent"] | tuple[int, int, int] | Picture
 """Background behind the head: a lit wall; transparent, so that images have alpha; one colour, sRGB 0..255; or a (H, W,
 3) uint8 image, cropped to the middle in the shape needed.
 """
+Pixels = Literal["rgb", "i420"]
+"""How an image is stored: ``rgb``, (H, W, 3) sRGB, top row first, or with a transparent background (H, W, 4) with
+premultiplied alpha; ``i420``, (H * 3 // 2, W), as video encoders take it: luma, then Cb and Cr at half the width and
+height, Rec. 601 of limited range.
+"""
 Shading = Literal["auto", "pixels", "vertices"]
 """Where light is computed. ``auto``: at vertices while they are close together in the image."""
 
@@ -145,6 +150,17 @@ class RenderOptions:
     def drawn_size(self) -> tuple[int, int]:
         """Width and height that are rendered, in pixels."""
         return max(1, round(self.size[0] * self.scale)), max(1, round(self.size[1] * self.scale))
+
+    @property
+    def takes_i420(self) -> bool:
+        """Whether images can be I420: even sides, no alpha, and drawn at their size."""
+        return self.components == 3 and self.drawn_size == self.size and not any(side % 2 for side in self.size)
+
+    def check_pixels(self, pixels: Pixels) -> None:
+        """Raise ``UsageError`` if images cannot be stored so."""
+        if pixels == "i420" and not self.takes_i420:
+            shown = "x".join(map(str, self.size))
+            raise UsageError(f"i420: got {shown} pixels, expected even sides, a background without alpha, and scale 1")
 
 
 def parse_size(text: str) -> tuple[int, int]:

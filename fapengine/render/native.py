@@ -27,7 +27,7 @@ from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mesh.resting import with_rest
 from fapengine.render.camera import FAR_MM, NEAR_MM, Camera
 from fapengine.render.canvas import WALL, cut_to_aspect
-from fapengine.render.drawing import Picture, RenderOptions, check_renderer
+from fapengine.render.drawing import Picture, Pixels, RenderOptions, check_renderer
 from fapengine.render.packed import packed_mesh
 from fapengine.render.packing import FrameUniforms, PackedMesh, frame_uniforms
 from fapengine.render.renderer import Crowd, CrowdRenderer, FaceRenderer
@@ -69,7 +69,7 @@ class _Native:
             self._face.skin(self._packed.skin_at(level))
             self._level = level
 
-    def draw(self, uniforms: FrameUniforms, camera: Camera, form: str = "rgb") -> Picture:
+    def draw(self, uniforms: FrameUniforms, camera: Camera, pixels: Pixels = "rgb") -> Picture:
         if camera is not self._drawing.camera:
             self._look_from(camera)
         drawing = self._drawing
@@ -77,7 +77,7 @@ class _Native:
             self.values(uniforms),
             at_vertices=self._at_vertices,
             soft=drawing.samples == 0,
-            form=form if drawing.components == 3 and drawing.drawn_size == drawing.size else "rgba",
+            form=pixels if drawing.components == 3 and drawing.drawn_size == drawing.size else "rgba",
         )
         if drawing.drawn_size == drawing.size:
             return picture
@@ -131,27 +131,16 @@ class NativeRenderer:
     def __exit__(self, *_: object) -> None:
         self.release()
 
-    def draw(self, faps: ArrayLike) -> Picture:
-        """Draw FAPs, (68,) FAPU; returns as :meth:`FaceRenderer.draw`."""
+    def draw(self, faps: ArrayLike, pixels: Pixels = "rgb") -> Picture:
+        """Draw FAPs, (68,) FAPU; returns and raises as :meth:`FaceRenderer.draw`."""
+        self.drawing.check_pixels(pixels)
         uniforms = frame_uniforms(self.mesh, with_rest(faps, self.drawing.rest))
-        return self._native.draw(uniforms, self.drawing.camera)
+        picture = self._native.draw(uniforms, self.drawing.camera, pixels)
+        return picture.reshape(-1, self.drawing.size[0]) if pixels == "i420" else picture
 
-    def frames(self, faps: Iterable[ArrayLike]) -> Iterator[Picture]:
+    def frames(self, faps: Iterable[ArrayLike], pixels: Pixels = "rgb") -> Iterator[Picture]:
         """Draw frames one after the other; see :meth:`draw`."""
-        return map(self.draw, faps)
-
-    @property
-    def has_planes(self) -> bool:
-        """Whether it draws I420: not with alpha, with odd sides, or at another size than is shown."""
-        drawing = self.drawing
-        return drawing.components == 3 and drawing.drawn_size == drawing.size and not any(s % 2 for s in drawing.size)
-
-    def planes(self, faps: Iterable[ArrayLike]) -> Iterator[Picture]:
-        """Draw frames as encoders take them: (height * 3 // 2, width) uint8, I420, Rec. 601 of limited range."""
-        rows = self.drawing.size[1] * 3 // 2
-        for each in faps:
-            uniforms = frame_uniforms(self.mesh, with_rest(each, self.drawing.rest))
-            yield self._native.draw(uniforms, self.drawing.camera, "i420").reshape(rows, -1)
+        return (self.draw(frame, pixels) for frame in faps)
 
     def release(self) -> None:
         """Free the memory."""

@@ -35,10 +35,11 @@ SKIN_LEVEL_BIAS = 0.3
 """Added to log2 of texels per pixel before it is rounded down to the texture level: slightly finer than exact."""
 
 PAINTED, CUT_OUT, STRAND = "PAINTED", "CUT_OUT", "STRAND"
-LIT_AT_VERTICES, PICTURE = "LIT_AT_VERTICES", "PICTURE"
+LIT_AT_VERTICES, PICTURE, CHROMA = "LIT_AT_VERTICES", "PICTURE", "CHROMA"
 """Macros that a program may be compiled with. For ``face``: tinted by a texture (then ``u_skin`` is a uniform too),
 with holes where the texture's alpha is below one half; single hairs with partial coverage; light computed at
-vertices, not at pixels. For ``backdrop``: an image (``u_picture``) instead of a wall.
+vertices, not at pixels. For ``backdrop``: an image (``u_picture``) instead of a wall. For ``planes``: Cb and Cr instead
+of luma.
 """
 
 STAGES = {
@@ -49,6 +50,7 @@ STAGES = {
     "edges": (("backdrop.vert",), ("neighbours.glsl", "edges.frag")),
     "smooth": (("backdrop.vert",), ("neighbours.glsl", "smooth.frag")),
     "enlarge": (("backdrop.vert",), ("enlarge.frag",)),
+    "planes": (("backdrop.vert",), ("planes.frag",)),
 }
 """Program to the files of its vertex and its fragment stage, concatenated in this order after the header."""
 VARIANTS: dict[str, tuple[tuple[str, ...], ...]] = {
@@ -58,6 +60,7 @@ VARIANTS: dict[str, tuple[tuple[str, ...], ...]] = {
         for light in ((), (LIT_AT_VERTICES,))
     ),
     "backdrop": ((), (PICTURE,)),
+    "planes": ((), (CHROMA,)),
 }
 """All sets of macros that a program is compiled with; only the empty one for the others."""
 

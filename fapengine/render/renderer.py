@@ -26,7 +26,7 @@ from fapengine.mesh.resting import with_rest
 from fapengine.render.camera import Camera
 from fapengine.render.canvas import Backdrop, Canvas, Rectangle
 from fapengine.render.context import Programs, Renderer, moderngl
-from fapengine.render.drawing import DEFAULT_RENDER_OPTIONS, Picture, RenderOptions
+from fapengine.render.drawing import DEFAULT_RENDER_OPTIONS, Picture, Pixels, RenderOptions
 from fapengine.render.model import Model
 from fapengine.render.packed import packed_mesh
 from fapengine.render.packing import FrameUniforms, frame_uniforms, pose_uniforms
@@ -173,23 +173,30 @@ class FaceRenderer(Renderer):
         """Whether :attr:`RenderOptions.shading` results in light at vertices."""
         return self._model.packed.is_lit_at_vertices(self._drawing)
 
-    def draw(self, faps: ArrayLike) -> Picture:
+    def draw(self, faps: ArrayLike, pixels: Pixels = "rgb") -> Picture:
         """Draw one frame.
 
         Parameters
         ----------
         faps : (68,) array_like, FAPU
+        pixels : Pixels
+            How the image is stored: see :data:`fapengine.render.drawing.Pixels`.
 
         Returns
         -------
-        (height, width, 3) uint8
-            sRGB, top row first; 4 components without a background, with premultiplied alpha.
-        """
-        return next(self.frames([faps]))
+        (height, width, 3) or (height * 3 // 2, width) uint8
 
-    def frames(self, faps: Iterable[ArrayLike]) -> Iterator[Picture]:
+        Raises
+        ------
+        UsageError
+            If images of this drawing cannot be stored so.
+        """
+        return next(self.frames([faps], pixels))
+
+    def frames(self, faps: Iterable[ArrayLike], pixels: Pixels = "rgb") -> Iterator[Picture]:
         """Draw frames one after the other; see :meth:`draw`. Each image is read while the next is drawn."""
-        return self._canvas.frames(partial(self._draw, frame) for frame in faps)
+        self._drawing.check_pixels(pixels)
+        return self._canvas.frames((partial(self._draw, frame) for frame in faps), pixels)
 
     def paint(self, faps: ArrayLike) -> moderngl.Texture:
         """Draw FAPs, (68,) FAPU, into a texture on the GPU, top row first, valid until the next frame."""

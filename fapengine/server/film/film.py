@@ -75,7 +75,7 @@ class Film:
         self.watchers: set[Watcher] = set()
         release = hub.hold(session)
         try:
-            self._painter = Painter(form.head, form.size, counts=counts, has_planes=True)
+            self._painter = Painter(form.head, form.size, counts=counts, pixels="i420")
         except ResourceError:
             release()
             raise

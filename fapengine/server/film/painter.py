@@ -10,7 +10,6 @@ import asyncio
 import contextlib
 import logging
 import threading
-from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -24,8 +23,7 @@ from fapengine.errors import FapEngineError, ResourceError
 from fapengine.mpeg4.fap import FAP_COUNT
 
 if TYPE_CHECKING:
-    from fapengine.render.native import NativeRenderer
-    from fapengine.render.renderer import FaceRenderer
+    from fapengine.render.drawing import Pixels
 
 log = logging.getLogger("fapengine.server")
 
@@ -58,9 +56,8 @@ class Painter:
         ``soft``, ``fine`` or ``none``: see :func:`fapengine.render.drawing.parse_edges`.
     counts : FilmCounts, optional
         Counts restarts.
-    has_planes : bool
-        Whether images are I420, as video encoders take them (Rec. 601, limited range): width x height bytes of luma,
-        then Cb and Cr of half the width and height. Both sides must be even. Otherwise RGB, top row first.
+    pixels : Pixels
+        How images are stored: see :data:`fapengine.render.drawing.Pixels`.
 
     Raises
     ------
@@ -74,14 +71,11 @@ class Painter:
         size: tuple[int, int] = (512, 512),
         edges: str = "soft",
         counts: FilmCounts | None = None,
-        *,
-        has_planes: bool = False,
+        pixels: "Pixels" = "rgb",
     ) -> None:
         self.size, self.counts = size, counts or FilmCounts()
         self._thread = ThreadPoolExecutor(1, "painter")
-        self._command = command(
-            __name__, head, *map(str, size), edges, "i420" if has_planes else "rgb", niceness=NICENESS
-        )
+        self._command = command(__name__, head, *map(str, size), edges, pixels, niceness=NICENESS)
         self._child = self._started()
         self._restarts, self._is_over = Restarts(), threading.Event()
 
@@ -146,32 +140,14 @@ class Painter:
         self._child.close()
 
 
-def main(parent: Parent, head: str, width: str, height: str, edges: str, pixels: str) -> None:
+def main(parent: Parent, head: str, width: str, height: str, edges: str, pixels: "Pixels") -> None:
     """Render the FAPs that come; the child's program."""
     from fapengine.files.heads.load import load_head_for_calls
     from fapengine.render.drawing import RenderOptions, parse_edges
     from fapengine.render.native import open_renderer
 
     size = (int(width), int(height))
-    with open_renderer(
-        load_head_for_calls(head, size), RenderOptions(size=size, samples=parse_edges(edges))
-    ) as renderer:
-        frames = (np.frombuffer(faps, np.int32) for _, faps in parent.messages())
-        for image in draw_planes(renderer, frames) if pixels == "i420" else map(renderer.draw, frames):
-            parent.tell({}, image.tobytes())
-
-
-def draw_planes(
-    renderer: "FaceRenderer | NativeRenderer", frames: Iterable[NDArray[np.int32]]
-) -> Iterator[NDArray[np.uint8]]:
-    """Draw FAPs, (68,) each, as (height * 3 // 2, width) I420, by whatever renderer."""
-    from fapengine.render.native import NativeRenderer
-
-    if isinstance(renderer, NativeRenderer):
-        yield from renderer.planes(frames)
-        return
-    import av  # only films for encoders need it
-
-    for faps in frames:
-        frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(renderer.draw(faps)), format="rgb24")
-        yield np.asarray(frame.to_ndarray(format="yuv420p"), np.uint8)
+    drawing = RenderOptions(size=size, samples=parse_edges(edges))
+    with open_renderer(load_head_for_calls(head, size), drawing) as renderer:
+        for _, faps in parent.messages():
+            parent.tell({}, renderer.draw(np.frombuffer(faps, np.int32), pixels).tobytes())

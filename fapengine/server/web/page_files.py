@@ -58,7 +58,7 @@ PAGE_WALL = (0.058, 0.066, 0.078)
 """Linear RGB of the wall behind the face, the background colour of the page."""
 PAGE_CAMERAS = ("front", "three-quarter", "profile", "mouth")
 """Cameras with a button and a digit key each."""
-UNUSED = ("wire", "enlarge")
+UNUSED = ("wire", "enlarge", "planes")
 """Programs that the page does not use."""
 
 

@@ -11,6 +11,7 @@ from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.host.stream import LEAD_S, StreamEvent
 from fapengine.host.words import CHARACTER_S, MarkTimer
 from fapengine.mpeg4 import fap
+from fapengine.render.drawing import Pixels
 from fapengine.server.film.painter import Painter
 from tests.unit.host.test_stream import noise, pauses_of, stage
 from tests.unit.host.ticking_recognizer import TickingRecognizer
@@ -179,21 +180,21 @@ def test_a_painter_draws_in_a_process_of_its_own() -> None:
 def test_a_painter_draws_i420_for_encoders(renderer: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("FAPENGINE_RENDERER", renderer)
 
-    def painted(*, has_planes: bool) -> np.ndarray:
-        painter = Painter(size=(32, 48), has_planes=has_planes)
+    def painted(pixels: Pixels) -> np.ndarray:
+        painter = Painter(size=(32, 48), pixels=pixels)
         try:
             return np.frombuffer(painter.draw(np.zeros(68, np.int32)), np.uint8)
         finally:
             painter.close()
 
-    rgb, planes = painted(has_planes=False).reshape(48, 32, 3), painted(has_planes=True).reshape(72, 32)
+    rgb, planes = painted("rgb").reshape(48, 32, 3), painted("i420").reshape(72, 32)
     luma = 16 + rgb @ np.array([65.481, 128.553, 24.966]) / 255  # Rec. 601
     assert np.abs(planes[:48] - luma).max() <= 1.5
     small = rgb.reshape(24, 2, 16, 2, 3).mean(axis=(1, 3))
     for plane, weights in zip(
         planes[48:].reshape(2, 24, 16), ((-37.797, -74.203, 112.0), (112.0, -93.786, -18.214)), strict=True
     ):
-        assert np.abs(plane - (128 + small @ np.array(weights) / 255)).max() <= 5
+        assert np.abs(plane - (128 + small @ np.array(weights) / 255)).max() <= 1.5
 
 
 def test_a_painter_that_cannot_says_why() -> None:

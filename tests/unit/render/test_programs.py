@@ -20,6 +20,7 @@ UNIFORMS = {
     "edges": ("u_picture",),
     "smooth": ("u_picture",),
     "enlarge": ("u_picture",),
+    "planes": ("u_picture",),
 }
 ALL = [(name, defined) for name in programs.STAGES for defined in programs.VARIANTS.get(name, ((),))]
 
@@ -31,7 +32,7 @@ def expected_uniforms(name: str, defined: tuple[str, ...]) -> set[str]:
 
 
 def test_shaders_have_the_names_of_the_table() -> None:
-    assert len(ALL) == 15
+    assert len(ALL) == 17
     seen: set[str] = set()
     with create_context() as context:
         compiled = Programs(context)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import moderngl
 import numpy as np
@@ -404,6 +405,31 @@ def test_refuses(head: FaceMesh, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("FAPENGINE_CACHE", "off")
     with pytest.raises(UsageError, match="at most 3"):
         FaceRenderer(head)
+
+
+@pytest.mark.parametrize("samples", [0, 4])
+def test_i420_is_the_image_for_encoders(samples: int, head: FaceMesh, renderer: FaceRenderer) -> None:
+    """In whole numbers, as fapengine-native computes them."""
+    drawing = replace(renderer.drawing, size=(98, 126), samples=samples)
+    poses = [frame(WIDE_OPEN), frame({})]
+    with FaceRenderer(head, drawing, context=renderer._context) as small:
+        colours = [picture.astype(int) for picture in small.frames(poses)]
+        images = list(small.frames(poses, "i420"))
+        assert (small.draw(poses[0]) == colours[0]).all()
+    for picture, image in zip(colours, images, strict=True):
+        four = picture.reshape(63, 2, 49, 2, 3).sum(axis=(1, 3))
+        luma = (picture @ [66, 129, 25] + 4224) >> 8
+        cb, cr = (four @ [-38, -74, 112] + 131584) >> 10, (four @ [112, -94, -18] + 131584) >> 10
+        assert image.shape == (189, 98)
+        assert image.ravel().tolist() == [*luma.ravel(), *cb.ravel(), *cr.ravel()]
+
+
+@pytest.mark.parametrize("change", [{"background": "transparent"}, {"size": (97, 128)}, {"scale": 0.5}])
+def test_what_is_no_i420_is_refused(change: dict[str, Any], head: FaceMesh, renderer: FaceRenderer) -> None:
+    with FaceRenderer(head, replace(renderer.drawing, **change), context=renderer._context) as other:
+        assert not other.drawing.takes_i420
+        with pytest.raises(UsageError, match=r"i420: got .*, expected even sides, a background"):
+            other.draw(frame({}), "i420")
 
 
 def test_a_new_drawing_is_as_a_new_renderer(head: FaceMesh, renderer: FaceRenderer) -> None:
