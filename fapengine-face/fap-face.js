@@ -7,7 +7,7 @@ import { Player, parseFap } from "./player.js";
 import { Session } from "./session.js";
 import { Steering } from "./steering.js";
 
-const EVENTS = ["started", "phone", "finished", "cancelled", "connection"];
+const EVENTS = ["started", "phone", "finished", "cancelled", "lost", "regained", "connection"];
 const ASSETS = {
   // Spelled out, because that is how bundlers find them.
   "head.bin": new URL("./assets/head.bin", import.meta.url),
@@ -189,8 +189,8 @@ export class FapFace extends (globalThis.HTMLElement ?? Object) {
     return live;
   }
 
-  // Follows sound without a server: a MediaStream or an AudioNode. Resolves to the delayed sound, an AudioNode, for whoever
-  // shall hear it.
+  // Follows sound without a server: a MediaStream, an AudioNode, or { audio } of a device, see Live. Resolves to the delayed
+  // sound, an AudioNode, for whoever shall hear it.
   async hear(input, options = {}) {
     return (await this.local("hear")).hear(input, options);
   }

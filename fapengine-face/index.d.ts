@@ -48,6 +48,9 @@ export interface FapFaceEventMap extends Omit<HTMLElementEventMap, "error"> {
   phone: CustomEvent<PhoneDetail>;
   finished: CustomEvent<UtteranceDetail | undefined>;
   cancelled: CustomEvent<UtteranceDetail | undefined>;
+  /** The device that `hear` follows was unplugged; it, or another, is there again. */
+  lost: CustomEvent<undefined>;
+  regained: CustomEvent<undefined>;
   picture: CustomEvent<undefined>;
   /** The graphics card stopped: nothing is drawn until `contextrestored`, and the face follows unseen. */
   contextlost: CustomEvent<undefined>;
@@ -70,7 +73,7 @@ export class FapFace extends HTMLElement {
   /** Without server and src: a text (English, or by `pronounce`), or words with times; null if something else was begun. */
   say(words: string | TimedWord[], options?: LiveSayOptions): Promise<SaidWords | null>;
   /** Without server and src: follow sound. Resolves to the delayed sound, to be connected where it is heard. */
-  hear(input: MediaStream | AudioNode, options?: HearOptions): Promise<AudioNode>;
+  hear(input: MediaStream | AudioNode | MediaStreamConstraints, options?: HearOptions): Promise<AudioNode>;
   push(samples: Int16Array, rate: number): boolean;
   words(words: Timed[], fields?: TimedFields & { voice?: string }): boolean;
   phones(phones: Timed[], fields?: TimedFields & { set?: string }): boolean;

@@ -111,6 +111,10 @@ export interface LiveEventMap {
   phone: Event & { readonly detail: { label: string; word: string | null; position_s: number } };
   finished: Event;
   cancelled: Event;
+  /** The sound's device was unplugged, or its call has ended. */
+  lost: Event;
+  /** The device that was asked for, or another, is there again. */
+  regained: Event;
   /** What is wrong. */
   error: Event & { readonly detail: string };
 }
@@ -128,8 +132,11 @@ export class Live extends EventTarget {
     },
   ): Promise<Live>;
   readonly isSpeaking: boolean;
-  /** Follow sound; resolves to the delayed sound. Loud speech opens the mouth wider, and stressed vowels nod. */
-  hear(input: MediaStream | AudioNode, options?: HearOptions): Promise<AudioNode>;
+  /**
+   * Follow sound; resolves to the delayed sound. Loud speech opens the mouth wider, and stressed vowels nod. Of constraints,
+   * `{ audio: true }`, a device is opened, and opened again, or another, where it was unplugged.
+   */
+  hear(input: MediaStream | AudioNode | MediaStreamConstraints, options?: HearOptions): Promise<AudioNode>;
   /** Follow sound without Web Audio, as it comes. @param samples -1 to 1, mono. @param rate Hz, the same until `stop()`. */
   push(samples: Float32Array, rate: number, options?: { delay?: number; lookAhead?: number }): Promise<void>;
   say(phones: TimedPhone[], options?: LiveSayOptions): void;

@@ -45,7 +45,7 @@ let policy = null;
 const startOf = ({ start }) => start;
 const seconds = () => performance.now() / 1000;
 
-// Events: started, phone, finished, cancelled, error. Stateful.
+// Events: started, phone, finished, cancelled, lost, regained, error. Stateful.
 export class Live extends EventTarget {
   // style: see Planner. still: no blinks, glances, nods, head motion and drifts. seed: of these, an integer; by default it is
   // drawn. assets: addresses of planner.bin, recognizer.bin, words-en.bin,
@@ -84,20 +84,21 @@ export class Live extends EventTarget {
     this.dispatchEvent(Object.assign(new Event(type), { detail }));
   }
 
-  // Follows sound: a MediaStream or an AudioNode. delay: time by which the face is later. Resolves to the delayed sound,
-  // an AudioNode that the page connects to where it is to be heard.
+  // Follows sound: a MediaStream, an AudioNode, or what getUserMedia takes, { audio: true }: a device that is opened again
+  // where it was unplugged. delay: time by which the face is later. Resolves to the delayed sound, an AudioNode that the
+  // page connects to where it is to be heard.
   async hear(input, { context = input?.context, delay = DELAY_S, lookAhead = LOOK_AHEAD_S } = {}) {
     if (!globalThis.AudioWorkletNode) throw new Error("hear: got no AudioWorklet; browsers have it on https and localhost, elsewhere use push");
-    const isStream = input instanceof MediaStream;
-    if (!isStream && !(input instanceof AudioNode)) throw new TypeError(`hear: got ${input}, expected a MediaStream or an AudioNode`);
+    const [isStream, isNode] = [input instanceof MediaStream, input instanceof AudioNode];
+    if (!isStream && !isNode && !input?.audio) throw new TypeError(`hear: got ${input}, expected a MediaStream, an AudioNode, or { audio } of a device`);
     if (isStream && !input.getAudioTracks().length) throw new TypeError("hear: got a MediaStream without sound, expected one with an audio track");
-    if (!isStream && context !== input.context) throw new TypeError("hear: got an AudioNode of another context, expected one of the context that is given");
+    if (isNode && context !== input.context) throw new TypeError("hear: got an AudioNode of another context, expected one of the context that is given");
     if (context?.state === "closed") throw new Error("hear: got a context that is closed");
     checkTimes("hear", { delay, lookAhead });
     this.stop();
-    const run = (this.run = {});
+    const run = (this.run = { over: new AbortController(), wanted: isStream || isNode ? null : input });
     try {
-      return await this.begin(run, input, isStream, context, delay, lookAhead);
+      return await this.begin(run, input, context, delay, lookAhead);
     } catch (error) {
       if (this.run !== run) throw new Error(REPLACED);
       this.stop();
@@ -105,20 +106,18 @@ export class Live extends EventTarget {
     }
   }
 
-  async begin(run, input, isStream, context, delay, lookAhead) {
+  async begin(run, input, context, delay, lookAhead) {
     if (!context) {
       context = run.context = new AudioContext();
-      run.over = new AbortController();
       const wake = () => context.state !== "running" && context.resume().catch(() => {});
       for (const type of ["pointerdown", "keydown"]) globalThis.document?.addEventListener(type, wake, run.over); // before one of them, browsers let no sound begin
     }
     const { worklet, worker } = this.addresses;
     const replaced = new Promise((_, reject) => (run.giveUp = () => reject(new Error(REPLACED))));
-    const [tables] = await Promise.race([
-      Promise.all([bytesOf(this.addresses.recognizer), context.audioWorklet.addModule(String(worklet))]), replaced,
+    const opening = run.wanted ? this.open(run).then((stream) => (run.stream = stream)) : input;
+    const [tables, source] = await Promise.race([
+      Promise.all([bytesOf(this.addresses.recognizer), opening, context.audioWorklet.addModule(String(worklet))]), replaced,
     ]);
-    if (isStream) run.element = playUnheard(input);
-    const source = isStream ? new MediaStreamAudioSourceNode(context, { mediaStream: input }) : input;
     run.worker = new Worker(trusted(worker));
     const { port1, port2 } = new MessageChannel();
     const started = new Promise((resolve, reject) => {
@@ -137,11 +136,50 @@ export class Live extends EventTarget {
     };
     run.tap.port.postMessage({ to: port1 }, [port1]);
     run.delayed = new DelayNode(context, { delayTime: delay, maxDelayTime: Math.max(1, delay) });
-    run.source = source;
-    for (const node of [run.tap, run.delayed]) source.connect(node);
+    this.connect(run, source, context);
+    const { signal } = run.over;
+    if (run.wanted) navigator.mediaDevices.addEventListener("devicechange", () => run.isLost && this.regain(run, context), { signal });
     this.pause = PAUSE_S;
     if (context.state === "suspended") context.resume().catch(() => {});
     return run.delayed;
+  }
+
+  // Connects a stream or a node to what listens.
+  connect(run, input, context) {
+    const { signal } = run.over;
+    const isStream = input instanceof MediaStream;
+    if (isStream) run.element = playUnheard(input);
+    run.source = isStream ? new MediaStreamAudioSourceNode(context, { mediaStream: input }) : input;
+    for (const node of [run.tap, run.delayed]) run.source.connect(node);
+    for (const track of isStream ? input.getAudioTracks() : []) track.addEventListener("ended", () => this.lose(run, context), { signal });
+  }
+
+  // A device was unplugged, or a call has ended: silence follows, and the face comes to rest.
+  lose(run, context) {
+    run.isLost = true;
+    if (run.stream) end(run.stream);
+    this.tell("lost");
+    if (run.wanted) this.regain(run, context);
+  }
+
+  // Goes on with the device that is there now; without one, the next that comes is tried.
+  async regain(run, context) {
+    const stream = await this.open(run).catch(() => null);
+    if (!stream) return;
+    if (!run.isLost) return end(stream); // another one was faster
+    run.isLost = false;
+    run.stream = stream;
+    disconnect(run);
+    this.connect(run, stream, context);
+    this.tell("regained");
+  }
+
+  // Opens the device that is wanted; null where nobody listens any more.
+  async open(run) {
+    const stream = await navigator.mediaDevices.getUserMedia(run.wanted);
+    if (this.run === run) return stream;
+    end(stream);
+    return null;
   }
 
   // Sound without Web Audio, as it comes: samples from -1 to 1, mono. The face is later by delay; its clock is the sound.
@@ -348,12 +386,12 @@ export class Live extends EventTarget {
     const { run } = this;
     this.run = this.opening = this.heard = this.turn = null;
     run?.tap?.port.postMessage({ isOver: true });
-    for (const node of run?.source ? [run.tap, run.delayed] : []) disconnect(run.source, node);
+    if (run?.source) disconnect(run);
+    if (run?.stream) end(run.stream);
     run?.worker?.terminate();
     run?.giveUp?.();
     run?.over?.abort();
     run?.context?.close().catch(() => {}); // the page may have closed it
-    if (run?.element) run.element.srcObject = null;
     if (this.isSpeaking) this.tell("cancelled");
     this.reset();
   }
@@ -388,13 +426,18 @@ function heardBy(context) {
   return context.currentTime - (context.outputLatency ?? 0);
 }
 
-function disconnect(source, node) {
-  try {
-    source.disconnect(node);
-  } catch {
-    // the page has disconnected it
+function disconnect({ source, element, tap, delayed }) {
+  for (const node of [tap, delayed]) {
+    try {
+      source.disconnect(node);
+    } catch {
+      // the page has disconnected it
+    }
   }
+  if (element) element.srcObject = null;
 }
+
+const end = (stream) => stream.getTracks().forEach((track) => track.stop());
 
 // Chromium gives the sound of a remote track only where an element plays it, too.
 function playUnheard(stream) {

@@ -43,7 +43,7 @@ PAGE = f"""<!doctype html><html lang="en"><title>Hear</title><link rel="icon" hr
 SCRIPT = """
 const face = (window.face = document.querySelector("fap-face"));
 window.told = [];
-for (const type of ["started", "phone", "finished", "cancelled", "error"])
+for (const type of ["started", "phone", "finished", "cancelled", "lost", "regained", "error"])
   face.addEventListener(type, ({ detail }) => told.push([type, detail]));
 await face.ready;
 window.fetched = () => performance.getEntriesByType("resource").map(({ name }) => name.split("/").at(-1));

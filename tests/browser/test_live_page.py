@@ -148,13 +148,64 @@ def test_it_follows_a_stream_and_stops_where_the_element_is_taken_away(static: P
     static.run("stream.getTracks().forEach((track) => track.stop())")
 
 
+DEVICES = """
+window.opened = [];
+window.isThere = true;
+const given = navigator.mediaDevices.getUserMedia.bind(navigator.mediaDevices);
+navigator.mediaDevices.getUserMedia = async (wanted) => {
+  if (!isThere) throw new DOMException("none", "NotFoundError");
+  const stream = await given(wanted);
+  opened.push(stream.getAudioTracks()[0]);
+  return stream;
+};
+window.unplug = (track) => { track.stop(); track.dispatchEvent(new Event("ended")); };
+window.change = () => navigator.mediaDevices.dispatchEvent(new Event("devicechange"));
+"""
+
+
+def test_it_goes_on_with_another_microphone_where_one_was_unplugged(static: Page) -> None:
+    static.run(COUNTED)
+    static.run(f"{{{DEVICES}}}")
+    static.run("face.hear({ audio: true }).then(() => 0)")
+    static.until("told.some(([type]) => type === 'phone')")
+    static.run("told.length = 0, unplug(opened[0])")  # another is there
+    static.until("told.some(([type]) => type === 'regained') && told.some(([type]) => type === 'phone')")
+    static.run("told.length = 0, isThere = false, unplug(opened[1])")
+    static.until("told.at(-1)[0] === 'finished'")
+    assert static.run("told.filter(([type]) => type === 'lost').length") == 1
+    static.until("face.faps.every((value) => value === 0)")
+    static.run("change()")  # a loudspeaker comes
+    static.run("told.length = 0, isThere = true, change(), change()")
+    static.until("told.some(([type]) => type === 'phone')")
+    assert static.run("told.filter(([type]) => type === 'regained').length") == 1
+    static.until("opened.length === 4")
+    assert static.run("opened.filter(({ readyState }) => readyState === 'live').length") == 1
+    assert static.run("alive") == {"workers": 1, "contexts": 1}
+    static.run("face.remove(), change()")
+    assert static.run("opened.map(({ readyState }) => readyState)") == ["ended"] * 4
+    assert static.run("alive") == {"workers": 0, "contexts": 0}
+    assert static.run("told.filter(([type]) => type === 'error')") == []
+
+
+def test_a_page_is_told_that_its_own_stream_has_ended(static: Page) -> None:
+    static.run(f"{{{DEVICES}}}")
+    static.run("navigator.mediaDevices.getUserMedia({ audio: true }).then((stream) => face.hear(stream)).then(() => 0)")
+    static.until("told.some(([type]) => type === 'phone')")
+    static.run("unplug(opened[0])")
+    static.until("told.at(-1)[0] === 'finished'")
+    static.run("change()")
+    assert static.run("told.filter(([type]) => ['lost', 'regained'].includes(type)).map(([type]) => type)") == ["lost"]
+    assert static.run("opened.length") == 1
+    static.run("face.remove()")
+
+
 def test_what_does_not_begin_leaves_nothing(static: Page) -> None:
     static.run(COUNTED)
     static.run("face.cancel()")  # before anything was begun
     phone = "{ label: 'm', start: 0, end: 9 }"
     assert static.run(f"(async () => {{ const said = face.say([{phone}]); face.cancel(); await said; }})()") is None
     assert static.run("face.source.clock") is None
-    assert "a MediaStream or an AudioNode" in static.run("why(face.hear('sound'))")
+    assert "a MediaStream, an AudioNode, or" in static.run("why(face.hear('sound'))")
     assert "without sound" in static.run("why(face.hear(new MediaStream()))")
     assert "delay of -1" in static.run("why(face.hear(new OscillatorNode(new AudioContext()), { delay: -1 }))")
     static.run("window.own = new AudioContext(), null")
