@@ -23,6 +23,7 @@ from fractions import Fraction
 from functools import partial
 from pathlib import Path
 
+import av
 import numpy as np
 
 from fapengine.agents.face import AgentFace
@@ -37,7 +38,7 @@ from fapengine.recognition.sphinx_recognizer import SphinxRecognizer
 from fapengine.render.drawing import RenderOptions, parse_edges
 from fapengine.render.native import NativeRenderer, open_renderer
 from fapengine.render.renderer import FaceRenderer
-from fapengine.server.film.painter import draw_planes
+from fapengine.server.calls.tracks import VIDEO_HZ, DrawnEncoder, opus_encoder
 from fapengine.speech.marks import words_of
 from fapengine.voices.espeak import EspeakVoice
 from fapengine.voices.pronounce import Pronouncer
@@ -150,7 +151,7 @@ def _pictures(frames: list[np.ndarray], drawing: RenderOptions) -> dict[str, flo
 
 def _drawn(renderer: Renderer, frames: list[np.ndarray]) -> list[bytes]:
     """I420 images, as calls draw them."""
-    return [image.tobytes() for image in draw_planes(renderer, frames)]
+    return [renderer.draw(frame, "i420").tobytes() for frame in frames]
 
 
 class _PainterHere:
@@ -200,31 +201,17 @@ def _pronouncing(voice: EspeakVoice) -> dict[str, float]:
 
 
 def _vp8(pictures: list[bytes], size: tuple[int, int]) -> None:
-    """Encode as aiortc does in a call: libvpx in real time, at a constant rate."""
-    import io
-
-    import av
-
-    options = {
-        "deadline": "realtime", "cpu-used": "-6", "lag-in-frames": "0", "static-thresh": "1", "noise-sensitivity": "4",
-        "bufsize": "500000", "minrate": "500000", "maxrate": "500000", "undershoot-pct": "100", "overshoot-pct": "15",
-    }  # fmt: skip
-    with av.open(io.BytesIO(), "w", format="webm") as container:
-        stream = container.add_stream("libvpx", rate=RATE_HZ, options=options)
-        stream.width, stream.height = size
-        stream.pix_fmt, stream.bit_rate, stream.thread_count = "yuv420p", 500_000, 1
-        for picture in pictures:
-            image = np.frombuffer(picture, np.uint8).reshape(-1, size[0])
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="yuv420p")))
-        container.mux(stream.encode(None))
+    """Encode as calls do."""
+    encoder = DrawnEncoder()
+    for number, picture in enumerate(pictures):
+        frame = av.VideoFrame.from_ndarray(np.frombuffer(picture, np.uint8).reshape(-1, size[0]), format="yuv420p")
+        frame.pts, frame.time_base = number * VIDEO_HZ // RATE_HZ, Fraction(1, VIDEO_HZ)
+        encoder.encode(frame)
 
 
 def _opus(samples: np.ndarray, rate_hz: int) -> None:
-    """Encode as aiortc does in a call, 20 ms at a time."""
-    import av
-    from aiortc.codecs.opus import OpusEncoder
-
-    encoder, block = OpusEncoder(), rate_hz // 50
+    """Encode as calls do, 20 ms at a time."""
+    encoder, block = opus_encoder(), rate_hz // 50
     for begin in range(0, len(samples) - block + 1, block):
         frame = av.AudioFrame.from_ndarray(samples[None, begin : begin + block], format="s16", layout="mono")
         frame.sample_rate, frame.pts = rate_hz, begin

@@ -301,7 +301,7 @@ class Calls:
         tracks = FilmTracks(encoder, self.hub.clock, functools.partial(self._end, call))
         for transceiver in senders:
             if transceiver.kind == "audio":
-                transceiver.sender.replaceTrack(tracks.audio)
+                tracks.audio.send_by(transceiver.sender, transceiver._codecs[0])
                 call.leave.callback(self._drop, tracks.audio)
         try:
             call.leave.callback(self._studio.watch(*film, tracks))

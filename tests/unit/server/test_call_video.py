@@ -3,16 +3,28 @@
 import asyncio
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
+from fractions import Fraction
+from typing import Any
 
 import av
 import numpy as np
 import pytest
 from aiortc import RTCConfiguration, RTCPeerConnection
+from aiortc.codecs.opus import OpusEncoder
 from aiortc.codecs.vpx import Vp8Decoder, Vp8Encoder, vp8_depayload
 from aiortc.jitterbuffer import JitterFrame
 from aiortc.mediastreams import MediaStreamError
 
-from fapengine.server.calls.tracks import KEY_EVERY_S, MAX_ENCODED, Encoded, FilmTracks, PictureEncoder, PictureTrack
+from fapengine.server.calls.tracks import (
+    KEY_EVERY_S,
+    MAX_ENCODED,
+    DrawnEncoder,
+    Encoded,
+    FilmTracks,
+    PictureEncoder,
+    PictureTrack,
+    opus_encoder,
+)
 from tests.leaping import run_leaping
 
 SIZE, FRAME_S = (32, 32), 0.04
@@ -76,6 +88,7 @@ def test_an_image_is_encoded_once_for_all_viewers(count: int, monkeypatch: pytes
     encode, encoded = Vp8Encoder.encode, [0]
 
     def counted(self: Vp8Encoder, frame: av.VideoFrame, force_keyframe: bool = False) -> object:
+        assert isinstance(self, DrawnEncoder)
         encoded[0] += 1
         return encode(self, frame, force_keyframe)
 
@@ -194,3 +207,70 @@ def test_a_codec_that_fails_ends_the_tracks_and_the_next_viewer_gets_images(
         two.task.cancel()
 
     run(work)
+
+
+@pytest.mark.parametrize(("bits", "is_new"), [(520_000, False), (560_000, True)])
+def test_the_library_keeps_our_codec_at_each_bit_rate(bits: int, is_new: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    encode = Vp8Encoder.encode
+    codecs: list[Any] = []
+
+    def noted(self: Vp8Encoder, frame: Any, force_keyframe: bool = False) -> Any:
+        codecs.append(self.codec)
+        return encode(self, frame, force_keyframe)
+
+    monkeypatch.setattr(Vp8Encoder, "encode", noted)
+    encoder = DrawnEncoder()
+    for image in drawn_images(2):
+        encoder.encode(image)
+        assert encoder.codec is codecs[-1]
+        encoder.target_bitrate = bits
+    assert [codec.bit_rate for codec in codecs] == [500_000, bits if is_new else 500_000]
+    assert [codec.options for codec in codecs] == [{}, {}]  # libvpx knows them all
+
+
+def test_drawn_images_keep_their_quality_with_our_options() -> None:
+    """In half of the library's time (python -m bench.agents), which no test may measure."""
+    errors, sizes = zip(
+        *(encoded(encoder, drawn_images(30)) for encoder in (Vp8Encoder(), DrawnEncoder())), strict=True
+    )
+    assert sizes[0] != sizes[1]  # the options have an effect
+    assert errors[1] < 1.05 * errors[0]
+
+
+def drawn_images(count: int) -> list[av.VideoFrame]:
+    """A shaded disc that moves before a background, 128 x 128."""
+    y, x = np.mgrid[:128, :128]
+    images = []
+    for number in range(count):
+        image = np.full((192, 128), 128, np.uint8)
+        distance = np.hypot(x - 60 - 4 * np.sin(number / 5), y - 64)
+        image[:128] = np.where(distance < 40, 200 - 2 * distance + 8 * np.sin(x / 2), 90 + x / 8)
+        images.append(av.VideoFrame.from_ndarray(image, format="yuv420p"))
+        images[-1].pts, images[-1].time_base = 3600 * number, Fraction(1, 90_000)
+    return images
+
+
+def encoded(encoder: Vp8Encoder, images: list[av.VideoFrame]) -> tuple[float, int]:
+    """Return the decoded images' root mean square error, and the encoded ones' size."""
+    decoder, squares, size = Vp8Decoder(), 0.0, 0
+    for image in images:
+        data = b"".join(map(vp8_depayload, encoder.encode(image)[0]))
+        size += len(data)
+        shown: Any = decoder.decode(JitterFrame(data=data, timestamp=int(image.pts or 0)))[0]
+        off = shown.to_ndarray(format="yuv420p").astype(float) - image.to_ndarray(format="yuv420p")
+        squares += float(np.mean(off**2)) / len(images)
+    return squares**0.5, size
+
+
+def test_opus_obeys_the_complexity() -> None:
+    samples = (8000 * np.sin(np.arange(48_000) * 0.03) * np.sin(np.arange(48_000) * 0.0007)).astype(np.int16)
+    sizes = []
+    for encoder in (OpusEncoder(), opus_encoder()):
+        packets = []
+        for begin in range(0, len(samples), 960):
+            frame = av.AudioFrame.from_ndarray(samples[None, begin : begin + 960], format="s16", layout="mono")
+            frame.sample_rate, frame.pts, frame.time_base = 48_000, begin, Fraction(1, 48_000)
+            packets += encoder.encode(frame)[0]
+        sizes.append([len(packet) for packet in packets])
+    assert len(sizes[0]) == len(sizes[1]) >= 49
+    assert sizes[0] != sizes[1]
