@@ -1,6 +1,7 @@
 """The shaders: names shared with Python, and one source for desktop OpenGL and for OpenGL ES 3 (WebGL 2)."""
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -69,10 +70,10 @@ def test_every_program_links_in_opengl_es_3() -> None:
 @pytest.mark.parametrize(
     ("wrong", "why"),
     [
-        (
+        (  # ES does not convert; as Mesa says it, and NVIDIA
             "out vec4 o_colour; void main() { o_colour = vec4(1); float two = 2 * 0.5; }",
-            "operand",
-        ),  # ES does not convert
+            "operand|implicit cast",
+        ),
         ("void main() { gl_FragColor = vec4(1.0); }", "gl_FragColor"),
         ("in vec3 v_unknown; out vec4 o_colour; void main() { o_colour = vec4(v_unknown, 1.0); }", "v_unknown"),
     ],
@@ -80,7 +81,7 @@ def test_every_program_links_in_opengl_es_3() -> None:
 def test_the_es_check_refuses(wrong: str, why: str) -> None:
     vertex, _ = es_sources("backdrop", ())
     answers = linked_in_es({"wrong": (vertex, programs.ES_HEADER + wrong)})
-    assert why in answers["wrong"]
+    assert re.search(why, answers["wrong"])
 
 
 def test_definitions_stand_behind_the_header() -> None:
