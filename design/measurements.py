@@ -20,7 +20,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parent.parent
 FOLDER = ROOT / "design" / "measured"
 PAGE = ROOT / "docs" / "measurements.md"
-ORDER = ("motion", "speech", "face", "formats", "live", "drawing", "rate", "budgets")
+ORDER = ("motion", "speech", "face", "formats", "live", "drawing", "gpu", "rate", "budgets")
 """Files in the order of the page."""
 KEYS = {"title", "level", "text", "commands", "table", "picture"}
 
