@@ -1,9 +1,11 @@
 // The small recognizer's network on a stream: SmallNet of fapengine/recognition/small_net.py.
 
 import { small_net } from "./constants.js";
+import { newKernel } from "./kernel.js";
 
 const { FRONT, PAIR } = small_net;
 const ROWS = 4;
+const PLAIN = { place: (matrix) => matrix, run: (...given) => multiply(...given) };
 
 // Matrices as float64 numbers, so that the inner loop converts nothing; rows of zeros fill them up to a multiple of four.
 export function matrixOf(arrays, name) {
@@ -77,15 +79,17 @@ class Kept {
 export class SmallNet {
   constructor({ offsets, arrays }, steps) {
     this.steps = steps;
-    this.front = matrixOf(arrays, "front");
-    this.head = matrixOf(arrays, "head");
+    this.kernel = newKernel() ?? PLAIN;
+    const placed = (name) => this.kernel.place(matrixOf(arrays, name));
+    this.front = placed("front");
+    this.head = placed("head");
     const channels = (this.channels = this.front.outputs);
     this.seen = new Kept(FRONT, PAIR, steps);
     this.layers = offsets.map((places, number) => {
       const late = Math.max(...places);
       return {
         late, near: new Kept(places, channels, steps), delayed: late ? new Kept([-late], channels, steps) : null,
-        mix: matrixOf(arrays, `mix${number}`), out: matrixOf(arrays, `out${number}`),
+        mix: placed(`mix${number}`), out: placed(`out${number}`),
       };
     });
     [this.x, this.h, this.y] = [0, 1, 2].map(() => new Float32Array(steps * channels));
@@ -100,8 +104,8 @@ export class SmallNet {
 
   // Takes 2 * steps frames; returns the scores of as many, small_net.AHEAD steps before.
   push(frames) {
-    const { x, h, y, channels, steps } = this;
-    multiply(this.front, this.seen.push(frames), x, steps);
+    const { x, h, y, channels, steps, kernel } = this;
+    kernel.run(this.front, this.seen.push(frames), x, steps);
     rectify(x);
     let first = this.now;
     this.now += steps;
@@ -112,14 +116,14 @@ export class SmallNet {
       const input = near.push(h);
       if (delayed) x.set(delayed.push(x));
       first -= late;
-      multiply(mix, input, h, steps);
+      kernel.run(mix, input, h, steps);
       rectify(h);
-      multiply(out, h, y, steps);
+      kernel.run(out, h, y, steps);
       for (let index = 0; index < x.length; ++index) x[index] += y[index];
       forget();
     }
     normalise(x, h, channels);
-    multiply(this.head, h, this.scores, steps);
+    kernel.run(this.head, h, this.scores, steps);
     return this.scores;
   }
 }

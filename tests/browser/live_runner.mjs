@@ -7,6 +7,8 @@ import { join, resolve } from "node:path";
 import { pathToFileURL } from "node:url";
 
 const [folder, input, output] = process.argv.slice(2).map((name) => resolve(name));
+const given = JSON.parse(await readFile(input, "utf8"));
+if (given.isPlain) globalThis.WebAssembly = undefined; // as where a policy forbids it
 const imported = (name) => import(pathToFileURL(join(folder, "live", name)).href);
 const { Live, Planner, Profile, Recognizer, planAll } = await imported("index.js");
 const bytes = async (name) => {
@@ -14,7 +16,7 @@ const bytes = async (name) => {
   return data.buffer.slice(data.byteOffset, data.byteOffset + data.byteLength);
 };
 const profile = new Profile(await bytes(join(folder, "assets", "planner.bin")));
-const { streams = [], tracks = [], sounds = [], ramps = [], faces = [], said = [], followed = [] } = JSON.parse(await readFile(input, "utf8"));
+const { streams = [], tracks = [], sounds = [], ramps = [], faces = [], said = [], followed = [] } = given;
 
 const played = ({ events, frames, rate, options, expression }) => {
   const planner = new Planner(profile, options);
