@@ -1,16 +1,19 @@
 // Contacts that are made whatever else a face does: fapengine/trajectory/closures.py, whose comments say why.
 
-import { closures } from "./constants.js";
+import { closures, context } from "./constants.js";
 import { bump, clamp, smoothstep, softPositive } from "./path.js";
 
 const {
   BITTEN_FAPU, BURST_S, CONTACTS, GLIDE_SHARE, HOLD, JOINED_SHARE, LOWER_SHARE, MIN_HOLD_S, NEAR_FAPU, NEAR_SHARE, OPEN_FAPU, PAIRS,
   RAMP_S, RELEASE_S, SIBILANT_FAPU, SIDE_OPENING, SOFTNESS_FAPU, TEETH_FAPU, TOUCHES,
 } = closures;
+const { MAX_DURATION_S } = context;
 
 export function holdOf({ start, end }, contact, isJoined) {
   const [begin, until] = HOLD[contact];
-  let [from, to] = [start + begin * (end - start), start + until * (end - start)];
+  const more = Math.max(end - start - MAX_DURATION_S, 0);
+  const counted = end - start - more;
+  let [from, to] = [start + begin * counted, start + until * counted + more];
   if (contact === "lips") to = isJoined ? start + JOINED_SHARE * (end - start) : to - BURST_S;
   if (TOUCHES.includes(contact) && to - from < MIN_HOLD_S) {
     from = Math.max(Math.min(from, end - MIN_HOLD_S), start);

@@ -5,7 +5,10 @@ import { clamp, pathThrough, smoothstep } from "./path.js";
 
 const { LENGTHS, MAX_DURATION_S, MIN_DURATION_S, NEXT_FROM, PAUSE_S, REACH, TYPICAL_S } = context;
 const { AHEAD, HOLE, LONG_S, NOTHING, PAUSE, PAUSE_S: LEAST_PAUSE_S, ROUND, WIDTH } = phonetics;
-const { APART_S, CLOSEST_KEYS_S, GAP_S, HELD_PAUSE_S, MIN_PAUSE_S, REST_MARGIN_S } = targets;
+const {
+  APART_S, CLOSEST_KEYS_S, GAP_S, HELD_PAUSE_S, HELD_STEP_S, JAW_SWAY, LIPS_SWAY, MIN_PAUSE_S, MOST_HELD, REST_MARGIN_S, SWAY_FROM_S,
+  SWAY_RISE_S,
+} = targets;
 const { DB_PER_DOUBLE_DROP } = style;
 
 // Targets of tokens between their neighbours. kinds: of all tokens in a row, three silences at both ends; lengths: s.
@@ -163,22 +166,44 @@ class Row {
     for (let part = 0; part < count; ++part) {
       let weights = tokens.targetsOf(place + part);
       if (isCrowded) weights = mean(weights, modeCount);
-      if (loudness) weights = louder(profile, weights, 2 ** (loudness / DB_PER_DOUBLE_DROP));
       const isAsHeard = count === 1 && tokens.heardAsHere(place) !== undefined;
       const held = smoothstep(((isAsHeard ? 0 : whole) - LONG_S[0]) / (LONG_S[1] - LONG_S[0]));
       const at = isCrowded ? [fractions.reduce((sum, one) => sum + one) / fractions.length] : fractions;
-      at.forEach((fraction, index) => {
-        const time = start + part * length + length * fraction;
-        const own = letter + Math.min(Math.floor((time - start) * (letters / whole)), letters - 1);
-        const layer = inContext(profile, this.letters, own);
-        layer[ROUND] *= 1 + profile.timesMore[this.letters[own]] * held;
-        layer[HOLE] = profile.puckered[this.letters[own]] * held;
-        keys.push({ time, target: [...weights.subarray(index * modeCount, (index + 1) * modeCount), ...layer] });
+      let own = at.map((fraction, index) => {
+        return { fraction, age: length * fraction, target: weights.subarray(index * modeCount, (index + 1) * modeCount) };
       });
+      if (length > MAX_DURATION_S) own = keysOfLong(own, length, letters > count);
+      for (const { fraction, age, target } of own) {
+        const time = start + part * length + age;
+        const row = letter + Math.min(Math.floor((part + fraction) * (letters / count)), letters - 1);
+        const layer = inContext(profile, this.letters, row);
+        layer[ROUND] *= 1 + profile.timesMore[this.letters[row]] * held;
+        layer[HOLE] = profile.puckered[this.letters[row]] * held;
+        const share = smoothstep((Math.min(age, length - age) - SWAY_FROM_S) / SWAY_RISE_S);
+        const jaw = 2 ** (loudness / DB_PER_DOUBLE_DROP) * (1 + share * swayOf(JAW_SWAY, time));
+        const lips = 1 + share * swayOf(LIPS_SWAY, time);
+        keys.push({ time, target: [...louder(profile, target, jaw), ...layer].map((value) => value * lips) });
+      }
     }
     return keys;
   }
 }
+
+// Keys of a long part near both its ends, and others between them; the first sound of a diphthong is held.
+function keysOfLong(keys, length, isDiphthong) {
+  const more = length - MAX_DURATION_S;
+  const placed = keys.map((key) => ({ ...key, age: (length - more) * key.fraction + (key.fraction < 0.5 ? 0 : more) }));
+  const [first, last] = [placed[0], isDiphthong ? placed[0] : placed.at(-1)];
+  const fraction = (first.fraction + last.fraction) / 2;
+  const target = first.target.map((value, index) => (value + last.target[index]) / 2);
+  const between = placed.at(-1).age - first.age;
+  const count = Math.floor(Math.min(between / HELD_STEP_S, MOST_HELD));
+  for (let step = 1; step <= count; ++step) placed.push({ fraction, target, age: first.age + (step / (count + 1)) * between });
+  return placed.sort((one, other) => one.age - other.age);
+}
+
+// Sum of slow waves at a time.
+const swayOf = (waves, time) => waves.reduce((sum, [share, period]) => sum + share * Math.sin(((2 * Math.PI) / period) * time), 0);
 
 function mean(weights, modeCount) {
   const found = new Float64Array(modeCount);
@@ -187,6 +212,7 @@ function mean(weights, modeCount) {
 }
 
 function louder({ jaws, modeCount }, weights, gain) {
+  if (gain === 1) return weights;
   const found = weights.slice();
   for (let index = 0; index < weights.length; ++index) {
     const [key, to] = [index - (index % modeCount), index % modeCount];

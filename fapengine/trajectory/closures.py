@@ -34,6 +34,7 @@ from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import limits
 from fapengine.speech import ipa
 from fapengine.speech.phone_track import Phone
+from fapengine.trajectory.context import MAX_DURATION_S
 
 Array = NDArray[np.float64]
 
@@ -110,9 +111,11 @@ class Hold:
 
 
 def hold_of(phone: Phone, contact: str = "lips") -> Hold:
-    """Time in which a phone keeps its contact."""
+    """Time in which a phone keeps its contact; from its ends as far as in the longest that counts."""
     begin, end = HOLD[contact]
-    start_s, stop_s = phone.start_s + begin * phone.duration_s, phone.start_s + end * phone.duration_s
+    more_s = max(phone.duration_s - MAX_DURATION_S, 0.0)
+    counted_s = phone.duration_s - more_s
+    start_s, stop_s = phone.start_s + begin * counted_s, phone.start_s + end * counted_s + more_s
     if contact == "lips":
         is_joined = len(ipa.letters(phone.label)) > 1
         stop_s = phone.start_s + JOINED_SHARE * phone.duration_s if is_joined else stop_s - BURST_S

@@ -7,6 +7,10 @@ context model two, at 20 and 70 % (:mod:`.context`). A label that the profile la
 of which gets the targets of the most similar one. After the weights of the space a target has the values of the
 phonetic layer (:mod:`.phonetics`).
 
+With a context model a phone that is longer than any that was recorded has its keyframes as far from its two ends as the
+longest one, and others between them: it is reached in time, held, and left in time. A face that holds a vowel drifts a
+little and breathes, so there a target sways (:func:`sway_of`).
+
 Silence is the neutral face, the origin of the space: a long pause holds it, a short one only passes through it, and one
 of under a tenth of a second is ignored. A C2 path runs through all keyframes (:mod:`.hermite`, or another of
 :mod:`.methods`); it starts and ends neutral, with zero slope.
@@ -26,12 +30,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.errors import UsageError
+from fapengine.geometry.smooth import smoothstep
 from fapengine.profiles import Profile
 from fapengine.speech import ipa
 from fapengine.speech.articulation import SIBILANTS
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory import hermite, phonetics
-from fapengine.trajectory.context import LABELS, PAUSE_S, REACH, SpelledPart, names_vowels, spelled, tables_of
+from fapengine.trajectory.context import (
+    LABELS,
+    MAX_DURATION_S,
+    PAUSE_S,
+    REACH,
+    SpelledPart,
+    names_vowels,
+    spelled,
+    tables_of,
+)
 from fapengine.trajectory.style import DB_PER_DOUBLE_DROP, jaw_share
 
 Array = NDArray[np.float64]
@@ -57,6 +71,16 @@ HELD_PAUSE_S = 0.3
 """Least length of a pause that holds it, between two keyframes; a shorter one has one keyframe, in its middle."""
 CLOSEST_KEYS_S = 0.012
 """Nearer keyframes would make the spline swing; the later one is dropped."""
+HELD_STEP_S = 0.4
+"""Least distance of the keyframes that hold a long phone."""
+MOST_HELD = 64
+"""Greatest number of them; those of longer phones are farther apart."""
+SWAY_FROM_S, SWAY_RISE_S = 0.3, 0.5
+"""Distance from both ends of a phone at which its sway begins, and over which it grows."""
+JAW_SWAY = (0.05, 5.3), (0.03, 1.9)
+LIPS_SWAY = (0.04, 4.1), (0.02, 1.6)
+"""Share of a target and period, s, of a drift and of breath: our choice, slow enough for :data:`HELD_STEP_S`. Phones of
+more than 0.35 s were not recorded. An ɑ of 3 s goes to and fro by 1 mm."""
 
 
 class Keyframes(NamedTuple):
@@ -139,21 +163,72 @@ def speech_keys(tracks: Sequence[tuple[Sequence[Phone], int]], profile: Profile,
     wanted = np.flatnonzero(own[phone] >= 0)
     kinds, phone, length_s = np.array(row.kinds, np.intp), phone[wanted], length_s[wanted]
     token, fractions, weights, heard = labels.targets(kinds, lengths_s, places[wanted])
-    times_s = (start_s[phone] + index[wanted] * length_s)[token] + length_s[token] * fractions
+    ages_s = length_s[token] * fractions
+    if context and (length_s > MAX_DURATION_S).any():
+        token, fractions, weights, ages_s = _keys_of_long(token, fractions, weights, length_s, (count > parts)[phone])
+    times_s = (start_s[phone] + index[wanted] * length_s)[token] + ages_s
+    jaws = np.ones(len(token))
     if row.loud:
         gains = np.ones(len(numbers))
         gains[[number for number, _ in row.loud]] = [gain for _, gain in row.loud]
-        loud = np.flatnonzero(gains[phone[token]] != 1.0)
-        weights[loud] += (gains[phone[token[loud]]] - 1.0)[:, None] * (weights[loud] @ jaw_share(profile))
+        jaws = gains[phone[token]]
+    inside_s = np.minimum(ages_s, length_s[token] - ages_s)
+    swaying = np.flatnonzero(inside_s > SWAY_FROM_S) if context else np.zeros(0, np.intp)
+    shares = smoothstep((inside_s[swaying] - SWAY_FROM_S) / SWAY_RISE_S)
+    jaws[swaying] *= 1.0 + shares * sway_of(JAW_SWAY, times_s[swaying])
+    changed = np.flatnonzero(jaws != 1.0)
+    if len(changed):
+        weights[changed] += (jaws[changed] - 1.0)[:, None] * (weights[changed] @ jaw_share(profile))
     whole_s = (end_s - start_s)[phone]
     long_s = np.where(heard & (parts[phone] == 1), 0.0, whole_s)[token]
-    phone, letters_hz = phone[token], (count[phone] / whole_s)[token]
-    passed = np.floor((times_s - start_s[phone]) * letters_hz).astype(np.intp)
+    passed = np.floor((index[wanted][token] + fractions) * (count / parts)[phone][token]).astype(np.intp)
+    phone = phone[token]
     letters, at = np.array(row.letters), first[phone] + np.minimum(passed, count[phone] - 1)
     layer = phonetics.in_context(letters, at, phonetics.values_of(profile))
     phonetics.hold_long(layer, letters[at], long_s)
     targets = np.concatenate([weights, layer], axis=1)
+    targets[swaying] *= (1.0 + shares * sway_of(LIPS_SWAY, times_s[swaying]))[:, None]
     return SpeechKeys(row.said, own[phone], times_s, targets, row.rests, row.unknown)
+
+
+def sway_of(waves: Iterable[tuple[float, float]], times_s: Array) -> Array:
+    """(N,): sum of slow waves, shares and periods in s, at times of a track, so that stream and file sway alike."""
+    return np.sum([share * np.sin(2.0 * np.pi / period_s * times_s) for share, period_s in waves], axis=0)
+
+
+def _keys_of_long(
+    token: Indices, fractions: Array, weights: Array, length_s: Array, glides: NDArray[np.bool_]
+) -> tuple[Indices, Array, Array, Array]:
+    """Move the keys of long parts towards both ends, and put others between them.
+
+    Parameters
+    ----------
+    token, fractions, weights : (N,), (N,), (N, K)
+        Keys, by part, as :meth:`_Labels.targets` finds them.
+    length_s, glides : (P,)
+        Length of each part, and whether it is a diphthong: its first sound is held. Others are held between how they
+        begin and how they end.
+
+    Returns
+    -------
+    (N + M,) int, (N + M,), (N + M, K), (N + M,) s
+        ``token``, ``fractions`` (of a held key that of what is held), ``weights``, and times since the part's begin.
+    """
+    more_s = np.maximum(length_s - MAX_DURATION_S, 0.0)
+    ages_s = (length_s - more_s)[token] * fractions + more_s[token] * (fractions >= 0.5)
+    every = np.arange(len(length_s))
+    first, last = np.searchsorted(token, every), np.searchsorted(token, every, "right") - 1
+    between_s = ages_s[last] - ages_s[first]
+    counts = np.minimum(between_s / HELD_STEP_S, MOST_HELD).astype(np.intp)
+    part = np.repeat(every, counts)
+    steps = (np.arange(len(part)) - (np.cumsum(counts) - counts)[part] + 1) / (counts[part] + 1)
+    begin, end = first[part], np.where(glides, first, last)[part]
+    token = np.concatenate([token, part])
+    fractions = np.concatenate([fractions, (fractions[begin] + fractions[end]) / 2])
+    weights = np.concatenate([weights, (weights[begin] + weights[end]) / 2])
+    ages_s = np.concatenate([ages_s, ages_s[begin] + steps * between_s[part]])
+    order = np.lexsort((ages_s, token))
+    return token[order], fractions[order], weights[order], ages_s[order]
 
 
 class _Spelled(NamedTuple):

@@ -32,6 +32,7 @@ from fapengine.trajectory.closures import (
     hold_of,
     settle,
 )
+from fapengine.trajectory.context import MAX_DURATION_S
 from fapengine.trajectory.planner import Style, plan
 from fapengine.trajectory.targets import must_open
 from tests.english import english
@@ -228,7 +229,7 @@ def test_holds_lie_in_their_phones_and_last_40_ms() -> None:
             assert hold.start_s >= phone.start_s
             assert hold.stop_s <= max(phone.end_s, phone.start_s + MIN_HOLD_S) + 1e-12
     assert hold_of(Phone("ɑ", 0.0, 0.02), "open") == Hold(0.35 * 0.02, 0.65 * 0.02, "open")
-    assert hold_of(Phone("f", 0.0, 1.0), "teeth").start_s == HOLD["teeth"][0]
+    assert hold_of(Phone("f", 0.0, 1.0), "teeth").start_s == HOLD["teeth"][0] * MAX_DURATION_S
 
 
 @pytest.mark.parametrize("label", ["p", "bʱ", "m", "m̩"])

@@ -44,6 +44,21 @@ def opening(values: NDArray[np.int32]) -> NDArray[np.int32]:
     return gap
 
 
+def test_a_long_vowel_is_reached_as_soon_as_a_short_one_held_and_sways() -> None:
+    def gap_mm(seconds: float) -> NDArray[np.float64]:
+        edges = 0.3, 0.4, 0.4 + seconds, 0.5 + seconds
+        phones = [Phone(*phone) for phone in zip("sɑp", edges, edges[1:], strict=False)]
+        return opening(values_of(PhoneTrack.from_phones(phones))) * english().fapu.unit(fap.FapUnit.MNS)
+
+    short, long = gap_mm(0.4), gap_mm(3.0)
+    np.testing.assert_allclose(long[:48], short[:48], atol=0.5)
+    np.testing.assert_allclose(long[-26:], short[-26:], atol=0.5)
+    held = long[60:320]
+    assert held.min() > 0.8 * held.max()
+    assert 0.3 < np.ptp(held[40:240]) < 2.0
+    assert np.abs(np.diff(held, 2))[::4].max() < 0.2  # mm; rounding to FAPU makes 0.04
+
+
 LABELS = st.lists(
     st.sampled_from(["p", "b", "m", "f", "s", "aɪ", "ɑː", "i", "uː", "w", "ʃ", "n", "_"]), min_size=1, max_size=9
 )

@@ -75,6 +75,18 @@ def test_its_faps_are_the_planners():
     np.testing.assert_array_equal(planner.frames(times_until(track.duration_s)), whole)
 
 
+def test_long_vowels_sway_in_a_stream_as_in_a_file():
+    edges = np.cumsum([0.4, 0.1, 1.5, 0.1, 0.9, 0.08, 3.0, 0.1, 0.1, 0.1])
+    spoken = [Phone(*phone) for phone in zip("sɑpumitɑs", edges, edges[1:], strict=False)]
+    planner, path, times = SingleStream(english()), [], np.arange(0, 6.5, 0.05)
+    planner.feed(spoken[: AHEAD_PHONES + 1])
+    for time in times:
+        planner.feed(spoken[: AHEAD_PHONES + 1 + sum(phone.end_s < time + 0.03 for phone in spoken)])
+        path.append(planner.path([time])[0])
+        planner.frames([time])
+    np.testing.assert_allclose(path, offline(spoken, times), atol=1e-9)
+
+
 @given(LABELS, LABELS, LENGTHS, st.floats(0.0, 1.0), st.sampled_from(["revise", "cancel", "late"]))
 def test_nothing_jumps_whatever_happens(labels, others, each_s, share, event):
     """Value, velocity and acceleration are continuous at the moment of a change."""
