@@ -63,7 +63,7 @@ MODULES: dict[str, ModuleType] = {
 } | {"host_words": host_words}  # fmt: skip
 """Modules with constants that the JavaScript imports, by the name that it uses."""
 WORDS = Path(__file__).with_name("words-en.bin")
-"""Network and dictionary of ``words-en``, made by ``python -m bench.words_train``."""
+"""Network, dictionary and stresses of ``words-en``: ``bench.words_train``, then ``bench.words_stress``."""
 FROM = re.compile(r"import {([^}]*)} from \"./([^\"]+)\";")
 EXPORTED = re.compile(r"^export (?:class|const|function) (\w+)", re.MULTILINE)
 IMPORTED = re.compile(r"import {([^}]*)} from \"./constants.js\";")

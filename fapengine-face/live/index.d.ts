@@ -140,7 +140,7 @@ export class Live extends EventTarget {
   /** Follow sound without Web Audio, as it comes. @param samples -1 to 1, mono. @param rate Hz, the same until `stop()`. */
   push(samples: Float32Array, rate: number, options?: { delay?: number; lookAhead?: number }): Promise<void>;
   say(phones: TimedPhone[], options?: LiveSayOptions): void;
-  /** A text, or words; resolves to null if something else was begun meanwhile. English without `pronounce` has no stress, and does not nod. */
+  /** A text, or words; resolves to null if something else was begun meanwhile. Stressed vowels nod. */
   say(words: string | TimedWord[], options?: LiveSayOptions): Promise<SaidWords | null>;
   /** @param level 0 to 2. */
   express(name: string, level?: number, fields?: { attack_s?: number; hold_s?: number; release_s?: number }): void;

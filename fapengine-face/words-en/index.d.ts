@@ -4,6 +4,6 @@ export class English {
   static make(options?: { assets?: { words?: string | URL } }): Promise<English>;
   /** @param buffer Content of `assets/words-en.bin`. */
   constructor(buffer: ArrayBuffer);
-  /** Phones (IPA, without stress) of words that follow each other without a pause; null for what is not English. */
+  /** Phones (IPA, `ˈ` before the vowel of a stressed word) of words that follow each other without a pause; null for what is not English. */
   pronounce(texts: string[]): (string[] | null)[];
 }

@@ -32,11 +32,11 @@ const BEFORE_VERB = new Set("to i you we they will would can could should must m
 const TWO_WAYS = {
   read: ["ɹ ɛ d", "ɹ i d"], lead: ["l i d"], live: ["l aɪ v", "l ɪ v"], close: ["k l oʊ s", "k l oʊ z"], use: ["j u s", "j u z"],
   wind: ["w ɪ n d", "w aɪ n d"], tears: ["t ɪ ɹ z", "t ɛ ɹ z"], house: ["h aʊ s", "h aʊ z"],
-  excuse: ["ɪ k s k j u s", "ɪ k s k j u z"], abuse: ["ə b j u s", "ə b j u z"], bow: ["b oʊ", "b aʊ"], lives: ["l aɪ v z", "l ɪ v z"],
-  record: ["ɹ ɛ k ɚ d", "ɹ ɪ k ɔ ɹ d"], present: ["p ɹ ɛ z ə n t", "p ɹ ɪ z ɛ n t"], project: ["p ɹ ɑ dʒ ɛ k t", "p ɹ ə dʒ ɛ k t"],
-  object: ["ɑ b dʒ ɛ k t", "ə b dʒ ɛ k t"], content: ["k ɑ n t ɛ n t", "k ə n t ɛ n t"], permit: ["p ɝ m ɪ t", "p ɚ m ɪ t"],
-  produce: ["p ɹ oʊ d u s", "p ɹ ə d u s"], separate: ["s ɛ p ɚ ə t", "s ɛ p ɚ eɪ t"], estimate: ["ɛ s t ə m ə t", "ɛ s t ə m eɪ t"],
-  desert: ["d ɛ z ɚ t", "d ɪ z ɝ t"],
+  excuse: ["ɪ k s k j ˈu s", "ɪ k s k j ˈu z"], abuse: ["ə b j u s", "ə b j u z"], bow: ["b oʊ", "b aʊ"], lives: ["l aɪ v z", "l ɪ v z"],
+  record: ["ɹ ˈɛ k ɚ d", "ɹ ɪ k ˈɔ ɹ d"], present: ["p ɹ ˈɛ z ə n t", "p ɹ ɪ z ˈɛ n t"], project: ["p ɹ ˈɑ dʒ ɛ k t", "p ɹ ə dʒ ˈɛ k t"],
+  object: ["ˈɑ b dʒ ɛ k t", "ə b dʒ ˈɛ k t"], content: ["k ˈɑ n t ɛ n t", "k ə n t ˈɛ n t"], permit: ["p ˈɝ m ɪ t", "p ɚ m ˈɪ t"],
+  produce: ["p ɹ ˈoʊ d u s", "p ɹ ə d ˈu s"], separate: ["s ˈɛ p ɚ ə t", "s ˈɛ p ɚ eɪ t"], estimate: ["ˈɛ s t ə m ə t", "ˈɛ s t ə m eɪ t"],
+  desert: ["d ˈɛ z ɚ t", "d ɪ z ˈɝ t"],
 };
 const AT_FIRST = new Set(["read", "close", "use", "excuse"]); // a phrase that begins with it asks to do so
 
@@ -104,6 +104,10 @@ export class English {
     return [word.slice(0, LONGEST)];
   }
 
+  stressed(word, phones) {
+    return this.letters.stress.mark(word, phones);
+  }
+
   // Phones of a word between the word before and the phones of the next; a capital is the name of a letter.
   inPhrase(word, before, next) {
     if (word === "A" || (word === "a" && before && !next)) return ["eɪ"]; // plan A, Q&A
@@ -115,8 +119,8 @@ export class English {
     if (Object.hasOwn(TWO_WAYS, word)) {
       const isVerb = before ? BEFORE_VERB.has(before) : AT_FIRST.has(word) && next;
       const [usual, verb = usual] = TWO_WAYS[word];
-      return (isVerb ? verb : usual).split(" ");
+      return this.stressed(word, (isVerb ? verb : usual).split(" "));
     }
-    return this.letters.say(word.toLowerCase());
+    return this.stressed(word.toLowerCase(), this.letters.say(word.toLowerCase()));
   }
 }

@@ -3,6 +3,7 @@
 
 import { matrixOf, multiply } from "../live/small-net.js";
 import { readTables } from "../live/tables.js";
+import { Stress } from "./stress.js";
 
 const MAX_KNOWN = 5000;
 
@@ -17,6 +18,7 @@ export class Letters {
     this.head = matrixOf(arrays, "head");
     this.mixes = Array.from({ length: this.layers }, (_, layer) => matrixOf(arrays, `mix${layer}`));
     this.spelled = arrays.phones;
+    this.stress = new Stress(arrays, about.stress);
     this.stored = this.dictionary(arrays.words); // word to where its phones begin
     this.known = new Map(); // what the network has read
   }
