@@ -79,6 +79,18 @@ def test_a_half_smile_lifts_one_corner_and_leaves_lips_shut() -> None:
     assert of(Expression.CONTEMPT, 20)[0] > 100
 
 
+def test_anger_lowers_the_inner_ends_of_the_brows_most_and_presses_the_lips() -> None:
+    """Brows as low in their middle as at their inner ends are level, which strangers took for tired."""
+    anger = expression_faps(english())[:, EXPRESSIONS.index(Expression.ANGER)]
+    inner, middle, outer, squeeze, lower, upper_lip, lower_lip = anger[
+        [fap.column(number) for number in (31, 33, 35, 37, 21, 51, 52)]
+    ]
+    assert inner < middle - 80 < outer - 160
+    assert squeeze > 80
+    assert lower > 150
+    assert min(upper_lip, lower_lip) > 100
+
+
 def test_a_profile_without_joy_has_no_half_smile() -> None:
     bare = replace(english(), expressions={})
     assert not expression_faps(bare).any()
