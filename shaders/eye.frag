@@ -62,8 +62,9 @@ void main() {
     vec3 front = normalize(mix(normal, gaze + CORNEA * (normal - gaze), on_cornea));
     float facing = dot(front, view);
     float mirrored = half_way(KEY_FROM, view, dot(front, KEY_FROM) + facing);
-    float edge = 0.3 * fwidth(mirrored);
-    float catchlight = smoothstep(0.9905 - edge, 0.9960 + edge, mirrored);
+    float edge = 0.6 * fwidth(mirrored);
+    float catchlight = smoothstep(0.9885 - edge, 0.9970 + edge, mirrored);
+    catchlight *= catchlight;  // or its soft edge would be as white as its middle
     catchlight += 0.10 * smoothstep(0.985, 0.999, half_way(FILL_FROM, view, dot(front, FILL_FROM) + facing));
     colour += 1.1 * catchlight * mix(0.08, 1.0, on_cornea) * smoothstep(0.02, 0.10, below_upper) * KEY_COLOUR;
     // Tears stand on the lower lid.

@@ -43,7 +43,7 @@ DARK_BROWS = 0.06
 MOUTH = np.array([0.28, 0.092, 0.081])
 GUM = np.array([0.50, 0.16, 0.15])
 TONGUE = np.array([0.48, 0.158, 0.147])
-TEETH = np.array([0.76, 0.63, 0.53])
+TEETH = np.array([0.795, 0.62, 0.545])
 """Warmer than ivory: light on teeth has been reflected by lips and tongue, and the renderer's light is that of the sky.
 """
 EYE = np.array([0.80, 0.77, 0.74])

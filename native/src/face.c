@@ -801,8 +801,9 @@ static I eye_colour(const float *u, const EyePlace *p, V3 ball, F softness) {
     V3 light = scaled(irradiance(g.normal, softness, occlusion), mix(all(0.62f), all(1), occlusion));
     V3 colour = {albedo.x * light.x, albedo.y * light.y, albedo.z * light.z};
 
-    F edge = 0.3f * (absolute(gx.mirrored - g.mirrored) + absolute(gy.mirrored - g.mirrored));
-    F catchlight = step_(0.9905f - edge, 0.9960f + edge, g.mirrored);
+    F edge = 0.6f * (absolute(gx.mirrored - g.mirrored) + absolute(gy.mirrored - g.mirrored));
+    F catchlight = step_(0.9885f - edge, 0.9970f + edge, g.mirrored);
+    catchlight *= catchlight;
     catchlight += 0.10f * step(0.985f, 0.999f, half_way(FILL_FROM, g.view, dot(g.front, FILL_FROM) + g.facing));
     F k = 1.1f * catchlight * mix(all(0.08f), all(1), g.on_cornea) * step(0.02f, 0.10f, below_upper);
     colour = plus(colour, scaled(KEY_COLOUR, k));

@@ -45,6 +45,10 @@ THROAT_FAPU = (340.0, 560.0)
 """FAPU of the jaw over which the throat becomes dark: from the widest vowels on."""
 BACK_BY_STRETCH = dict.fromkeys((6, 7, 53, 54), 0.5)
 """Millimetres that a corner of the lips moves back per millimetre outwards: lips slide around the teeth."""
+PURSE_FAPU, PURSE_MM, PURSE_OUT_MM, PURSE_FORWARD_MM = (200.0, 550.0), 6.0, 3.0, 6.0
+"""FAPU of a lower lip pushed forward over which lips purse, as in u: how far their corners come in, how much thicker
+each lip becomes near them, and how far they come forward. So the outline is round, and closed lips stay closed.
+"""
 JAW_FAP = 3
 JAW_PIVOT = np.array([0.0, 2.0, 18.0])
 """Midpoint of the axis through the jaw joints, mm."""
@@ -113,12 +117,14 @@ def build_basis(
             distance = np.linalg.norm((points[vertices] - centre) / size_mm, axis=1)
             linear(number, vertices, np.clip(1 - distance**2, 0, None) ** 2)
 
-    _lips(head, linear)
+    _lips(head, linear, collector)
     around((18,), skin, (24, 17, 30))
     fields = _skin_fields(points, places, skin, head, feature_points)
     for number, moves in fields.items():
         if number != JAW_FAP:
             collector.add(Channel(number, -np.inf, np.inf), skin, moves * fapu.unit(fap.spec(number).unit))
+    inwards = -PURSE_MM / (PURSE_FAPU[1] - PURSE_FAPU[0]) * (fields[53] + fields[54])
+    collector.add(Channel(PUSH_LOWER_LIP, *PURSE_FAPU), skin, inwards)
     for side, corner in enumerate(RAISE_CORNERS):
         whole = SMILE_FAPU[1] - SMILE_FAPU[0]
         collector.add(Channel(corner, *SMILE_FAPU), skin, fields[LIFT_CHEEK + side] * SMILE_CHEEK_MM / whole)
@@ -167,7 +173,7 @@ def _along(t: Array, at: float) -> Array:
     return np.where(end, to_corner if abs(at) == 1 else to_side - to_corner, 0.0)
 
 
-def _lips(head: HeadParts, linear: Linear) -> None:
+def _lips(head: HeadParts, linear: Linear, collector: BasisCollector) -> None:
     mouth = head.mouth
     level = np.broadcast_to(mouth.level[:, None], mouth.indices.shape)
     t = np.broadcast_to(mouth.t, level.shape)
@@ -199,6 +205,13 @@ def _lips(head: HeadParts, linear: Linear) -> None:
     forward = 1 - t**2
     add(17, both * forward * on_upper)
     add(16, both * forward * on_lower)
+    pursed = [
+        -PURSE_MM * np.sign(t) * np.abs(t) ** 1.2 * both,
+        PURSE_OUT_MM * 4 * t**6 * (1 - t**6) * np.where(upper, outer, -outer),
+        PURSE_FORWARD_MM * t**2 * (2.5 - 1.5 * t**2) * both,
+    ]
+    per_fapu = np.stack(pursed, axis=-1).reshape(-1, 3)[unique] / (PURSE_FAPU[1] - PURSE_FAPU[0])
+    collector.add(Channel(PUSH_LOWER_LIP, *PURSE_FAPU), vertices, per_fapu)
 
 
 def _skin_fields(
@@ -258,7 +271,7 @@ def _brows(points: Array, head: HeadParts, skin: Indices, feature_points: dict[s
         hairs = points[head.brows[side]]
         thick = np.percentile(np.abs(hairs[:, 1] - _parabola(sign * hairs[:, 0], knots) @ heights), 92)
         above = np.clip((off - thick) / BROW_ABOVE_MM, 0, 1)
-        reach = BROW_TO_LID_MM - thick + BROW_TO_NOSE_MM * (1 - smoothstep(along / knots[0]))
+        reach = BROW_TO_LID_MM - thick + BROW_TO_NOSE_MM * (1 - smoothstep((along / knots[0] - 0.3) / 1.3))
         below = np.clip((-off - thick) / reach, 0, 1)
         # A ramp with short ends is less steep than a smooth step: skin below a lowered brow must not fold over itself.
         vertical = (1 - smoothstep(above)) * (1 - 0.5 * (below + smoothstep(below))) * front

@@ -176,22 +176,24 @@ def _build_lashes(
     """Strands on the lids' margins, the upper ones longer and bent upwards."""
     order = np.argsort(t)
     spines, half_widths, asides, roots = [], [], [], []
-    for is_upper, count, length_mm in ((True, 30, 5.6), (False, 14, 2.6)):
+    for is_upper, count, length_mm in ((True, 30, 3.4), (False, 16, 1.8)):
         mine = order[(upper[order] == is_upper) & (np.abs(t[order]) < 1)]
-        for number, along_rim in enumerate(np.linspace(-0.86, 0.97, max(8, round(count * min(detail, 1.5))))):
+        for number, along_rim in enumerate(np.linspace(-0.86, 0.94, max(8, round(count * min(detail, 1.5))))):
             root = int(mine[np.abs(t[mine] - along_rim).argmin()])
             base = np.array([np.interp(along_rim, t[mine], rim[mine, axis]) for axis in range(3)])
             outwards = unit_vectors(base - centre)
             aside = np.array([side, 0.0, 0.0])
-            length = length_mm * (0.72 + 0.28 * along_rim) * (0.88 + 0.12 * np.sin(7.3 * number))
-            length *= 1 - 0.5 * smoothstep((-along_rim - 0.5) / 0.4) - 0.35 * smoothstep((along_rim - 0.6) / 0.4)
-            lift = np.array([0.0, 0.42 if is_upper else -0.30, 0.0])
-            grow = outwards + (0.42 * along_rim + 0.1 * np.sin(11.0 * number)) * aside + 0.4 * lift
+            # Longest over the outer third, where they are one dark wing.
+            full = smoothstep((along_rim + 0.9) / 1.4) * (1 - 0.45 * smoothstep((along_rim - 0.7) / 0.3))
+            length = length_mm * (0.35 + 0.65 * full) * (0.93 + 0.07 * np.sin(7.3 * number))
+            lift = np.array([0.0, 0.38 if is_upper else -0.30, 0.0])
+            grow = outwards + (0.12 + 0.45 * along_rim) * aside + 0.4 * lift
             middle = base + 0.5 * length * grow
             tip = base + length * (grow + lift)
             spines.append([base, middle, tip])
-            half_widths.append(np.array([1.0, 0.6, 0.1]) * (0.18 if is_upper else 0.13))
-            asides.append([1.0 if is_upper else -1.0, 0.0, 0.0])  # ribbons face forwards
+            # Upper ones touch at their roots, so that they are a band with a soft edge and not single ticks.
+            half_widths.append([0.5, 0.36, 0.04] if is_upper else [0.11, 0.06, 0.01])
+            asides.append(unit_vectors(np.array([(tip - base)[1], (base - tip)[0], 0.0])))  # ribbons face forwards
             roots.append(root)
     lashes = builder.strands(np.array(spines), np.array(half_widths), np.array(asides), albedo=colours.LASH)
     return lashes, np.array(roots)

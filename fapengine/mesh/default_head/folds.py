@@ -35,7 +35,7 @@ LIT_SIDE = 0.5
 AT_REST, OLD = 0.035, 0.42
 """Fraction of the folds in the neutral pose of a young and of an old face."""
 YOUNG = 0.45
-"""Fraction of the folds of an old face that FAPs cause in the youngest."""
+"""Fraction of the folds of an old face that FAPs cause in the youngest, except round the eyes, where they have none."""
 
 FOREHEAD, BETWEEN_BROWS, CROWS_FEET, NOSE, BESIDE_NOSE, UNDER_EYE, CHIN = range(7)
 
@@ -205,11 +205,11 @@ def fold_shares(points: Array, fapu: Fapu, age: float) -> Iterator[tuple[int, In
     ``points`` is (N, 3) mm on the template; ``age`` 0..1: firm skin folds less.
     """
     x, y, z = points.T
-    firm = YOUNG + (1 - YOUNG) * age
     left = smoothstep(x / 8.0 + 0.5)
     shares: dict[int, Array] = {}
     for region, drives in DRIVES.items():
         here = _share(region, x, y) * (z > 10.0)
+        firm = age if region in (CROWS_FEET, UNDER_EYE) else YOUNG + (1 - YOUNG) * age
         for number, most, full_mm in drives:
             per_fapu = firm * most / full_mm * fapu.unit(fap.spec(number).unit)
             for mine, half in ((number, left), (number + 1, 1 - left)) if number not in MIDDLE else ((number, 1.0),):

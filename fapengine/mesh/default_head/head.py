@@ -203,10 +203,12 @@ def _build_skin(builder: MeshBuilder, style: HeadStyle, detail: float) -> tuple[
 
 def _soften(points: Array, triangles: Indices, head: HeadParts, detail: float) -> Array:
     """Smooth the skin where the rings around mouth and eyes meet the grid."""
-    rounds = max(1, round(2 * detail**2))
+    rounds = max(1, round(4 * detail**2))
     weight, near = np.zeros(len(points)), np.zeros(len(points))
     weight[head.grid] = 1.0
-    for rings, edge in ((head.mouth, 1.15), *((eye.lids, 1.5) for eye in head.eyes)):
+    softened_from = [(head.mouth, np.full(len(head.mouth.t), 1.15))]
+    softened_from += [(eye.lids, np.where(eye.lids.upper, 1.5, 1.1)) for eye in head.eyes]  # no ridge under the eye
+    for rings, edge in softened_from:
         weight[rings.indices] = smoothstep((rings.level[:, None] - edge) / 0.25)
         near[rings.indices] = 1.0
     blend = weight * np.clip(3.0 * average_over_mesh(near, triangles, rounds), 0, 1)

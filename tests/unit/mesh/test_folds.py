@@ -63,6 +63,17 @@ def test_folds_rest_with_youth_and_stay_with_age(head: FaceMesh) -> None:
     assert not head.folds.rest[head.material == Material.HAIR].any()
 
 
+def test_a_smile_draws_crows_feet_with_age_alone() -> None:
+    drawn = {}
+    for age in (0.0, 1.0):
+        head = build_head(HeadStyle(age=age))
+        at = head.vertices_mm[:, :2]
+        near = (head.material == Material.SKIN) & (np.linalg.norm(at - (53, 34), axis=1) < 7)
+        drawn[age] = (shares(head, lift_l_cheek=215) - shares(head))[near].max()
+    assert drawn[0.0] == 0.0
+    assert drawn[1.0] > 0.4
+
+
 def test_a_lid_comes_to_light_as_it_shuts(head: FaceMesh) -> None:
     assert head.folds is not None
     lids = (head.folds.rest < 0) & (head.material == Material.SKIN)

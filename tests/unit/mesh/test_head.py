@@ -133,6 +133,16 @@ def test_the_jaw_leaves_the_lips_where_their_faps_say(head: FaceMesh) -> None:
         assert moved[head.feature_points[point]] > 5, point
 
 
+def test_lips_pushed_far_forward_purse(head: FaceMesh) -> None:
+    """Their corners come in by more than their own FAPs say, and closed lips stay closed."""
+    corner, push = head.feature_points["8.3"], {value: deform(head, frame(push_b_lip=value)) for value in (0, 200, 550)}
+    assert push[200][corner] == pytest.approx(head.vertices_mm[corner])
+    assert push[550][corner] - push[0][corner] == pytest.approx([-6.0, 0.0, 6.0], abs=0.7)
+    for upper, lower in (("2.2", "2.3"), ("2.6", "2.8"), ("2.7", "2.9")):
+        apart = [moved[head.feature_points[upper], 1] - moved[head.feature_points[lower], 1] for moved in push.values()]
+        assert apart == pytest.approx([apart[0]] * 3, abs=0.05)
+
+
 def test_lids_close_fully_and_lie_on_the_ball(head: FaceMesh) -> None:
     closed = deform(head, frame(close_t_l_eyelid=1024))
     upper, lower = head.feature_points["3.1"], head.feature_points["3.3"]
