@@ -25,6 +25,7 @@
 #define BONES 5
 #define GUARD 4.0f             /* triangles are clipped where they leave the picture by so many halves of its side */
 #define REACH 5                /* of the smoothing, in pixels */
+#define NEAR 12                /* rows of texels around a vertex, fetched from memory before they are needed */
 
 enum { FACE, CUTOUT, EYEBALL, EYE, STRAND, PARTS };
 enum { RGB, RGBA, I420 };
@@ -54,6 +55,7 @@ typedef struct {
     int count, padded, room, triangles, strands, has_pixel_parts;
     float *rest, *normal;          /* (count, 4) */
     float *plane[9];               /* albedo 3, surface 3, u, v, occlusion */
+    int32_t *texel;                /* the first of the NEAR rows of texels around u, v */
     float *fold;
     int32_t *bone, *first, *entries;
     float *bone_weight, *head_weight;
@@ -270,8 +272,8 @@ static int room_for(Mesh *m, int wanted) { /* vertices in what the frame compute
 
 static void mesh_close(Mesh *m) {
     void *arrays[] = {m->rest, m->normal, m->fold, m->bone, m->first, m->entries, m->bone_weight, m->head_weight, m->move,
-                      m->turn, m->channel, m->corners, m->part, m->is_pixel_lit, m->occlusion, m->folds, m->depth,
-                      m->inverse_w, m->x, m->y, m->is_clipped, m->lit, m->pixel, m->shown, m->bin_start, m->bin};
+                      m->texel, m->turn, m->channel, m->corners, m->part, m->is_pixel_lit, m->occlusion, m->folds,
+                      m->depth, m->inverse_w, m->x, m->y, m->is_clipped, m->lit, m->pixel, m->shown, m->bin_start, m->bin};
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++) freed(arrays[i]);
     for (int k = 0; k < 9; k++) freed(m->plane[k]);
     for (int k = 0; k < 6; k++) freed(m->at[k]);
@@ -320,7 +322,7 @@ static int mesh_open(Mesh *m, int still, const float *vertices, int count, const
         && (m->bone = zeroed(n, 4)) && (m->first = zeroed(n, 4)) && (m->entries = zeroed(n, 4))
         && (m->bone_weight = zeroed(n, 4)) && (m->head_weight = zeroed(n, 4)) && (m->move = zeroed(entries, 16))
         && (m->turn = zeroed(entries, 16)) && (m->channel = zeroed(entries, 4)) && (m->is_pixel_lit = zeroed(n, 1))
-        && (m->occlusion = zeroed(n, 4)) && (m->folds = zeroed(n, 4));
+        && (m->texel = zeroed(n, 4)) && (m->occlusion = zeroed(n, 4)) && (m->folds = zeroed(n, 4));
     for (int k = 0; k < 9; k++) done = done && (m->plane[k] = zeroed(n, 4));
     for (int k = 0; k < 6; k++) done = done && (m->at[k] = zeroed(n, 4));
     done = done && room_for(m, m->padded + LANES);
@@ -677,9 +679,18 @@ INLINE int begin_edges(Edges *e, const Triangle *t, int x, int y) {
     return 1;
 }
 
-INLINE M covered(const Edges *e, const Triangle *t, int bx, int by) {
-    I outside = {0};
-    for (int k = 0; k < 3; k++) outside |= e->value[k] + (4 * bx * t->a[k] + BLOCK_ROWS * by * t->b[k]);
+typedef struct { I value[3]; } Line; /* edge functions at a vector's pixels */
+
+INLINE Line line_of(const Edges *e, const Triangle *t, int by) {
+    Line line;
+    for (int k = 0; k < 3; k++) line.value[k] = e->value[k] + (4 * e->first_x * t->a[k] + BLOCK_ROWS * by * t->b[k]);
+    return line;
+}
+
+/* Where a triangle covers a vector's pixels; and on to the next vector. */
+INLINE M covered(Line *line, const I *step) {
+    I outside = line->value[0] | line->value[1] | line->value[2];
+    for (int k = 0; k < 3; k++) line->value[k] += step[k];
     return lti(alli(-1), outside);
 }
 
@@ -688,19 +699,24 @@ INLINE F from_corner_x(const Triangle *t, int x) { return across_f + ((float)x +
 INLINE F from_corner_y(const Triangle *t, int y) { return below_f + ((float)y + 0.5f - t->ay); }
 INLINE F depth_at(const Triangle *t, F rx, F ry) { return t->z + (t->zx * rx + t->zy * ry); }
 
-typedef struct { const float *corner[3]; F l1, l2; } Place;
+/* The first corner's row, and how far the others' differ from it, in memory: so a lane reads each number from there. */
+typedef struct { const float *first; float second[ROW], third[ROW]; F l1, l2; } Place;
 
-INLINE Place place_in(const Triangle *t, const float *rows, F rx, F ry) {
-    Place p;
-    for (int k = 0; k < 3; k++) p.corner[k] = rows + (size_t)ROW * t->corner[k];
-    p.l1 = t->l1x * rx + t->l1y * ry;
-    p.l2 = t->l2x * rx + t->l2y * ry;
-    return p;
+INLINE void place_in(Place *p, const Triangle *t, const float *rows, F rx, F ry) {
+    p->first = rows + (size_t)ROW * t->corner[0];
+    const float *second = rows + (size_t)ROW * t->corner[1], *third = rows + (size_t)ROW * t->corner[2];
+    for (int k = 0; k < ROW; k += LANES) {
+        const F first = load(p->first + k);
+        store(p->second + k, load(second + k) - first);
+        store(p->third + k, load(third + k) - first);
+    }
+    __asm__("" : "+m"(p->second), "+m"(p->third)); /* or the compiler computes each difference alone */
+    p->l1 = t->l1x * rx + t->l1y * ry;
+    p->l2 = t->l2x * rx + t->l2y * ry;
 }
 
 INLINE F value_at(const Place *p, int column) {
-    const float a = p->corner[0][column], b = p->corner[1][column] - a, c = p->corner[2][column] - a;
-    return a + (p->l1 * b + p->l2 * c);
+    return p->first[column] + (p->l1 * p->second[column] + p->l2 * p->third[column]);
 }
 
 /* w from the depth: what was divided by w is multiplied by it. */
@@ -708,19 +724,30 @@ INLINE F w_of(const float *u, F z) { return u[U_DEPTH + 1] / (u[U_DEPTH] - z); }
 
 static M without_holes(const Face *face, const Mesh *m, const Triangle *t, const float *u, int at_vertices, F rx, F ry,
                        F z) {
-    const Place p = place_in(t, at_vertices ? m->lit : m->pixel, rx, ry);
+    Place p;
+    place_in(&p, t, at_vertices ? m->lit : m->pixel, rx, ry);
     const int uv = at_vertices ? L_UV : A_UV;
     F w = w_of(u, z);
     return le(all(0.5f), sampled(face, value_at(&p, uv) * w, value_at(&p, uv + 1) * w).a);
+}
+
+/* Between marking a tile's pixels and shading them the memory has time to answer. */
+INLINE void fetch_texels(const Face *face, const Mesh *m, int32_t vertex) {
+    if (vertex >= m->count || face->skin_height < NEAR) return;
+    const uint32_t *row = face->texels + m->texel[vertex];
+    for (int k = 0; k < NEAR; k++, row += face->skin_width) __builtin_prefetch(row);
 }
 
 static void cover(Face *face, const Mesh *m, const Triangle *t, int number, const float *u, int at_vertices, int x,
                   int y) {
     Edges edges;
     begin_edges(&edges, t, x, y);
-    for (int by = edges.first_y; by <= edges.last_y; by++)
+    fetch_texels(face, m, t->corner[0]);
+    const I step[3] = {alli(4 * t->a[0]), alli(4 * t->a[1]), alli(4 * t->a[2])};
+    for (int by = edges.first_y; by <= edges.last_y; by++) {
+        Line line = line_of(&edges, t, by);
         for (int bx = edges.first_x; bx <= edges.last_x; bx++) {
-            M mask = covered(&edges, t, bx, by);
+            M mask = covered(&line, step);
             if (!bits(mask)) continue;
             const int at = BLOCK(bx, by);
             F rx = from_corner_x(t, x + 4 * bx), ry = from_corner_y(t, y + BLOCK_ROWS * by);
@@ -731,6 +758,7 @@ static void cover(Face *face, const Mesh *m, const Triangle *t, int number, cons
             store(face->z + at, sel(mask, z, old));
             storei(face->id + at, seli(mask, alli(number), loadi(face->id + at)));
         }
+    }
 }
 
 /* ---- eye.frag ---- */
@@ -836,7 +864,8 @@ static void keep_eye(EyePlace *places, const Mesh *m, const Triangle *t, const f
         if (n == 1) dx = 1 - 2 * to_f((across + x) & 1);
         if (n == 2) dy = 1 - 2 * to_f((below + y) & 1);
         F w = w_of(u, depth_at(t, rx + dx, ry + dy));
-        Place p = place_in(t, m->pixel, rx + dx, ry + dy);
+        Place p;
+        place_in(&p, t, m->pixel, rx + dx, ry + dy);
         EyePlace *to = places + n;
 #define KEEP(value, column) value = sel(mine, value_at(&p, column) * w, value)
         KEEP(to->position.x, A_POSITION);
@@ -865,13 +894,15 @@ static void shade_block(Face *face, const Mesh *m, const float *u, int at_vertic
         F rx = from_corner_x(t, x), ry = from_corner_y(t, y);
         if (t->part == CUTOUT) is_cut_out |= mine;
         if (at_vertices && t->part <= CUTOUT) {
-            Place p = place_in(t, m->lit, rx, ry);
+            Place p;
+            place_in(&p, t, m->lit, rx, ry);
             is_lit |= mine;
             keep(&lit, &p, 0, LIT, mine);
             continue;
         }
         if (is_first) memset(&pixel, 0, sizeof pixel), memset(eyes, 0, sizeof eyes), is_first = 0;
-        Place p = place_in(t, m->pixel, rx, ry);
+        Place p;
+        place_in(&p, t, m->pixel, rx, ry);
         keep(&pixel, &p, 0, ROW, mine);
         if (t->part == EYE) {
             keep_eye(eyes, m, t, u, x, y, rx, ry, mine);
@@ -910,16 +941,19 @@ INLINE I blended(I old, V3 c, F alpha) {
 static void draw_strand(Face *face, const Mesh *m, const Triangle *t, const float *u, int at_vertices, int x, int y) {
     Edges edges;
     begin_edges(&edges, t, x, y);
-    for (int by = edges.first_y; by <= edges.last_y; by++)
+    const I step[3] = {alli(4 * t->a[0]), alli(4 * t->a[1]), alli(4 * t->a[2])};
+    for (int by = edges.first_y; by <= edges.last_y; by++) {
+        Line line = line_of(&edges, t, by);
         for (int bx = edges.first_x; bx <= edges.last_x; bx++) {
-            M mask = covered(&edges, t, bx, by);
+            M mask = covered(&line, step);
             if (!bits(mask)) continue;
             const int at = BLOCK(bx, by);
             F rx = from_corner_x(t, x + 4 * bx), ry = from_corner_y(t, y + BLOCK_ROWS * by);
             F z = depth_at(t, rx, ry), w = w_of(u, z);
             mask &= lt(z, load(face->z + at));
             if (!bits(mask)) continue;
-            Place p = place_in(t, at_vertices ? m->lit : m->pixel, rx, ry);
+            Place p;
+            place_in(&p, t, at_vertices ? m->lit : m->pixel, rx, ry);
             const int uv = at_vertices ? L_UV : A_UV;
             F place = value_at(&p, uv) * w, half = value_at(&p, uv + 1) * w;
             const float pixel = t->pixel;
@@ -939,6 +973,7 @@ static void draw_strand(Face *face, const Mesh *m, const Triangle *t, const floa
             I old = loadi(face->tile + at);
             storei(face->tile + at, seli(mask, blended(old, toned(c), alpha), old));
         }
+    }
 }
 
 /* ---- from tiles to the picture ---- */
@@ -1104,29 +1139,32 @@ static void write_rgba(const Face *face, uint8_t *out) {
         memcpy(out + 4 * (size_t)y * face->width, face->out + (size_t)y * face->stride, 4 * (size_t)face->width);
 }
 
-/* Rec. 601, limited range; chroma is the mean of 2 x 2 pixels. */
-static void write_i420(const Face *face, uint8_t *out) {
-    const int width = face->width, height = face->height, half = (width + 1) / 2;
-    uint8_t *u = out + (size_t)width * height, *v = u + (size_t)half * ((height + 1) / 2);
 #define RED(c) (int)((c) & 255)
 #define GREEN(c) (int)((c) >> 8 & 255)
 #define BLUE(c) (int)((c) >> 16 & 255)
+
+INLINE void write_chroma(uint32_t a, uint32_t b, uint32_t c, uint32_t d, uint8_t *u, uint8_t *v) {
+    const int red = RED(a) + RED(b) + RED(c) + RED(d), green = GREEN(a) + GREEN(b) + GREEN(c) + GREEN(d);
+    const int blue = BLUE(a) + BLUE(b) + BLUE(c) + BLUE(d);
+    *u = (uint8_t)((-38 * red - 74 * green + 112 * blue + 512 + 131072) >> 10);
+    *v = (uint8_t)((112 * red - 94 * green - 18 * blue + 512 + 131072) >> 10);
+}
+
+/* Rec. 601, limited range; chroma is the mean of 2 x 2 pixels. The restricted pointers permit vectors. */
+static void write_i420(const Face *face, uint8_t *out) {
+    const int width = face->width, height = face->height, half = (width + 1) / 2;
     for (int y = 0; y < height; y++) {
-        const uint32_t *c = face->out + (size_t)y * face->stride;
-        uint8_t *to = out + (size_t)y * width;
+        const uint32_t *restrict c = face->out + (size_t)y * face->stride;
+        uint8_t *restrict to = out + (size_t)y * width;
         for (int x = 0; x < width; x++)
             to[x] = (uint8_t)((66 * RED(c[x]) + 129 * GREEN(c[x]) + 25 * BLUE(c[x]) + 128 + 4096) >> 8);
     }
-    for (int y = 0; y < height; y += 2) {
-        const uint32_t *c = face->out + (size_t)y * face->stride, *d = y + 1 < height ? c + face->stride : c;
-        for (int x = 0; x < width; x += 2) {
-            const int x1 = x + 1 < width ? x + 1 : x;
-            const int r = RED(c[x]) + RED(c[x1]) + RED(d[x]) + RED(d[x1]);
-            const int g = GREEN(c[x]) + GREEN(c[x1]) + GREEN(d[x]) + GREEN(d[x1]);
-            const int b = BLUE(c[x]) + BLUE(c[x1]) + BLUE(d[x]) + BLUE(d[x1]);
-            *u++ = (uint8_t)((-38 * r - 74 * g + 112 * b + 512 + 131072) >> 10);
-            *v++ = (uint8_t)((112 * r - 94 * g - 18 * b + 512 + 131072) >> 10);
-        }
+    uint8_t *restrict u = out + (size_t)width * height, *restrict v = u + (size_t)half * ((height + 1) / 2);
+    for (int y = 0; y < height; y += 2, u += half, v += half) {
+        const uint32_t *restrict c = face->out + (size_t)y * face->stride;
+        const uint32_t *restrict d = y + 1 < height ? c + face->stride : c;
+        for (int x = 0; x < width / 2; x++) write_chroma(c[2 * x], c[2 * x + 1], d[2 * x], d[2 * x + 1], u + x, v + x);
+        if (width % 2) write_chroma(c[width - 1], c[width - 1], d[width - 1], d[width - 1], u + half - 1, v + half - 1);
     }
 }
 
@@ -1182,11 +1220,24 @@ static int face_canvas(Face *face, int width, int height, const uint8_t *backgro
     return 1;
 }
 
+static int texel_at(float place, int size) {
+    place -= floorf(place);
+    return place >= 0 && place < 1 ? (int)(place * (float)size) : 0; /* it may be no number */
+}
+
+static void find_texels(const Face *face, Mesh *m) {
+    for (int v = 0; v < m->count; v++) {
+        const int x = texel_at(m->plane[6][v], face->skin_width), y = texel_at(m->plane[7][v], face->skin_height);
+        m->texel[v] = higher(lower(y - NEAR / 2, face->skin_height - NEAR), 0) * face->skin_width + x;
+    }
+}
+
 static int face_skin(Face *face, int width, int height, const uint8_t *texels) {
     if (width < 1 || height < 1 || width > 32768 || height > 32768) return 0;
     if (!enlarged((void **)&face->texels, 0, (size_t)width * height, 4)) return 0;
     memcpy(face->texels, texels, 4 * (size_t)width * height);
     face->skin_width = width, face->skin_height = height;
+    for (int k = 0; k < 2; k++) find_texels(face, face->mesh + k);
     face->ground_is_drawn = 0;
     return 1;
 }
