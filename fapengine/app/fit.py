@@ -87,6 +87,10 @@ def run_fit(
     """
     output = job.output
     check_folder(output)
+    if job.report:  # without its library, the user learns it before minutes of work
+        from fapengine.files.report.parts import figure_class
+
+        figure_class()
     sessions = [
         load_session(
             job.session, units=job.units, up=job.up, on_take=on_take,
@@ -206,7 +210,7 @@ def _write(
     output: Path, fitted: Fitted, adapted: tuple[FaceMesh, Nearness] | None, *, report: bool, faps: bool
 ) -> None:
     page = None
-    if report:  # before anything is written: its library may be missing
+    if report:
         from fapengine.files.report.page import write_report
 
         page = write_report(fitted, _faces(fitted, None if adapted is None else adapted[0]))

@@ -113,6 +113,16 @@ def name_phones(plot: "Axes", phones: Iterable[tuple[str, float, float]], fontsi
         )  # fmt: skip
 
 
+def figure_class() -> type["Figure"]:
+    """Import matplotlib, or raise ResourceError."""
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        needed = 'figures need matplotlib: pip install "fapengine[lab]"; fit works without it by report=False'
+        raise ResourceError(needed) from error
+    return Figure
+
+
 def new_figure(
     width: float, height: float, rows: int = 1, columns: int = 1, **options: Any
 ) -> tuple["Figure", list["Axes"]]:
@@ -123,12 +133,7 @@ def new_figure(
     ResourceError
         If matplotlib is not installed.
     """
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        needed = 'figures need matplotlib: pip install "fapengine[lab]"; fit works without it by report=False'
-        raise ResourceError(needed) from error
-    figure = Figure(figsize=(width, height), layout="constrained")
+    figure = figure_class()(figsize=(width, height), layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False, **options)
     for plot in axes.flat:
         plot.spines[["top", "right"]].set_visible(False)
