@@ -289,7 +289,7 @@ def follow(
         judged, strictness = _judge(aligned, names), 1.0 if aligner.dictionary else FOREIGN
         missing = [] if is_trusted else _missing(judged, strictness)
         if not is_trusted and _agrees_less(judged, AGREEING_ALL * strictness):
-            is_said = fits(aligner, aligned, piece, _agreement(judged))
+            is_said = fits(aligner, aligned, piece)
             missing = [] if is_said else [_all_of(judged)]
             if is_said:
                 doubted.append((gathered.now_s, gathered.now_s + len(piece) / RATE_HZ))
@@ -418,12 +418,8 @@ def _missing(judged: Sequence[_Judged], strictness: float) -> list[tuple[int, in
 
 def _agrees_less(judged: Sequence[_Judged], share: float) -> bool:
     """Whether the loop agrees in less than a share of the frames, if there are enough of them."""
-    return sum(word.total for word in judged) >= JUDGED_FRAMES and _agreement(judged) < share
-
-
-def _agreement(judged: Sequence[_Judged]) -> float:
-    """Fraction of the frames in which the loop agrees."""
-    return sum(word.agree for word in judged) / sum(word.total for word in judged)
+    total = sum(word.total for word in judged)
+    return total >= JUDGED_FRAMES and sum(word.agree for word in judged) < share * total
 
 
 def _all_of(judged: Sequence[_Judged]) -> tuple[int, int, int, int]:
