@@ -58,7 +58,8 @@ demo: $(VENV)/.ready
 	@$(BIN)/fapengine doctor | grep renderer
 
 # The others take one processor, one after the other, while the tests wait for clocks and sound cards.
-test: $(VENV)/.ready-dev detector
+test:
+	@$(MAKE) --no-print-directory -j 2 $(VENV)/.ready-dev detector
 	@$(MAKE) --no-print-directory -j 2 tests check conformance fuzz-replay
 
 # Of three processes one takes files that compute, the others files that wait, the long ones first: tests/queues.py.
@@ -230,7 +231,7 @@ $(VENV)/.ready: pyproject.toml .ci/system-packages
 # Its tests are skipped, and counted, where it does not install.
 detector: $(VENV)/.ready-detector
 
-$(VENV)/.ready-detector: $(VENV)/.ready-dev
+$(VENV)/.ready-detector: $(VENV)/.ready
 	$(PYTHON) -m venv --without-pip $(VENV)/detector
 	$(BIN)/python -m pip --python $(VENV)/detector/bin/python install --quiet --group detector && \
 	    $(BIN)/python -m pip --python $(VENV)/detector/bin/python install --quiet --no-deps mediapipe==0.10.21 || \
