@@ -80,17 +80,19 @@ BY_EYE = {  # FAPU in place of the fields' own; those of the right half are thos
         "raise_l_cornerlip_o": -150,
         "depress_chin": 90,
     },
+    "sadness": {"raise_l_i_eyebrow": 220},
     "surprise": {"close_t_l_eyelid": -200, "close_b_l_eyelid": 100},
     "fear": {"close_t_l_eyelid": -200, "close_b_l_eyelid": 130},
 }  # fmt: skip
 """Corrections by eye: between the corners the lower lip of the fields' joy was a V, the upper as thick as at rest. A
 real smile's lower lip is a bow, its upper lip thins, and the lids narrow. Brows of the fields' anger were level, which
 reads as tired, and folded over the lids; in life their inner ends go down and together, and pressed lips are thin.
-Surprise and fear showed white all round the iris; in life the lower lid stays at it."""
+The slant of sadness was faint on arched brows. Surprise and fear showed white all round the iris; in life the lower lid
+stays at it."""
 PROVENANCE = (
     "sums of expression fields of the ICT-FaceKit head, as the standard words them, large enough to be told from"
     " neutral at 200 pixels with strength 0.6; joy's lips, cheeks and lids, anger's brows, lids and"
-    " lips, and the lids of surprise and fear by eye"
+    " lips, the inner brows of sadness, and the lids of surprise and fear by eye"
     " (python -m design.fit_expressions); not acted"
 )
 SPACE_FAPS = {*range(3, 19), *range(39, 43), *range(51, 61)}

@@ -45,9 +45,9 @@ THROAT_FAPU = (340.0, 560.0)
 """FAPU of the jaw over which the throat becomes dark: from the widest vowels on."""
 BACK_BY_STRETCH = dict.fromkeys((6, 7, 53, 54), 0.5)
 """Millimetres that a corner of the lips moves back per millimetre outwards: lips slide around the teeth."""
-PURSE_FAPU, PURSE_MM, PURSE_OUT_MM, PURSE_FORWARD_MM = (200.0, 550.0), 6.0, 3.0, 6.0
+PURSE_FAPU, PURSE_MM, PURSE_OUT_MM, PURSE_FORWARD_MM = (200.0, 550.0), 4.8, 2.6, 5.5
 """FAPU of a lower lip pushed forward over which lips purse, as in u: how far their corners come in, how much thicker
-each lip becomes near them, and how far they come forward. So the outline is round, and closed lips stay closed.
+each lip becomes near them, and how far lips come forward half way. So the outline is round, and closed lips stay closed.
 """
 JAW_FAP = 3
 JAW_PIVOT = np.array([0.0, 2.0, 18.0])
@@ -208,7 +208,7 @@ def _lips(head: HeadParts, linear: Linear, collector: BasisCollector) -> None:
     pursed = [
         -PURSE_MM * np.sign(t) * np.abs(t) ** 1.2 * both,
         PURSE_OUT_MM * 4 * t**6 * (1 - t**6) * np.where(upper, outer, -outer),
-        PURSE_FORWARD_MM * t**2 * (2.5 - 1.5 * t**2) * both,
+        PURSE_FORWARD_MM * t**2 * (2.9 - 2.3 * t**2) * both,
     ]
     per_fapu = np.stack(pursed, axis=-1).reshape(-1, 3)[unique] / (PURSE_FAPU[1] - PURSE_FAPU[0])
     collector.add(Channel(PUSH_LOWER_LIP, *PURSE_FAPU), vertices, per_fapu)
