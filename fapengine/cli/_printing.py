@@ -7,20 +7,13 @@ from typing import TYPE_CHECKING
 
 import typer
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    SpinnerColumn,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
 from rich.text import Text
 
 from fapengine.cli._command import flags_of, running, with_flags
 
 if TYPE_CHECKING:
+    from rich.progress import Progress
+
     from fapengine.models.adapted_head import Nearness
 
 WAITS = {"voice": "speaking", "read": "reading", "plan": "planning"}
@@ -64,22 +57,29 @@ def spell_nearness(nearness: "Nearness") -> str:
 
 
 class Advance:
-    """One progress bar; a call advances it. Stateful."""
+    """One progress bar, or None; a call advances it. Stateful."""
 
-    def __init__(self, progress: Progress, total: int, description: str) -> None:
-        self._progress, self._task = progress, progress.add_task(description, total=total)
+    def __init__(self, progress: "Progress | None") -> None:
+        self._progress = progress
 
     def __call__(self, steps: float = 1) -> None:
-        self._progress.advance(self._task, steps)
+        if self._progress is not None:
+            self._progress.advance(self._progress.task_ids[0], steps)
 
 
 @contextmanager
 def progress(description: str, total: int) -> Iterator[Advance]:
     """Show a progress bar; call the yielded object after each step."""
     console = Console(stderr=True)
+    if not console.is_terminal:
+        yield Advance(None)
+        return
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        yield Advance(bar, total, description)
+    with Progress(*columns, console=console, transient=True) as bar:
+        bar.add_task(description, total=total)
+        yield Advance(bar)
 
 
 def working(on_what: str) -> AbstractContextManager[object]:
@@ -94,6 +94,8 @@ def working(on_what: str) -> AbstractContextManager[object]:
     console = Console(stderr=True)
     if not (label and console.is_terminal):
         return nullcontext()
+    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
     columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
     spinner = Progress(*columns, console=console, transient=True)
     spinner.add_task(label, total=None)

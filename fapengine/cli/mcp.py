@@ -10,7 +10,6 @@ import typer
 
 from fapengine import speaking
 from fapengine._late import Late
-from fapengine.files.moving import is_sequence
 
 if TYPE_CHECKING:
     from mcp.server import mcpserver
@@ -156,6 +155,8 @@ class _Tools:
 
     def _written(self, name: str) -> str:
         """Path of an output; its other files are inside the folder, too. Raises ToolError if they are not."""
+        from fapengine.files.moving import is_sequence  # imports numpy, and --help imports this module
+
         path = self._inside(name)
         if not path:
             raise mcp_exceptions.ToolError("output: got '', expected the name of a file")

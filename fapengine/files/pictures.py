@@ -43,6 +43,8 @@ MAX_FILE = 1 << 28
 """Largest file of an image, bytes."""
 PNG_MARK = ("Software", "fapengine")
 """Key and text that name the software in a PNG file."""
+PNG_LEVEL = 4
+"""Of zlib, 0 to 9: in less than half of the default's time, for a tenth more bytes."""
 MAX_SIDE = 4096
 """Longer side of an image after reading; larger ones are scaled down."""
 TILE = 192
@@ -81,7 +83,7 @@ def save_png(path: Path, picture: Picture, *, source: str | None = SYNTHETIC) ->
     if source and (packet := xmp(source)):
         metadata.add_itxt(PNG_KEY, packet.decode())
     with replacing(path) as new:
-        image.save(new, format="PNG", pnginfo=metadata)
+        image.save(new, format="PNG", pnginfo=metadata, compress_level=PNG_LEVEL)
         if source:
             sign(new, ".png", source)
 

@@ -103,10 +103,11 @@ def _backdrop(drawing: RenderOptions) -> NDArray[np.uint8] | None:
         made: NDArray[np.uint8] = fapengine_native.resized(opaque, (width, height))
         return made
     wall, falloff = (WALL, 1.0) if isinstance(background, str) else ([(part / 255) ** 2 for part in background], 0.0)
-    x, y = np.meshgrid((np.arange(width) + 0.5) / width - 0.5, ((np.arange(height) + 0.5) / height - 0.45) * 0.9)
-    light = 1 + falloff * (0.55 - 2 * (x * x + y * y))
+    x, y = (np.arange(width) + 0.5) / width - 0.5, ((np.arange(height) + 0.5) / height - 0.45) * 0.9
+    light = 1 + falloff * (0.55 - 2 * (x * x + (y * y)[:, None]))
     picture = np.full((height, width, 4), 255, dtype=np.uint8)
-    picture[..., :3] = np.round(255 * np.clip(np.sqrt(np.maximum(np.multiply.outer(light, wall), 0)), 0, 1))
+    for channel, part in enumerate(wall):  # one after the other: all three do not fit into the cache
+        picture[..., channel] = np.round(255 * np.clip(np.sqrt(np.maximum(light * part, 0)), 0, 1))
     return picture
 
 

@@ -122,14 +122,12 @@ def catalogue() -> Catalogue:
             record = records[index].contents
             listed.append((record.name.decode(), record.identifier.decode(), _codes(record)))
             index += 1
-    return Catalogue.of((entry for entry in listed if _has_dictionary(entry[1])), _speakers())
-
-
-def _speakers() -> list[str]:
-    """Names of the variants that come with the library."""
     import espeakng_loader
 
-    return [path.name for path in (Path(espeakng_loader.get_data_path()) / "voices" / "!v").iterdir()]
+    data = Path(espeakng_loader.get_data_path())
+    speakers = [path.name for path in (data / "voices" / "!v").iterdir()]
+    dictionaries = {path.name for path in data.glob("*_dict")}
+    return Catalogue.of((entry for entry in listed if _dictionary(data / "lang" / entry[1]) in dictionaries), speakers)
 
 
 def _codes(record: _VoiceRecord) -> list[tuple[int, str]]:
@@ -143,15 +141,12 @@ def _codes(record: _VoiceRecord) -> list[tuple[int, str]]:
     return codes
 
 
-def _has_dictionary(identifier: str) -> bool:
-    """Whether the dictionary is there that a voice's file asks for, by its line ``dictionary`` or by its language."""
-    import espeakng_loader
-
-    data = Path(espeakng_loader.get_data_path())
-    lines = [line.split() for line in (data / "lang" / identifier).read_text(encoding="utf-8").splitlines()]
+def _dictionary(voice: Path) -> str:
+    """Name of the dictionary that a voice's file asks for, by its line ``dictionary`` or by its language."""
+    lines = [line.split() for line in voice.read_text(encoding="utf-8").splitlines()]
     named = {line[0]: line[1] for line in reversed(lines) if len(line) > 1}  # the first of each counts
     language = named.get("language", "").partition("-")[0]
-    return (data / f"{named.get('dictionary', language)}_dict").is_file()
+    return f"{named.get('dictionary', language)}_dict"
 
 
 def voices() -> dict[str, str]:

@@ -42,3 +42,12 @@ def test_saying_a_sentence_starts_without_what_it_does_not_use() -> None:
 def test_a_picture_of_faps_needs_no_scipy() -> None:
     loaded = modules_after("import fapengine.app.dense_film, fapengine.files.motion")
     assert "scipy" not in loaded
+
+
+def test_the_list_of_commands_needs_no_numpy() -> None:
+    assert "numpy" not in modules_after(
+        "from fapengine.cli import main\n"
+        "sys.argv, sys.stdout = ['fapengine', '--help'], sys.stderr\n"
+        "try: main()\n"
+        "except SystemExit: sys.stdout = sys.__stdout__"
+    )
