@@ -4,12 +4,12 @@ import { context, phonetics, style, targets } from "./constants.js";
 import { clamp, pathThrough, smoothstep } from "./path.js";
 
 const { LENGTHS, MAX_DURATION_S, MIN_DURATION_S, NEXT_FROM, PAUSE_S, REACH, TYPICAL_S } = context;
-const { AHEAD, HOLE, LONG_S, NOTHING, PAUSE, PAUSE_S: LEAST_PAUSE_S, ROUND, WIDTH } = phonetics;
+const { AHEAD, HALF_GAIN, HOLE, LONG_S, NOTHING, PAUSE, PAUSE_S: LEAST_PAUSE_S, ROUND, WIDTH } = phonetics;
 const {
   APART_S, CLOSEST_KEYS_S, GAP_S, HELD_PAUSE_S, HELD_STEP_S, JAW_SWAY, LIPS_SWAY, MIN_PAUSE_S, MOST_HELD, REST_MARGIN_S, SWAY_FROM_S,
   SWAY_RISE_S,
 } = targets;
-const { DB_PER_DOUBLE_DROP } = style;
+const { DB_PER_DOUBLE_DROP, DB_PER_DOUBLE_LIPS } = style;
 
 // Targets of tokens between their neighbours. kinds: of all tokens in a row, three silences at both ends; lengths: s.
 class Tokens {
@@ -180,9 +180,12 @@ class Row {
         layer[ROUND] *= 1 + profile.timesMore[this.letters[row]] * held;
         layer[HOLE] = profile.puckered[this.letters[row]] * held;
         const share = smoothstep((Math.min(age, length - age) - SWAY_FROM_S) / SWAY_RISE_S);
-        const jaw = 2 ** (loudness / DB_PER_DOUBLE_DROP) * (1 + share * swayOf(JAW_SWAY, time));
-        const lips = 1 + share * swayOf(LIPS_SWAY, time);
-        keys.push({ time, target: [...louder(profile, target, jaw), ...layer].map((value) => value * lips) });
+        const lips = 2 ** (loudness / DB_PER_DOUBLE_LIPS);
+        const jaw = (2 ** (loudness / DB_PER_DOUBLE_DROP) / lips) * (1 + share * swayOf(JAW_SWAY, time));
+        const sway = 1 + share * swayOf(LIPS_SWAY, time);
+        const said = louder(profile, target, jaw).map((value) => value * lips);
+        const shaped = layer.map((value) => value * layerGain(lips));
+        keys.push({ time, target: [...said, ...shaped].map((value) => value * sway) });
       }
     }
     return keys;
@@ -201,6 +204,9 @@ function keysOfLong(keys, length, isDiphthong) {
   for (let step = 1; step <= count; ++step) placed.push({ fraction, target, age: first.age + (step / (count + 1)) * between });
   return placed.sort((one, other) => one.age - other.age);
 }
+
+// Size of the phonetic layer for the size of the lips: phonetics.py, layer_gain.
+export const layerGain = (lips) => ((1 + HALF_GAIN) * lips) / (lips + HALF_GAIN);
 
 // Sum of slow waves at a time.
 const swayOf = (waves, time) => waves.reduce((sum, [share, period]) => sum + share * Math.sin(((2 * Math.PI) / period) * time), 0);

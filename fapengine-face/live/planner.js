@@ -3,12 +3,12 @@
 
 import { closures, fap, phone_track, phonetics, speaking, stream, style as styles, targets } from "./constants.js";
 import { heldAt, holdLate, holdOf, holdUntil, settle } from "./closures.js";
-import { speechPath } from "./keys.js";
+import { layerGain, speechPath } from "./keys.js";
 import { addFading, clamp, emptyJet, jetAt, neutralPath, placeAfter, placeOf, smoothstep, softPositive } from "./path.js";
 
 const { AHEAD_PHONES, BEHIND_PHONES, FADE_S, KEPT_S, KEYS_BEHIND, LATEST_CLOSURE_S, LONG_S, MAX_PULL, MIN_FADE_S, MOMENTUM_S, PLANNED_LETTERS, PLAN_EARLY_S, REACH, SAME_S } = stream;
 const { MIN_HOLD_S, RAMP_S } = closures;
-const { CORNERS, HALF_GAIN, HELD, PUSHED, ROUND, SOFT_FAPU, WIDTH } = phonetics;
+const { CORNERS, HELD, PUSHED, ROUND, SOFT_FAPU, WIDTH } = phonetics;
 const { LOUDNESS_DB, SILENCE } = phone_track;
 const { MAX_GAIN } = speaking;
 const { FAP_COUNT } = fap;
@@ -44,10 +44,10 @@ class Composer {
     if (!(loudness >= least && loudness <= most)) throw new TypeError(`loudness: must be ${least} to ${most} dB, got ${loudness}`);
     const { modeCount, width, modes, jaws, layer } = profile;
     const jawGain = articulation * jaw * 2 ** (Math.min(loudness, styles.MAX_JAW_DB) / styles.DB_PER_DOUBLE_DROP);
-    const lipsGain = articulation * lips;
+    const lipsGain = articulation * lips * 2 ** (loudness / styles.DB_PER_DOUBLE_LIPS);
     this.profile = profile;
     this.openness = Math.min(1, jawGain);
-    this.layerGain = ((1 + HALF_GAIN) * lipsGain) / (lipsGain + HALF_GAIN);
+    this.layerGain = layerGain(lipsGain);
     this.lift = new Float64Array(width * FAP_COUNT); // weights to FAPs
     for (let mode = 0; mode < modeCount; ++mode) {
       for (let column = 0; column < FAP_COUNT; ++column) {

@@ -425,7 +425,7 @@ def _switches(style: Style, at_s: float, over_s: float) -> list[Ramp]:
 def start_levels(style: Style) -> Array:
     """Return the initial levels of a style: (C,), one per channel."""
     levels = np.zeros(CHANNELS)
-    levels[[Channel.JAW, Channel.LIPS]] = style.jaw_gain, style.articulation * style.lips
+    levels[[Channel.JAW, Channel.LIPS]] = style.jaw_gain, style.lips_gain
     levels[Channel.GAZE] = style.gaze
     return levels
 

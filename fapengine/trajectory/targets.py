@@ -46,7 +46,7 @@ from fapengine.trajectory.context import (
     spelled,
     tables_of,
 )
-from fapengine.trajectory.style import DB_PER_DOUBLE_DROP, jaw_share
+from fapengine.trajectory.style import DB_PER_DOUBLE_DROP, DB_PER_DOUBLE_LIPS, jaw_share
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -167,11 +167,12 @@ def speech_keys(tracks: Sequence[tuple[Sequence[Phone], int]], profile: Profile,
     if context and (length_s > MAX_DURATION_S).any():
         token, fractions, weights, ages_s = _keys_of_long(token, fractions, weights, length_s, (count > parts)[phone])
     times_s = (start_s[phone] + index[wanted] * length_s)[token] + ages_s
-    jaws = np.ones(len(token))
+    jaws, lips = np.ones((2, len(token)))
     if row.loud:
-        gains = np.ones(len(numbers))
-        gains[[number for number, _ in row.loud]] = [gain for _, gain in row.loud]
-        jaws = gains[phone[token]]
+        loudness_db = np.zeros(len(numbers))
+        loudness_db[[number for number, _ in row.loud]] = [loudness for _, loudness in row.loud]
+        lips = 2.0 ** (loudness_db[phone[token]] / DB_PER_DOUBLE_LIPS)
+        jaws = 2.0 ** (loudness_db[phone[token]] / DB_PER_DOUBLE_DROP) / lips
     inside_s = np.minimum(ages_s, length_s[token] - ages_s)
     swaying = np.flatnonzero(inside_s > SWAY_FROM_S) if context else np.zeros(0, np.intp)
     shares = smoothstep((inside_s[swaying] - SWAY_FROM_S) / SWAY_RISE_S)
@@ -179,6 +180,7 @@ def speech_keys(tracks: Sequence[tuple[Sequence[Phone], int]], profile: Profile,
     changed = np.flatnonzero(jaws != 1.0)
     if len(changed):
         weights[changed] += (jaws[changed] - 1.0)[:, None] * (weights[changed] @ jaw_share(profile))
+        weights[changed] *= lips[changed, None]
     whole_s = (end_s - start_s)[phone]
     long_s = np.where(heard & (parts[phone] == 1), 0.0, whole_s)[token]
     passed = np.floor((index[wanted][token] + fractions) * (count / parts)[phone][token]).astype(np.intp)
@@ -186,6 +188,8 @@ def speech_keys(tracks: Sequence[tuple[Sequence[Phone], int]], profile: Profile,
     letters, at = np.array(row.letters), first[phone] + np.minimum(passed, count[phone] - 1)
     layer = phonetics.in_context(letters, at, phonetics.values_of(profile))
     phonetics.hold_long(layer, letters[at], long_s)
+    if row.loud:
+        layer *= phonetics.layer_gain(lips)[:, None]
     targets = np.concatenate([weights, layer], axis=1)
     targets[swaying] *= (1.0 + shares * sway_of(LIPS_SWAY, times_s[swaying]))[:, None]
     return SpeechKeys(row.said, own[phone], times_s, targets, row.rests, row.unknown)
@@ -253,7 +257,7 @@ class _Row:
     """Seven numbers for each phone: its number among those with keys, or -1; places and counts of its parts in
     ``kinds`` and of its characters in ``letters``; start and end."""
     loud: list[tuple[int, float]] = field(default_factory=list)
-    """Phones that are louder or quieter than usual, and their gain."""
+    """Phones that are louder or quieter than usual, and by how much, dB."""
     rests: list[tuple[int, float]] = field(default_factory=list)
     said: list[list[tuple[Phone, str]]] = field(default_factory=list)
     unknown: Counter[str] = field(default_factory=Counter)
@@ -295,7 +299,7 @@ class _Row:
                 if is_unknown:
                     self.unknown[phone.label] += 1
                 if phone.loudness_db:
-                    self.loud.append((len(numbers) // 7 - 1, 2.0 ** (phone.loudness_db / DB_PER_DOUBLE_DROP)))
+                    self.loud.append((len(numbers) // 7 - 1, phone.loudness_db))
         letters += phonetics.PAUSE_BEHIND
         kinds += (labels.silence,) * REACH
         self.said.append(said)

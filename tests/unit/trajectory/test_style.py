@@ -69,6 +69,17 @@ def test_louder_opens_farther() -> None:
     assert drops[2] < drops[3] == drops[4]
 
 
+def test_louder_lips_draw_wider_and_rounder_and_quieter_ones_less() -> None:
+    for label, number in (("i", 6), ("u", 16)):
+        said = PhoneTrack.from_phones([Phone(label, 0.2, 0.5)])
+        quiet, plain, loud = (
+            plan(said, english(), rng=np.random.default_rng(1), rate_hz=100.0, style=still(jaw=jaw, loudness_db=db))
+            .track.values[:, fap.column(number)].max()
+            for db, jaw in ((-12, 2.0), (0, 1.0), (12, 0.5))
+        )  # fmt: skip
+        assert 1.02 * quiet < plain < loud / 1.02
+
+
 @pytest.mark.parametrize(
     "style", [still(articulation=0.0), still(jaw=0.0, lips=3.0), still(articulation=3.0), still(jaw=3.0)]
 )
