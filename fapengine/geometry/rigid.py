@@ -21,6 +21,12 @@ from fapengine.errors import UsageError
 MIN_POINTS = 3
 UNDETERMINED = 1e-9
 """Relative gap between the two largest eigenvalues below which the rotation is not unique."""
+NOISE_MM = 0.5
+"""Residual at which a point keeps half its weight in a robust fit."""
+REWEIGHTED_FITS = 5
+"""Fits after the first, with Cauchy weights ``1 / (1 + (r / noise)^2)``."""
+TEMPLATE_FITS = 10
+"""Fits of the frames to their mean shape, each to that of the fit before."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,9 +107,6 @@ def fit_rigid_robust(
     points_mm: ArrayLike,
     target_mm: ArrayLike,
     weights: ArrayLike | None = None,
-    *,
-    noise_mm: float = 0.5,
-    steps: int = 5,
 ) -> tuple[RigidMotion, Array]:
     """Fit like :func:`fit_rigid`, but give outliers less weight: a slipped head band, a swapped marker.
 
@@ -111,10 +114,6 @@ def fit_rigid_robust(
     ----------
     points_mm, target_mm, weights
         As for :func:`fit_rigid`; outliers can be found among 4 points or more.
-    noise_mm : float
-        Residual at which a point keeps half its weight.
-    steps : int
-        Reweighted fits after the first (Cauchy weights ``1 / (1 + (r / noise)^2)``).
 
     Returns
     -------
@@ -125,23 +124,21 @@ def fit_rigid_robust(
     Raises
     ------
     UsageError
-        As :func:`fit_rigid`, or if ``noise_mm`` is not positive.
+        As :func:`fit_rigid`.
     """
-    if not noise_mm > 0:
-        raise UsageError(f"noise_mm: must be positive, got {noise_mm}")
     points, target, weight = _checked(points_mm, target_mm, weights)
     motion = fit_rigid(points, target, weight)
     trust = np.ones_like(weight)
-    for _ in range(steps):
+    for _ in range(REWEIGHTED_FITS):
         off = np.linalg.norm(motion.apply(points) - target, axis=-1)
         # A common scale, falling to the noise: a gross outlier in the first fit must not condemn its neighbours.
         middle = np.median(off, axis=-1, keepdims=True)
-        trust = 1.0 / (1.0 + (off / np.maximum(noise_mm, middle)) ** 2)
+        trust = 1.0 / (1.0 + (off / np.maximum(NOISE_MM, middle)) ** 2)
         motion = fit_rigid(points, target, weight * trust)
     return motion, trust
 
 
-def fit_template(frames_mm: ArrayLike, *, steps: int = 10) -> Array:
+def fit_template(frames_mm: ArrayLike) -> Array:
     """Compute the mean shape of a moving rigid body, (M, 3), in the pose of its first frame.
 
     Frames and mean shape are fitted to each other alternately (generalised Procrustes, no scale).
@@ -158,7 +155,7 @@ def fit_template(frames_mm: ArrayLike, *, steps: int = 10) -> Array:
     """
     frames = frozen(frames_mm, "frames_mm", ("T", "M", 3), np.float64)
     template = frames[0]
-    for _ in range(steps):
+    for _ in range(TEMPLATE_FITS):
         template = fit_rigid(frames, template).apply(frames).mean(axis=0)
     return fit_rigid(template, frames[0]).apply(template)
 

@@ -30,6 +30,9 @@ ILL_CONDITIONED = 1e-6
 BLOCK = 1024
 """Frames of one block of a Gram matrix."""
 
+MAX_SWAPS = 100
+"""Exchanges after which the search for better ones ends."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PivotedFactor:
@@ -159,7 +162,7 @@ def checked_basis(primary: Sequence[int] | NDArray[np.intp], count: int) -> NDAr
     return chosen
 
 
-def search_swaps(gram_mm2: ArrayLike, subset: MarkerSubset, *, rounds: int = 100) -> MarkerSubset:
+def search_swaps(gram_mm2: ArrayLike, subset: MarkerSubset) -> MarkerSubset:
     """Exchange one basis marker at a time, always the best exchange, until none lowers ``||R22||_F``.
 
     Each round takes one basis marker out (k ways); the gain of each possible successor ``j`` is then
@@ -169,7 +172,7 @@ def search_swaps(gram_mm2: ArrayLike, subset: MarkerSubset, *, rounds: int = 100
     a = frozen(gram_mm2, "gram_mm2", ("M", "M"), np.float64)
     chosen = subset.primary.copy()
     left = float(subset.residual_mm) ** 2
-    for _ in range(rounds):
+    for _ in range(MAX_SWAPS):
         best = (left * (1 - 1e-9), 0, 0)
         for place in range(len(chosen)):
             others = np.delete(chosen, place)

@@ -53,6 +53,8 @@ Event = tuple[int, int, int, int, bytes]
 """Sample, kind, position in the text from 1, length, name of the phone."""
 _ENTITY = re.compile(r"<[^<>]*>|&(?:#\d+|#x[\da-fA-F]+|amp|lt|gt|quot|apos);")
 """A tag, which stays, or an entity."""
+MAX_SHOWN = 60
+"""Characters of a text that an error quotes."""
 
 _lock = threading.Lock()
 
@@ -314,8 +316,8 @@ def _without_entities(formed: SpeakableText) -> SpeakableText:
     return replace(formed, text=plain.text, starts=tuple(starts), stops=tuple(stops))
 
 
-def _shortened(text: str, length: int = 60) -> str:
-    return repr(text) if len(text) <= length else f"{text[:length]!r}…"
+def _shortened(text: str) -> str:
+    return repr(text) if len(text) <= MAX_SHOWN else f"{text[:MAX_SHOWN]!r}…"
 
 
 def _succeed(code: int, what: str) -> None:

@@ -88,12 +88,12 @@ class SoundLevel:
         level: NDArray[np.float64] = np.sqrt(np.maximum(mean, 0.0)) / self._whole
         return level
 
-    def quiet_until(self, at_s: float, earliest_s: float, *, slack_s: float = 0.01) -> float:
-        """Start of the quiet that ends at a time, give or take ``slack_s``; the time itself without such quiet."""
+    def quiet_until(self, at_s: float, earliest_s: float) -> float:
+        """Start of the quiet that ends at a time, give or take :data:`SLACK_S`; the time itself without such quiet."""
         times = at_s - STEP_S * np.arange(int(max(at_s - earliest_s, 0.0) / STEP_S) + 1)
         quiet = self.level(times - WINDOW_S / 2, times + WINDOW_S / 2) <= QUIET
         last = int(np.argmax(quiet))
-        if not quiet[last] or times[last] < at_s - slack_s:
+        if not quiet[last] or times[last] < at_s - SLACK_S:
             return at_s
         loud = np.flatnonzero(~quiet[last:])
         return float(times[last + loud[0] - 1] if len(loud) else times[-1])
@@ -135,6 +135,8 @@ class SoundLevel:
         return float(start_s + int(np.argmax(root > dark + BRIGHT_SHARE * (bright - dark))) / self._rate_hz)
 
 
+SLACK_S = 0.01
+"""Time by which a quiet stretch may end before the boundary that it belongs to."""
 MAX_CLOSURE_S = 0.09
 """Farthest that the closure of a stop reaches back from its mark. 9 of 10 measured are shorter than 71 ms (Italian, 160
 words a minute); Italian pp takes up to 128, of which the vowel before it keeps the rest."""
