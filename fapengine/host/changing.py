@@ -1,13 +1,10 @@
 """Phones of a recognizer for the engine, the last of which may still change."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from fapengine.engine.commands import Append, End
 from fapengine.speech.phone_track import SILENCE, Phone
-
-OPEN_S = 0.04
-"""Time by which a phone that is not over is taken to last longer; of 0, 40, 60 and 120 ms the best."""
 
 
 @dataclass(slots=True)
@@ -45,8 +42,6 @@ class ChangingPhones:
         Append or None
             What the engine does not have yet.
         """
-        if partial and not partial[-1].is_silence:  # it is not over yet
-            partial = [*partial[:-1], replace(partial[-1], end_s=partial[-1].end_s + OPEN_S)]
         phones, known = (*final, *partial), self.partial
         if not phones and any(not phone.is_silence for phone in known):  # all of them were taken back
             phones = (Phone(SILENCE, known[0].start_s, known[-1].end_s),)
