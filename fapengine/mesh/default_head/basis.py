@@ -47,7 +47,8 @@ BACK_BY_STRETCH = dict.fromkeys((6, 7, 53, 54), 0.5)
 """Millimetres that a corner of the lips moves back per millimetre outwards: lips slide around the teeth."""
 PURSE_FAPU, PURSE_MM, PURSE_OUT_MM, PURSE_FORWARD_MM = (200.0, 550.0), 4.8, 2.6, 5.5
 """FAPU of a lower lip pushed forward over which lips purse, as in u: how far their corners come in, how much thicker
-each lip becomes near them, and how far lips come forward half way. So the outline is round, and closed lips stay closed.
+each lip becomes near them, and how far lips come forward half way. So the outline is round, and closed lips stay
+closed.
 """
 JAW_FAP = 3
 JAW_PIVOT = np.array([0.0, 2.0, 18.0])
