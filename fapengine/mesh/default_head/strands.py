@@ -40,10 +40,10 @@ FREE_FROM_MM, FREE_ENDS = -30.0, 0.55
 """Height below which hanging hair follows the head less, and share of its rotation that the ends do not follow."""
 MAX_DETAIL, MIN_ROWS = 2.0, 0.8
 """Hair is not divided further at level ``finest``, and has no fewer rows at ``coarse``."""
-ACROSS = (0.0, 0.3, 0.7, 1.0)
-"""Columns across a strand."""
-LEAD_WIDTHS = (0.55, 0.75, 0.6)
-"""Widths of the strands nearest to the face; others have 0.35 to 1.7."""
+ACROSS, ACROSS_BELOW = (0.0, 0.3, 0.7, 1.0), (0.0, 0.5, 1.0)
+"""Columns across a strand of the upper layer and of those below it."""
+LEAN = 0.25
+"""How far tips lean to a side at most, in widths of a strand."""
 STEP_MM, ROUND_MM, TIP_ROUND_MM = 2.2, 1.6, 2.2
 """Height of upper strands above lower ones; height of a strand's middle above its edges, and what tips add to it."""
 PARTING_MM = (1.2, 1.5)
@@ -80,8 +80,8 @@ class _Layer(NamedTuple):
     """Share of a strand's length from which it tapers."""
     up_mm: tuple[float, float]
     """Height above the surface at first and at the tips."""
-    lead: tuple[float, ...] = ()
-    """``t`` where the strands nearest to the face end."""
+    lead: tuple[tuple[float, float], ...] = ()
+    """``t`` where the strands nearest to the face end, and their widths; others have 0.35 to 1.7."""
     reach: float = 1.0
     """Greatest distance from the back of the head."""
     shade: float = 1.0
@@ -119,6 +119,8 @@ HANGING_FRONT: Table = (
     (-66, -50, -30, -8, 8, 20, 34, 50, 66),
     (14.0, 22.0, 22.0, 14.0, 6.0, 1.5, 9.0, 18.0, 14.0),
 )
+WISPS = ((0.34, 0.14), (0.42, 0.18), (0.55, 0.16), (0.68, 0.24))
+"""Fine strands at the front edge of hanging hair, as in ``lead``."""
 CUTS = {
     "short": _Cut(
         bend=((180.0, 116.0, 72.0, 48.0), (96.0, 98.0, 100.0, 90.0)),
@@ -128,10 +130,10 @@ CUTS = {
             (0.0, 12.0, 18.0, 16.0, 10.0, 5.0, 1.5, 6.0, 10.0, 9.0, 0.0),
         ),
         parting_deg=19.0,
-        rows=18,
+        rows=20,
         layers=(
-            _Layer(18, 0.0, 0.74, 0.16, 0.60, (1.2, 0.2), lead=(0.73, 0.80, 0.80)),
-            _Layer(22, 0.3, 1.0, 0.05, 0.76, (-1.2, -0.8), reach=0.93),
+            _Layer(20, 0.0, 0.74, 0.16, 0.60, (1.2, 0.2), lead=((0.73, 0.55), (0.80, 0.75), (0.80, 0.6))),
+            _Layer(26, 0.3, 1.0, 0.07, 0.78, (-1.2, -0.8), reach=0.93),
         ),
     ),
     "bob": _Cut(
@@ -141,9 +143,9 @@ CUTS = {
         parting_deg=20.0,
         rows=20,
         layers=(
-            _Layer(18, 0.0, 0.88, 0.10, 0.76, (1.2, -0.2), lead=(0.92, 0.87, 0.80)),
-            _Layer(20, 0.4, 0.97, 0.03, 0.84, (-1.2, -1.6), reach=0.97, shade=0.85),
-            _Layer(16, 0.36, 1.0, 0.03, 0.84, (-5.0, -5.0), reach=0.93, shade=0.6, is_inside=True),
+            _Layer(22, 0.0, 0.94, 0.07, 0.78, (1.2, 0.0), lead=(*WISPS, (0.92, 0.5), (0.87, 0.75), (0.80, 0.6))),
+            _Layer(28, 0.40, 0.98, 0.06, 0.83, (-1.2, -1.6), reach=0.97, shade=0.85),
+            _Layer(16, 0.42, 1.0, 0.04, 0.82, (-5.0, -5.0), reach=0.93, shade=0.6, is_inside=True),
         ),
         ends_mm=((0.0, 0.5, 1.0), (-58.0, -64.0, -76.0)),
         outwards_mm=((0, 25, 60, 85, 110), (0.0, 4.0, 3.0, -4.0, -16.0)),
@@ -155,11 +157,11 @@ CUTS = {
         rise=HANGING_RISE,
         front=HANGING_FRONT,
         parting_deg=20.0,
-        rows=22,
+        rows=21,
         layers=(
-            _Layer(18, 0.0, 0.84, 0.14, 0.70, (1.2, -0.2), lead=(0.80, 0.70, 0.88)),
-            _Layer(20, 0.4, 0.96, 0.05, 0.72, (-1.2, -1.6), reach=0.97, shade=0.9),
-            _Layer(16, 0.36, 1.0, 0.03, 0.80, (-5.0, -5.0), reach=0.93, shade=0.6, is_inside=True),
+            _Layer(22, 0.0, 0.84, 0.18, 0.68, (1.2, -0.2), lead=(*WISPS, (0.80, 0.5), (0.70, 0.75), (0.88, 0.6))),
+            _Layer(24, 0.40, 0.97, 0.09, 0.72, (-1.2, -1.6), reach=0.97, shade=0.9),
+            _Layer(16, 0.42, 0.98, 0.10, 0.64, (-5.0, -5.0), reach=0.93, shade=0.6, is_inside=True),
         ),
         ends_mm=((0.0, 0.3, 0.55, 0.68, 0.85, 1.0), (-170.0, -166.0, -150.0, -142.0, -158.0, -150.0)),
         outwards_mm=((0, 25, 60, 100, 140, 180), (0.0, 3.0, 4.0, 2.0, -3.0, -8.0)),
@@ -297,7 +299,7 @@ def _add_layer(builder: MeshBuilder, fall: _Fall, cut: _Cut, seed: int, palette:
     number, lead = np.arange(layer.strands) + 5 * seed, len(layer.lead)
     rows = round(cut.rows * max(detail, MIN_ROWS) * (layer.last - layer.first))
     share = 1 - np.linspace(1, 0, max(7, rows)) ** 1.15  # denser at the tips
-    across = resampled(ACROSS, max(detail, 0.67))
+    across = resampled(ACROSS_BELOW if layer.first else ACROSS, max(detail, 0.67))
     side = 2 * across - 1
     level = np.where(number % 2, 0.45, 0.0) + 0.55 * golden(number, 2.3)
     t, s = _places(layer, number, level, share, side)
@@ -346,8 +348,9 @@ def _places(layer: _Layer, number: Indices, level: Array, share: Array, side: Ar
     width = 0.35 + 0.9 * golden(number, 3.7) + 0.45 * level
     length = layer.last * (1 - layer.uneven * (golden(number, 2.9) + 0.5 * (1 - level)))
     if lead:
-        width[:lead], width[: -lead - 1 : -1] = LEAD_WIDTHS[:lead], LEAD_WIDTHS[:lead]
-        length[:lead], length[: -lead - 1 : -1] = layer.lead, np.array(layer.lead) + 0.04
+        ends, widths = np.array(layer.lead).T
+        width[:lead], width[: -lead - 1 : -1] = widths, widths
+        length[:lead], length[: -lead - 1 : -1] = ends, ends + 0.04
     t = layer.first + share * (length[:, None] - layer.first)
     borders = np.concatenate([[0.0], np.cumsum(width)])
     borders = layer.reach * (2 * borders / borders[-1] - 1)
@@ -359,8 +362,12 @@ def _places(layer: _Layer, number: Indices, level: Array, share: Array, side: Ar
         return np.asarray(borders[which, None] + way * np.sin(2.2 * np.pi * t + phase[which, None]))
 
     low, high = wandering(np.s_[:-1]), wandering(np.s_[1:])
-    taper = np.interp((share - layer.tapers_from) / (1 - layer.tapers_from), TAPER_AT, TAPER)
-    return t, ((low + high) / 2)[..., None] + ((high - low) / 2 * taper)[..., None] * side
+    on_tip = np.clip((share - layer.tapers_from) / (1 - layer.tapers_from), 0, 1)
+    lean = LEAN * (2 * golden(number, 6.3) - 1)
+    lean[:lead] = lean[len(lean) - lead :] = 0.0
+    leaning = lean[:, None] * on_tip**2
+    middle = (low + high) / 2 + leaning * (high - low)
+    return t, middle[..., None] + ((high - low) / 2 * np.interp(on_tip, TAPER_AT, TAPER))[..., None] * side
 
 
 def _sheen(points: Array, out: Array) -> Array:
