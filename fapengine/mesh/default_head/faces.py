@@ -27,8 +27,10 @@ from fapengine.mesh.default_head.style import HeadStyle
 
 STEP_MM = 0.01
 """Unit of the displacements in a table, which are int16."""
-HAIRLINE_DEG = (0, 14, 28, 40, 52, 62, 69, 75, 81, 88, 98, 108, 118, 132, 150, 180)
-HAIRLINE_MM = (94, 95, 91, 81, 65, 50, 34, 25, 26, 38, 43, 22, -16, -36, -47, -51)
+HAIRLINE_MM = PchipInterpolator(
+    (0, 14, 28, 40, 52, 62, 69, 75, 81, 88, 98, 108, 118, 132, 150, 180),
+    (94, 95, 91, 81, 65, 50, 34, 25, 26, 38, 43, 22, -16, -36, -47, -51),
+)
 """Height of the hairline, by angle from the front."""
 
 
@@ -100,7 +102,7 @@ def normal(angle: ArrayLike, y: ArrayLike, style: HeadStyle) -> Array:
 
 def hairline(angle: Array) -> Array:
     """Height of the hairline, (...) mm, by angle from the front, (...) rad."""
-    return PchipInterpolator(HAIRLINE_DEG, HAIRLINE_MM)(np.rad2deg(np.abs(angle)))
+    return HAIRLINE_MM(np.rad2deg(np.abs(angle)))
 
 
 class Scalp:

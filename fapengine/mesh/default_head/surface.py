@@ -37,11 +37,13 @@ NAPE_MM = 26.0
 TABLE_RAD, TABLE_MM = np.linspace(0.0, np.pi, 721), np.linspace(-140.0, 145.0, 571)
 
 TILT = 0.35
-RIDGE_Y = (-14.0, -11.6, -8.8, -6.5, -4.2, -0.9, 1.7, 4.3, 7.0, 10.5, 13.5, 18.0, 23.0, 28.0, 33.0, 38.0, 44.0)
-RIDGE_HEIGHT = (0.0, 0.8, 3.2, 6.6, 10.4, 15.0, 18.0, 20.4, 22.2, 23.4, 23.6, 21.4, 18.0, 14.0, 8.8, 3.4, 0.0)
-"""Height of the ridge of the nose above the bare face, from the lip up to the root."""
-WIDTH_Y = (-9.0, -4.0, 3.0, 9.0, 15.0, 23.0, 33.0)
-HALF_WIDTH = (4.8, 6.6, 10.0, 10.8, 9.6, 8.6, 9.2)
+RIDGE_MM = PchipInterpolator(
+    (-14.0, -11.6, -8.8, -6.5, -4.2, -0.9, 1.7, 4.3, 7.0, 10.5, 13.5, 18.0, 23.0, 28.0, 33.0, 38.0, 44.0),
+    (0.0, 0.8, 3.2, 6.6, 10.4, 15.0, 18.0, 20.4, 22.2, 23.4, 23.6, 21.4, 18.0, 14.0, 8.8, 3.4, 0.0),
+)
+"""Height of the ridge of the nose above the bare face, by y from the lip up to the root."""
+HALF_WIDTH_MM = PchipInterpolator((-9.0, -4.0, 3.0, 9.0, 15.0, 23.0, 33.0), (4.8, 6.6, 10.0, 10.8, 9.6, 8.6, 9.2))
+"""Half of the width of the nose, by y."""
 NOSE_BUMPS = (
     (10.0, (12.6, 2.4), (4.6, 5.8), 2.5),  # wing
     (-3.2, (19.6, 2.0), (2.5, 8.0), 2.0),  # crease between wing and cheek
@@ -147,8 +149,7 @@ def nostril(x: Array, y: Array, width: float) -> Array:
 def _nose_height(x: Array, y: Array, style: HeadStyle) -> Array:
     """Height of the nose above the bare face, (...) mm, at ``x`` and ``y``, (...) mm; ``x`` of either sign."""
     across = np.abs(x) / style.nose_width
-    ridge = PchipInterpolator(RIDGE_Y, RIDGE_HEIGHT)(np.clip(y, RIDGE_Y[0], RIDGE_Y[-1]))
-    half = PchipInterpolator(WIDTH_Y, HALF_WIDTH)(np.clip(y, WIDTH_Y[0], WIDTH_Y[-1]))
+    ridge, half = (by_y(np.clip(y, by_y.x[0], by_y.x[-1])) for by_y in (RIDGE_MM, HALF_WIDTH_MM))
     out = ridge * np.exp(-((across / half) ** 2))
     for height, centre, size, power in NOSE_BUMPS:
         out += height * spot(across, y, centre, size, power)
