@@ -103,14 +103,14 @@ def _served(*sinks: str) -> AbstractAsyncContextManager[tuple[Server, str]]:
 @asynccontextmanager
 async def osc() -> AsyncIterator[tuple[Watched, float]]:
     """Text by OSC, frames by OSC, both UDP."""
-    ear = Ear.open()
-    async with _served(f"osc://127.0.0.1:{ear.port}") as (server, _):
+    receiver = Ear.open()
+    async with _served(f"osc://127.0.0.1:{receiver.port}") as (server, _):
         begun_s = time.monotonic()
         sender = await asyncio.to_thread(lambda: Client(*server.osc_address, session="anna").wait())
 
         async def say() -> float:
             said_s = time.monotonic()
-            sender.say_text(TEXT)
+            sender.send_text(TEXT)
             return said_s
 
         async def stop() -> None:
@@ -119,17 +119,17 @@ async def osc() -> AsyncIterator[tuple[Watched, float]]:
         client = Watched(JAW_FAPU, say, stop, hears=False)
 
         def come() -> None:
-            before = len(ear.frames.get("anna", ()))
-            jaws = ear.jaw("anna")[before:]
+            before = len(receiver.frames.get("anna", ()))
+            jaws = receiver.jaw("anna")[before:]
             client.mouth += [(time.monotonic(), float(jaw)) for jaw in jaws]
 
         loop = asyncio.get_running_loop()
-        loop.add_reader(ear.socket, come)
+        loop.add_reader(receiver.socket, come)
         start_s = await _begun(client, begun_s)
         try:
             yield client, start_s
         finally:
-            loop.remove_reader(ear.socket)
+            loop.remove_reader(receiver.socket)
             await asyncio.to_thread(sender.close)
 
 

@@ -125,12 +125,12 @@ def serving(*ports: int, **options: Any):
         server.stop()
 
 
-def probe(server: tuple[str, int], ear: socket.socket, seconds: float, seed: int = 0) -> list[float]:
+def probe(server: tuple[str, int], receiver: socket.socket, seconds: float, seed: int = 0) -> list[float]:
     """Turn the eyes again and again; seconds from each datagram to the frame that shows it."""
     rng = np.random.default_rng(seed)
-    ear.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
-    ear.setblocking(True)
-    ear.settimeout(1.0)
+    receiver.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+    receiver.setblocking(True)
+    receiver.settimeout(1.0)
     out = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     out.connect(server)
     for key in ("gaze", "head_motion", "blinks", "idle"):
@@ -142,37 +142,37 @@ def probe(server: tuple[str, int], ear: socket.socket, seconds: float, seed: int
         side = -side
         gaze = osc.message("/fap/1/gaze", "sffi", PROBE, 5.0 * side, 0.0, 10_000)
         try:
-            found.append(_turn(ear, out, gaze, float(rng.uniform(*WAIT_S)), float(rng.uniform(0.0, 1 / 60))))
+            found.append(_turn(receiver, out, gaze, float(rng.uniform(*WAIT_S)), float(rng.uniform(0.0, 1 / 60))))
         except TimeoutError:  # no frame for a second
             found.append(float("inf"))
     out.close()
     return found
 
 
-def _turn(ear: socket.socket, out: socket.socket, gaze: bytes, wait_s: float, phase_s: float) -> float:
+def _turn(receiver: socket.socket, out: socket.socket, gaze: bytes, wait_s: float, phase_s: float) -> float:
     """Turn the eyes once, at any moment between two frames; seconds to the frame that shows it, inf: lost."""
-    still = _until_still(ear, wait_s)
+    still = _until_still(receiver, wait_s)
     time.sleep(phase_s)
     sent_ns = time.time_ns()
     out.send(gaze)
     while time.time_ns() - sent_ns < 1_000_000_000:
-        eyes, arrived_ns = _frame(ear)
+        eyes, arrived_ns = _frame(receiver)
         if arrived_ns > sent_ns and eyes != still:
             return (arrived_ns - sent_ns) * 1e-9
     return float("inf")
 
 
-def _until_still(ear: socket.socket, wait_s: float) -> int:
+def _until_still(receiver: socket.socket, wait_s: float) -> int:
     stop_ns = time.time_ns() + int(wait_s * 1e9)
     while True:
-        eyes, arrived_ns = _frame(ear)
+        eyes, arrived_ns = _frame(receiver)
         if arrived_ns >= stop_ns:
             return eyes
 
 
-def _frame(ear: socket.socket) -> tuple[int, int]:
+def _frame(receiver: socket.socket) -> tuple[int, int]:
     """Read a frame: where the eyes look, and the kernel's time of its arrival."""
-    data, extra, _, _ = ear.recvmsg(2048, 64)
+    data, extra, _, _ = receiver.recvmsg(2048, 64)
     seconds, nanoseconds = struct.unpack("qq", extra[0][2][:16])
     return struct.unpack_from(">i", data, EYES_AT)[0], seconds * 1_000_000_000 + nanoseconds
 

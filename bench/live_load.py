@@ -112,14 +112,16 @@ class Speaker:
 
 
 class Load:
-    """Stateful: all speakers, and the ear for their frames."""
+    """Stateful: all speakers, and the socket that receives their frames."""
 
-    def __init__(self, to: tuple[str, int], ear: socket.socket, sessions: int, *, chunked: bool, seed: int = 0) -> None:
-        self.ear = ear
+    def __init__(
+        self, to: tuple[str, int], receiver: socket.socket, sessions: int, *, chunked: bool, seed: int = 0
+    ) -> None:
+        self.receiver = receiver
         self.frames: dict[bytes, list[int]] = {}
         """Of each session: frames heard, first number, last number."""
         self._poll = select.epoll()
-        self._poll.register(ear.fileno(), select.EPOLLIN)
+        self._poll.register(receiver.fileno(), select.EPOLLIN)
         self.speakers: list[Speaker] = []
         self._by_file: dict[int, Speaker] = {}
         for session in range(sessions):
@@ -152,13 +154,13 @@ class Load:
                 heapq.heappush(plan, (self.speakers[number].work(now_s), number))
             wait_s = max(0.0, (plan[0][0] if plan else stop_s) - time.monotonic())
             for file, _ in self._poll.poll(min(wait_s, 0.1), 512):
-                if file == self.ear.fileno():
+                if file == self.receiver.fileno():
                     self._hear_frames()
                 else:
                     self._by_file[file].hear(now_s)
 
     def _hear_frames(self) -> None:
-        receive, frames, unpack = self.ear.recv, self.frames, HEAD.unpack_from
+        receive, frames, unpack = self.receiver.recv, self.frames, HEAD.unpack_from
         for _ in range(2000):
             try:
                 data = receive(2048)
@@ -190,12 +192,12 @@ class Load:
 
 
 def listening(port: int = 0) -> socket.socket:
-    """Open an ear with room for many frames."""
-    ear = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    ear.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4 << 20)
-    ear.bind(("127.0.0.1", port))
-    ear.setblocking(False)
-    return ear
+    """Open a socket with room for many frames."""
+    receiver = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4 << 20)
+    receiver.bind(("127.0.0.1", port))
+    receiver.setblocking(False)
+    return receiver
 
 
 def main() -> None:

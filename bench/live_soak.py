@@ -123,13 +123,13 @@ class Bother:
 
 def soak(seconds: float, sessions: int, *, seed: int = 0, tell: bool = False) -> list[Sample]:
     """Use a server for so long, then leave it alone until its sessions are over; the last sample is of then."""
-    ear, other = listening(), listening()
+    receiver, other = listening(), listening()
     stream_port = _free_port()
     extra = [f"{kind}://127.0.0.1:{other.getsockname()[1]}" for kind in EXTRA_SINKS]
     extra.append(f"fba+tcp://127.0.0.1:{stream_port}")
     samples: list[Sample] = []
-    with serving(ear.getsockname()[1], other.getsockname()[1], sinks=extra, config=CONFIG) as server:
-        load = Load(server.address, ear, sessions, chunked=True, seed=seed)
+    with serving(receiver.getsockname()[1], other.getsockname()[1], sinks=extra, config=CONFIG) as server:
+        load = Load(server.address, receiver, sessions, chunked=True, seed=seed)
         bother = Bother(server.address, stream_port, seed)
         start_s = time.monotonic()
         while (now_s := time.monotonic()) < start_s + seconds:
@@ -140,7 +140,7 @@ def soak(seconds: float, sessions: int, *, seed: int = 0, tell: bool = False) ->
                 print(json.dumps(asdict(samples[-1])), flush=True)
         load.close()
         bother.close()
-        ear.close()
+        receiver.close()
         other.close()
         while now_s < start_s + seconds + 100 and (samples[-1].sessions or samples[-1].streams):
             time.sleep(0.5)  # the last words are said, and idle sessions closed

@@ -78,7 +78,7 @@ def row(name: str, phones: PhoneTrack, truth: PhoneTrack, sound: np.ndarray, len
 
 
 def shouts() -> None:
-    ears: dict[str, Callable[[np.ndarray, str], Recording]] = {
+    recognizers: dict[str, Callable[[np.ndarray, str], Recording]] = {
         "with the text": lambda sound, text: follow(
             [sound], SphinxAligner(words_of(" ".join([text] * len(PARTS_DB))), pronounce)
         ),
@@ -88,7 +88,7 @@ def shouts() -> None:
     print(f"{'':34s} {levels} dB{'nods, deg':>17s} {'SLCC':>15s}  p b m")
     for voice, text in (("rms", BABY), ("slt", SENTENCES[2])):
         sound, truth, length_s = parts_of(voice, text)
-        for name, hear in ears.items():
+        for name, hear in recognizers.items():
             phones = hear(sound, text).phones
             row(f"{voice}, {name}: without", without_prosody(phones), truth, sound, length_s)
             row(f"{voice}, {name}: with", phones, truth, sound, length_s)

@@ -25,12 +25,12 @@ STRUT = LABELS.index("ʌ")
 
 def heard(samples: np.ndarray) -> np.ndarray:
     """(T,): label that is heard in each frame when the small recognizer has scored it, else -1."""
-    ear, numbers = SphinxFrames(), {label: number for number, label in enumerate(LABELS)}
+    recognizer, numbers = SphinxFrames(), {label: number for number, label in enumerate(LABELS)}
     found, count = np.full(len(samples) // HOP, -1), 0
     for start in range(0, len(samples) - BLOCK + 1, BLOCK):
-        ear.push(samples[start : start + BLOCK])
+        recognizer.push(samples[start : start + BLOCK])
         now = max((start + BLOCK) // HOP - LATE, 0)
-        found[count:now] = ear.labels(count, now, numbers)
+        found[count:now] = recognizer.labels(count, now, numbers)
         count = now
     return found
 

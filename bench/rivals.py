@@ -53,10 +53,10 @@ def rivals() -> dict[str, Callable[[Spoken], PhoneTrack]]:
     """Names and recognizers of the rivals that are installed."""
     if which("node") is None:
         return {}
-    ears: dict[str, Callable[[Spoken], PhoneTrack]] = {}
+    recognizers: dict[str, Callable[[Spoken], PhoneTrack]] = {}
     if (ORACLES / "node_modules" / "rhubarb-lip-sync-wasm").is_dir():
-        ears["Rhubarb, with the text"] = lambda speech: rhubarb(speech, with_text=True)
-        ears["Rhubarb, sound alone"] = lambda speech: rhubarb(speech, with_text=False)
+        recognizers["Rhubarb, with the text"] = lambda speech: rhubarb(speech, with_text=True)
+        recognizers["Rhubarb, sound alone"] = lambda speech: rhubarb(speech, with_text=False)
     if (ORACLES / "node_modules" / "@met4citizen" / "headaudio").is_dir():
-        ears["HeadAudio, sound alone"] = head_audio
-    return ears
+        recognizers["HeadAudio, sound alone"] = head_audio
+    return recognizers

@@ -1,4 +1,4 @@
-"""The client of a live server: ``with Client() as face: face.say(phones)``.
+"""The client of a live server: ``with Client() as face: face.send_phones(phones)``.
 
 All methods may be called from any thread and return at once: a thread of the client sends, repeats and receives
 (:mod:`.connection`). Times are ``time.monotonic()``.
@@ -72,7 +72,7 @@ class Client(Connection, GestureMethods):
 
         with Client(session="anna") as face:
             face.express("joy", 0.6)
-            number = face.say([Phone("m", 0.0, 0.1), Phone("a", 0.1, 0.3)])
+            number = face.send_phones([Phone("m", 0.0, 0.1), Phone("a", 0.1, 0.3)])
             face.wait_until_finished(number)
     """
 
@@ -118,7 +118,7 @@ class Client(Connection, GestureMethods):
 
     # Speech ---------------------------------------------------------------------------------------------------------
 
-    def say(
+    def send_phones(
         self, phones: Phones, *, at_s: float | None = None, audio: bool = False, duration_s: float | None = None
     ) -> int:
         """Speak phones that are all known.
@@ -153,7 +153,7 @@ class Client(Connection, GestureMethods):
 
     def _begin(self, now_s: float, at_s: float | None, audio: bool) -> int:
         if audio and at_s is not None:
-            raise UsageError("say: got both at_s and audio, expected one")
+            raise UsageError("at_s: got audio, too, expected one of both")
         anchor: Anchor = "audio" if audio else "now" if at_s is None else "at"
         return self._sender.begin(now_s, anchor=anchor, at_s=at_s or 0.0)
 
@@ -191,7 +191,7 @@ class Client(Connection, GestureMethods):
         voice : str, VoiceChoice or Voice
             Language of the words.
         at_s, audio
-            Beginning of a new utterance, as of :meth:`say`.
+            Beginning of a new utterance, as of :meth:`send_phones`.
 
         Returns
         -------
@@ -307,7 +307,7 @@ class Client(Connection, GestureMethods):
         """Continue from another position in an utterance."""
         self._send(schema.SeekUtterance(self.session, utterance, round(position_s * 1e6)))
 
-    def say_text(self, text: str, *, voice: str = "") -> None:
+    def send_text(self, text: str, *, voice: str = "") -> None:
         """Speak a text with the engine's own voice, if it has one."""
         self._send(schema.SpeakText(self.session, text, voice))
 

@@ -28,8 +28,8 @@ def main(port: int) -> None:
     ):
         while True:
             anna.cancel()
-            anna.say(PHONES)
-            berta.say_text("Many men may map more bays. " * 12)
+            anna.send_phones(PHONES)
+            berta.send_text("Many men may map more bays. " * 12)
             heard: int | None = None
             for start in range(0, 2 * RATE_HZ, PIECE):
                 heard = carl.send_audio(samples[start : start + PIECE], RATE_HZ, utterance=heard)

@@ -98,7 +98,7 @@ def test_a_session_may_switch_between_all_of_them() -> None:
                 for kind in ("phones", "words", "sound", "phones", "sound", "words"):
                     began_s = clock()
                     if kind == "phones":
-                        number = face.say(PHONES)
+                        number = face.send_phones(PHONES)
                     elif kind == "words":
                         number = face.send_words(WORDS[:3])
                         face.end(number)
@@ -108,7 +108,7 @@ def test_a_session_may_switch_between_all_of_them() -> None:
                     assert await over(face, number) == "finished", kind
                     assert moved(ear, began_s) > 2, kind
                 began_s = clock()
-                face.say_text("Mama.")  # the server's own voice
+                face.send_text("Mama.")  # the server's own voice
                 await until(lambda: moved(ear, began_s) > 2)
             assert server.hub.engine.counters("anna").dropped == 0
         ear.close()
@@ -125,8 +125,8 @@ def test_a_barge_in_empties_phones_words_sound_and_texts() -> None:
             with Client(host, port, session="anna", clock=clock) as face:
                 long = [("mama", n * 0.5, n * 0.5 + 0.4) for n in range(20)]
                 numbers = [face.send_audio(np.tile(spoken("rms", BABY).samples, 3), RATE_HZ), face.send_words(long)]
-                numbers.append(face.say(PHONES * 1))
-                face.say_text("My mama may make more mumbling mammals, and many more, and more.")
+                numbers.append(face.send_phones(PHONES * 1))
+                face.send_text("My mama may make more mumbling mammals, and many more, and more.")
                 await until(lambda: max(ear.jaw("anna"), default=0) > 50)
                 face.cancel()
                 assert [await over(face, number) for number in numbers] == ["cancelled"] * 3

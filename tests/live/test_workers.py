@@ -79,7 +79,7 @@ def test_a_worker_killed_in_a_word_shuts_its_mouths_and_others_speak_on(tmp_path
     with staged(tmp_path) as stage:
         clients = {name: Client(*stage.serve.address, session=name) for name in SESSIONS}
         for client in clients.values():
-            client.wait(60.0).say(LONG)
+            client.wait(60.0).send_phones(LONG)
         simple = Sender(stage.serve.address)
         simple.tell("/phoneme", "sf", "a", 60.0)  # to the known port, and never told of another
         everybody = (*SESSIONS, "face")
@@ -131,7 +131,7 @@ def test_pages_and_streams_are_handed_over_and_rest_when_the_parent_is_killed(tm
         viewers = {name: WebSocketViewer(url, session=name) for name in SESSIONS}
         wait(lambda: all(viewer.state == "open" for viewer in viewers.values()))
         client = Client(*stage.serve.address, session="anna", tcp=True).wait(60.0)
-        client.say(LONG)
+        client.send_phones(LONG)
         wait(lambda: int(viewers["anna"].faps()[JAW]) > OPEN)
         assert viewers["cleo"].faps()[JAW] == 0
         figures = stage.metrics()

@@ -105,7 +105,7 @@ class Stage:
             others = addresses[first + 1 :] + addresses[:first]
             clients[name] = Client(host, port, session=name, fallback_addresses=others)
         for client in clients.values():
-            client.wait(30.0).say(LONG)
+            client.wait(30.0).send_phones(LONG)
         wait(lambda: all(map(self.is_speaking, sessions)))
         return clients
 
@@ -234,7 +234,7 @@ def check_simple_senders_and_pages() -> None:
         simple[0].tell("/phoneme", "sf", "a", 60.0)
         wait(lambda: all(int(viewer.faps()[JAW]) >= OPEN for viewer in viewers))
         streams = [Client(*server.address, session="tess", tcp=True) for server in stage.servers]
-        streams[0].wait(20.0).say(LONG)
+        streams[0].wait(20.0).send_phones(LONG)
         wait(lambda: stage.is_speaking("tess"))
         streams[1].wait(20.0)
         assert sum(map(_faces, stage.servers)) == 2

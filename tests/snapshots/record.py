@@ -22,7 +22,7 @@ PHONES = [
 
 def speaks(face: fapengine.Client) -> None:
     """Say phones that are all known, then a mood and gestures."""
-    number = face.say(PHONES)
+    number = face.send_phones(PHONES)
     face.express("joy", 0.7, hold_s=0.5)
     face.look(0.1, -0.05)
     face.turn_head(yaw_rad=0.1, over_s=0.3)
@@ -46,7 +46,7 @@ def goes_on(face: fapengine.Client) -> None:
 
 def changes_its_mind(face: fapengine.Client) -> None:
     """Revise, pause, go on, seek, cancel."""
-    number = face.say(PHONES, at_s=time.monotonic() + 0.2)
+    number = face.send_phones(PHONES, at_s=time.monotonic() + 0.2)
     time.sleep(0.3)
     face.revise(number, [*PHONES[:3], Phone("s", 0.45, 0.9), Phone("ɑː", 0.9, 1.2)])
     time.sleep(0.2)
@@ -59,7 +59,7 @@ def changes_its_mind(face: fapengine.Client) -> None:
     face.set_parameter("jaw", 1.5)
     face.cancel(number)
     time.sleep(0.1)
-    face.say(PHONES[:3])
+    face.send_phones(PHONES[:3])
     time.sleep(0.6)
 
 
@@ -68,7 +68,7 @@ def tells_words(face: fapengine.Client) -> None:
     number = face.send_words([("bright", 0.0, 0.3), ("moon", 0.3, 0.8)])
     face.end(number)
     face.wait_until_finished(number, 5.0)
-    face.say_text("Feel pool.")
+    face.send_text("Feel pool.")
     time.sleep(1.0)
 
 

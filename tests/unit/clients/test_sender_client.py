@@ -111,7 +111,7 @@ def test_a_face_says_phones_and_tells_when_it_is_over(tcp):
         face.wait(SOON_S)
         assert face.is_connected
         assert face.welcome.lookahead_us == 500_000
-        number = face.say(MAMA, duration_s=0.5)
+        number = face.send_phones(MAMA, duration_s=0.5)
         assert face.wait_until_finished(number, SOON_S) == "finished"
         kinds = [event.kind for event in face.events()]
         assert kinds == ["started", "finished"]
@@ -125,7 +125,7 @@ def test_what_was_said_has_come_when_the_client_is_closed():
     phones = [Phone("mɑ"[n % 2], 0.1 * n, 0.1 * n + 0.1) for n in range(200)]
     with Place() as place:
         with Client(port=place.port, session="anna") as face:
-            face.wait(SOON_S).say(PhoneTrack.from_phones(phones))
+            face.wait(SOON_S).send_phones(PhoneTrack.from_phones(phones))
         one = place.engine.utterance("anna", 0)
         assert one.phone_count == 200
         assert one.size == 200
@@ -153,8 +153,8 @@ def test_everything_else_reaches_the_engine():
         face.turn_head(yaw_rad=0.3)
         face.blink()
         face.set_parameter("jaw", 0.8)
-        face.say_text("hello", voice="en-us")
-        long = face.say([WirePhone("m", 0, 200_000), WirePhone("ɑ", 200_000, 30_000_000)])
+        face.send_text("hello", voice="en-us")
+        long = face.send_phones([WirePhone("m", 0, 200_000), WirePhone("ɑ", 200_000, 30_000_000)])
         wait_for(face, long)
         face.audio_position(long, 0.1)
         face.pause()
@@ -162,7 +162,7 @@ def test_everything_else_reaches_the_engine():
         face.seek(long, 1.0)
         face.revise(long, MAMA)
         face.cancel(long)
-        waiting = face.say(MAMA, audio=True)
+        waiting = face.send_phones(MAMA, audio=True)
         face.cancel()
         assert face.wait_until_finished(waiting, SOON_S) == "cancelled"
         face.cancel(waiting)
@@ -179,7 +179,7 @@ def test_an_error_inside_the_block_cancels():
     def fail(face: Client) -> None:
         with face:
             face.wait(SOON_S)
-            number = face.say([Phone("ɑ", 0.0, 20.0)])
+            number = face.send_phones([Phone("ɑ", 0.0, 20.0)])
             wait_for(face, number)
             raise KeyError(number)
 
@@ -192,7 +192,7 @@ def test_an_error_inside_the_block_cancels():
 def test_events_are_told_as_they_come():
     told = []
     with Place() as place, Client(port=place.port, on_event=told.append) as face:
-        face.wait_until_finished(face.say(MAMA), SOON_S)
+        face.wait_until_finished(face.send_phones(MAMA), SOON_S)
     assert [event.kind for event in told] == ["started", "finished"]
 
 
@@ -201,7 +201,7 @@ def test_a_token_is_needed_where_it_is_wanted():
         with Client(port=place.port, token="wrong") as face, pytest.raises(ResourceError, match="no answer within"):
             face.wait(0.3)
         with Client(port=place.port, token="secret") as face:
-            assert face.wait_until_finished(face.wait(SOON_S).say(MAMA), SOON_S) == "finished"
+            assert face.wait_until_finished(face.wait(SOON_S).send_phones(MAMA), SOON_S) == "finished"
         assert place.receiver.counts.refused > 0
 
 
@@ -256,7 +256,7 @@ def test_nobody_listens():
         Client(port=port, tcp="osc")
     with Client(port=port) as face:
         assert not face.is_connected
-        number = face.say(MAMA)
+        number = face.send_phones(MAMA)
         assert face.wait_until_finished(number, 0.05) == "lost"
     with pytest.raises(UsageError, match="client: is closed"):
         face.blink()
@@ -320,7 +320,7 @@ def test_what_a_callback_raises_is_said_at_the_next_call(monkeypatch):
 
     with Place() as place:
         face = Client(port=place.port, on_event=fail)
-        number = face.say([Phone("ɑ", 0.0, 20.0)])
+        number = face.send_phones([Phone("ɑ", 0.0, 20.0)])
         begun_s = time.monotonic()
         assert face.wait_until_finished(number, SOON_S) == "lost"
         assert time.monotonic() < begun_s + SOON_S
@@ -340,7 +340,7 @@ def test_a_callback_may_tell_more_than_the_thread_has_read():
 
     with Place() as place:
         face = Client(port=place.port, on_event=chatter)
-        face.say(MAMA)
+        face.send_phones(MAMA)
         assert said.wait(SOON_S)
         face.close()
 
@@ -355,7 +355,7 @@ def test_a_callback_may_tell_something_while_the_client_closes():
 
     with Place() as place:
         face = Client(port=place.port, on_event=late)
-        face.say(MAMA)
+        face.send_phones(MAMA)
         assert begun.wait(SOON_S)
         closing = threading.Thread(target=face.close)
         closing.start()
@@ -396,8 +396,8 @@ def test_wrong_calls_are_said_at_once():
     with Place() as place, Client(port=place.port) as face:
         with pytest.raises(UsageError, match="expression: got 'hungry', expected one of joy, sadness"):
             face.express("hungry")
-        with pytest.raises(UsageError, match="got both at_s and audio"):
-            face.say(MAMA, at_s=1.0, audio=True)
+        with pytest.raises(UsageError, match="at_s: got audio, too"):
+            face.send_phones(MAMA, at_s=1.0, audio=True)
         with pytest.raises(UsageError, match=r"expected 1 to 32 bytes"):
             Client(session="")
 
@@ -444,7 +444,7 @@ def test_a_port_that_nobody_answers_at_is_left_for_the_known_one(is_closed, monk
 def test_a_server_that_moved_is_followed_and_everything_told_there():
     known = door()
     with Place() as place, Client("127.0.0.1", known.getsockname()[1], session="anna") as client:
-        number = client.say(MAMA)
+        number = client.send_phones(MAMA)
         hello, address = hello_at(known)
         known.sendto(codec.encode(schema.Moved("anna", "127.0.0.1", place.port, hello.instance)), address)
         assert client.wait_until_finished(number, SOON_S) == "finished"

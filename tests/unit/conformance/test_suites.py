@@ -107,7 +107,7 @@ def listening(monkeypatch: pytest.MonkeyPatch, say: Callable[[int], None], secon
 def says(port: int) -> None:
     phones = [Phone(label, 0.1 * n, 0.1 * n + 0.1) for n, label in enumerate("mamama")]
     with Client("127.0.0.1", port, session="anna") as face:
-        face.say(phones)
+        face.send_phones(phones)
         time.sleep(2.5)
 
 
