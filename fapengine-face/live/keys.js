@@ -6,7 +6,7 @@ import { clamp, pathThrough, smoothstep } from "./path.js";
 const { LENGTHS, MAX_DURATION_S, MIN_DURATION_S, NEXT_FROM, PAUSE_S, REACH, TYPICAL_S } = context;
 const { AHEAD, HALF_GAIN, HOLE, LONG_S, NOTHING, PAUSE, PAUSE_S: LEAST_PAUSE_S, ROUND, WIDTH } = phonetics;
 const {
-  APART_S, CLOSEST_KEYS_S, GAP_S, HELD_PAUSE_S, HELD_STEP_S, JAW_SWAY, LIPS_SWAY, MIN_PAUSE_S, MOST_HELD, REST_MARGIN_S, SWAY_FROM_S,
+  APART_S, CLOSEST_KEYS_S, GAP_S, HELD_PAUSE_S, HELD_STEP_S, JAW_SWAY, LIPS_SWAY, MIN_PAUSE_S, MAX_HELD, REST_MARGIN_S, SWAY_FROM_S,
   SWAY_RISE_S,
 } = targets;
 const { DB_PER_DOUBLE_DROP, DB_PER_DOUBLE_LIPS } = style;
@@ -200,7 +200,7 @@ function keysOfLong(keys, length, isDiphthong) {
   const fraction = (first.fraction + last.fraction) / 2;
   const target = first.target.map((value, index) => (value + last.target[index]) / 2);
   const between = placed.at(-1).age - first.age;
-  const count = Math.floor(Math.min(between / HELD_STEP_S, MOST_HELD));
+  const count = Math.floor(Math.min(between / HELD_STEP_S, MAX_HELD));
   for (let step = 1; step <= count; ++step) placed.push({ fraction, target, age: first.age + (step / (count + 1)) * between });
   return placed.sort((one, other) => one.age - other.age);
 }

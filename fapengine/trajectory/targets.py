@@ -73,7 +73,7 @@ CLOSEST_KEYS_S = 0.012
 """Nearer keyframes would make the spline swing; the later one is dropped."""
 HELD_STEP_S = 0.4
 """Least distance of the keyframes that hold a long phone."""
-MOST_HELD = 64
+MAX_HELD = 64
 """Greatest number of them; those of longer phones are farther apart."""
 SWAY_FROM_S, SWAY_RISE_S = 0.3, 0.5
 """Distance from both ends of a phone at which its sway begins, and over which it grows."""
@@ -223,7 +223,7 @@ def _keys_of_long(
     every = np.arange(len(length_s))
     first, last = np.searchsorted(token, every), np.searchsorted(token, every, "right") - 1
     between_s = ages_s[last] - ages_s[first]
-    counts = np.minimum(between_s / HELD_STEP_S, MOST_HELD).astype(np.intp)
+    counts = np.minimum(between_s / HELD_STEP_S, MAX_HELD).astype(np.intp)
     part = np.repeat(every, counts)
     steps = (np.arange(len(part)) - (np.cumsum(counts) - counts)[part] + 1) / (counts[part] + 1)
     begin, end = first[part], np.where(glides, first, last)[part]
