@@ -37,6 +37,14 @@ END = 3_000
 """Looks within which a program ends that was told to."""
 
 
+MADE = {
+    "a.fba": "encode a.fap -o a.fba",
+    "a.csv": "convert a.fap -o a.csv",
+    "a.glb": "head export default:level=coarse -o a.glb",
+}
+"""Inputs that are made when a verb needs them, each by a command."""
+
+
 @dataclass(frozen=True)
 class Job:
     """A verb with short inputs."""
@@ -131,9 +139,6 @@ class Writers:
             "\n".join(["m 100", "a 100", *(row for row in rows if row.isascii()), "_ 500"])
         )
         self._run(self._inputs, "animate a.pho -o a.fap")
-        self._run(self._inputs, "encode a.fap -o a.fba")
-        self._run(self._inputs, "convert a.fap -o a.csv")
-        self._run(self._inputs, "head export default:level=coarse -o a.glb")
         (self._inputs / "rows.csv").write_text("id,timings\n" + "".join(f"{row},a.pho\n" for row in "abcdef"))
         moved = np.sin(np.arange(TAKE_FRAMES) / 20)[:, None, None] * np.linspace(1, 5, 5)[:, None]
         positions_mm = np.random.default_rng(1).uniform(-60, 60, (5, 3)) + moved
@@ -210,6 +215,9 @@ class Writers:
         if verb not in self._done:
             if verb == "fit" and not (self._inputs / "S07").exists():
                 record(self._inputs / "S07")
+            for name, words in MADE.items():
+                if name in JOBS[verb].words.split() and not (self._inputs / name).exists():
+                    self._run(self._inputs, words)
             if verb == "head import" and not (self._inputs / "face.ply").exists():
                 self._make_face()
             place = self._folder / verb.replace(" ", "-")
