@@ -75,7 +75,8 @@ def _enlarge(eye: Eye, points: Array, moved: Array, depth: LinearNDInterpolator,
     shift = beside[:, None] * (growth * off[:, :2] + apart)
     moved[:, :2] += shift
     # Skin slides over the face; only the lids follow the ball forwards.
-    slid = np.nan_to_num(depth(points[:, :2] + shift) - depth(points[:, :2]))
+    slid, near = np.zeros(len(points)), shift.any(axis=1)
+    slid[near] = np.nan_to_num(depth(points[near, :2] + shift[near]) - depth(points[near, :2]))
     moved[:, 2] += (1 - with_lids) * slid + with_lids * (growth * off[:, 2] + back)
     lids = eye.lids
     rigid = np.concatenate([eye.ball.ravel(), eye.lashes.ravel(), lids.indices[lids.level <= 1.0].ravel()])
