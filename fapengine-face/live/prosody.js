@@ -6,7 +6,7 @@ import { clamp, placeAfter, placeOf } from "./path.js";
 import { isVowel, median } from "./voicing.js";
 
 const {
-  APART_S, AROUND_S, KEPT_S, KNOWN_S, MOST, NEAR_S, SAME_S, SETTLED_S, SHARES, SILENT_DB, STANDS_OUT, UNSURE_SHARE, USUAL_DB,
+  APART_S, AROUND_S, KEPT_S, KNOWN_S, MAX_CUES, NEAR_S, SAME_S, SETTLED_S, SHARES, SILENT_DB, STANDS_OUT, UNSURE_SHARE, USUAL_DB,
 } = prosody;
 const { LOUDNESS_DB, SILENCE } = phone_track;
 const OWN_SHARE = UNSURE_SHARE * (1 - protocol.UNSURE); // of its own level that a vowel gets: none of them is sure
@@ -40,7 +40,7 @@ function prominenceOf(vowel, vowels) {
   const louder = vowel.level - middle("level");
   const higher = vowel.pitch > 0 ? 12 * Math.log2(vowel.pitch / middle("pitch")) : 0;
   const longer = Math.log2(vowel.length / middle("length"));
-  return [louder, higher, longer].reduce((total, cue, index) => total + SHARES[index] * clamp(cue, -MOST[index], MOST[index]), 0);
+  return [louder, higher, longer].reduce((total, cue, index) => total + SHARES[index] * clamp(cue, -MAX_CUES[index], MAX_CUES[index]), 0);
 }
 
 // Numbers of the vowels from a time on that stand out among those around them.

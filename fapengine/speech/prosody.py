@@ -38,7 +38,7 @@ UNSURE_SHARE = 0.5
 """Fraction of its own level that a vowel of confidence 0 gets."""
 SHARES = (1 / 4.0, 1 / 3.0, 1.0)
 """Weights of a vowel's level (per dB), pitch (per semitone) and length (per doubling) above those around it."""
-MOST = (8.0, 6.0, 1.0)
+MAX_CUES = (8.0, 6.0, 1.0)
 """Most that each of them counts, dB, semitones and doublings."""
 STANDS_OUT = 0.6
 """Least weighted sum of a vowel that is stressed."""
@@ -182,7 +182,7 @@ def _prominence(vowel: _Vowel, vowels: Sequence[_Vowel]) -> float:
     if vowel.pitch_hz > 0:
         higher_st = 12 * log2(vowel.pitch_hz / median(other.pitch_hz for other in around if other.pitch_hz > 0))
     longer = log2(vowel.length_s / median(other.length_s for other in around))
-    cues = zip(SHARES, (louder_db, higher_st, longer), MOST, strict=True)
+    cues = zip(SHARES, (louder_db, higher_st, longer), MAX_CUES, strict=True)
     return sum(share * min(max(cue, -most), most) for share, cue, most in cues)
 
 
