@@ -21,7 +21,7 @@ def smoothstep(x: ArrayLike) -> Array:
     return np.asarray(t * t * t * (10.0 + t * (6.0 * t - 15.0)))
 
 
-def bump(x: ArrayLike, start: float | Array, stop: float | Array, rise: float, fall: float) -> Array:
+def bump(x: ArrayLike, start: float | Array, stop: float | Array, rise: float, fall: float | Array) -> Array:
     """1 between ``start`` and ``stop``; rises over ``rise`` before and falls over ``fall`` after; C2.
 
     Examples

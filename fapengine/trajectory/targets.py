@@ -197,7 +197,8 @@ def speech_keys(tracks: Sequence[tuple[Sequence[Phone], int]], profile: Profile,
 
 def sway_of(waves: Iterable[tuple[float, float]], times_s: Array) -> Array:
     """(N,): sum of slow waves, shares and periods in s, at times of a track, so that stream and file sway alike."""
-    return np.sum([share * np.sin(2.0 * np.pi / period_s * times_s) for share, period_s in waves], axis=0)
+    waving = [share * np.sin(2.0 * np.pi / period_s * times_s) for share, period_s in waves]
+    return np.asarray(np.sum(waving, axis=0))
 
 
 def _keys_of_long(
