@@ -180,6 +180,7 @@ def planner_tables(profile: Profile) -> tuple[dict[str, Any], dict[str, NDArray[
     about = {
         "fractions": model.fractions,
         "features": model.features,
+        "exampleLetters": model.examples.letters,
         "letters": letters,
         "rows": {letter: row for row, letter in enumerate(ARTICULATIONS)},
         "whole": {name: targets.contact_of(context.spelled(name, known)[0], profile) for name in known},
@@ -191,6 +192,8 @@ def planner_tables(profile: Profile) -> tuple[dict[str, Any], dict[str, NDArray[
     halves = coefficients.astype(np.float16)
     low, high = _codable_range()
     return about, {
+        "exampleLengths": model.examples.lengths.astype(np.float16),
+        "exampleAdds": model.examples.adds.reshape(len(model.examples.letters), -1).astype(np.float16),
         "coefficients": halves if np.array_equal(halves, coefficients) else coefficients,
         "modes": speech_faps(profile, np.eye(profile.space.mode_count)),
         "jaws": jaw_share(profile),

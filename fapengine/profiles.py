@@ -7,7 +7,7 @@ contains the FAPU of the recorded face, so its motion fits any face.
 import hashlib
 import io
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from types import MappingProxyType
 from typing import Literal, get_args
@@ -24,6 +24,7 @@ from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fap import FEATURE_POINT_NAMES
 from fapengine.mpeg4.fapu import Fapu
 from fapengine.speech import ipa
+from fapengine.speech.phone_track import SILENCE
 
 SCHEMA = 1
 TOML_NAME, ARRAYS_NAME, CONTEXT_NAME = "profile.toml", "modes.npz", "context.npz"
@@ -66,6 +67,26 @@ class ExpressionTarget(Rebuilt):
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Examples(Rebuilt):
+    """Recorded tokens that a context model compares others with."""
+
+    letters: tuple[str, ...] = ()
+    """(M,) strings of eight letters, :func:`fapengine.trajectory.context.letters_around` of each."""
+    lengths: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 3)))
+    """(M, 3): of the one before, of itself, and of the next, as :func:`fapengine.trajectory.context.log_length`."""
+    adds: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 1, 1)))
+    """(M, keyframes, K): mode weights that each adds to a token that is like it in all."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "lengths", frozen(self.lengths, "lengths", (len(self.letters), 3), np.float64))
+        shape = (len(self.letters), "keyframes", "K")
+        object.__setattr__(self, "adds", frozen(self.adds, "adds", shape, np.float64))
+        wrong = next((one for one in self.letters if len(one) != 8 or not set(one) <= {SILENCE, *ipa.SOUNDS}), None)
+        if wrong is not None:
+            raise UsageError(f"letters: got {wrong!r}, expected eight letters of IPA, or {SILENCE!r}")
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ContextModel(Rebuilt):
     """Targets that depend on a phone's neighbours; :mod:`fapengine.trajectory.context` computes and learns them."""
 
@@ -75,12 +96,17 @@ class ContextModel(Rebuilt):
     """(F,) names."""
     coefficients: NDArray[np.float64]
     """(F, keyframes, K): mode weights that each feature adds."""
+    examples: Examples = Examples()
+    """What is added to the sums; none by default."""
     rows: Mapping[str, int] = field(init=False)
     """Row of each feature."""
 
     def __post_init__(self) -> None:
         shape = (len(self.features), len(self.fractions), "K")
         object.__setattr__(self, "coefficients", frozen(self.coefficients, "coefficients", shape, np.float64))
+        adds = self.examples.adds if self.examples.letters else np.zeros((0, *self.coefficients.shape[1:]))
+        adds = frozen(adds, "examples.adds", ("M", *self.coefficients.shape[1:]), np.float64)
+        object.__setattr__(self, "examples", replace(self.examples, adds=adds))
         object.__setattr__(self, "rows", MappingProxyType({name: row for row, name in enumerate(self.features)}))
 
 
@@ -177,8 +203,14 @@ def format_profile(profile: Profile) -> dict[str, bytes]:
         ]
     files = {ARRAYS_NAME: arrays}
     if profile.context is not None:
-        coefficients = profile.context.coefficients.astype(np.float16)
-        files[CONTEXT_NAME] = pack(features=np.array(profile.context.features), coefficients=coefficients)
+        coefficients, examples = profile.context.coefficients.astype(np.float16), profile.context.examples
+        files[CONTEXT_NAME] = pack(
+            features=np.array(profile.context.features),
+            coefficients=coefficients,
+            example_letters=np.array(examples.letters),
+            example_lengths=examples.lengths.astype(np.float16),
+            example_adds=examples.adds.astype(np.float16),
+        )
         lines += [
             "",
             "[context]",
@@ -335,7 +367,14 @@ def _context(context: _Context, files: Mapping[str, bytes], modes: int) -> Conte
             features = tuple(str(feature) for feature in arrays["features"])
             shape = (context.count, len(fractions), modes)
             coefficients = frozen(arrays["coefficients"].astype(np.float64), "coefficients", shape, np.float64)
-        model = ContextModel(fractions=fractions, features=features, coefficients=coefficients)
+            examples = Examples()
+            if "example_letters" in arrays:  # profiles of earlier versions have none
+                examples = Examples(
+                    letters=tuple(str(letters) for letters in arrays["example_letters"]),
+                    lengths=arrays["example_lengths"].astype(np.float64),
+                    adds=arrays["example_adds"].astype(np.float64),
+                )
+        model = ContextModel(fractions=fractions, features=features, coefficients=coefficients, examples=examples)
     except (*DAMAGE, MemoryError) as error:
         raise _wrong(f"{context.file}: {error}", "context", "file") from error
     strange = next((name for name in features if name.split(" ")[0] not in FEATURE_KINDS), None)

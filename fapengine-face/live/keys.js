@@ -39,9 +39,12 @@ class Tokens {
     if (heard !== undefined) add(profile.coefficients.subarray(heard * size, (heard + 1) * size));
     add(kinds[at].byLength, lengths[at]);
     LENGTHS.forEach((step, index) => add(profile.lengthsBeside[index], lengths[at + step]));
+    const around = [];
     for (let step = -REACH; step <= REACH; ++step) {
-      add((step >= from && step <= to ? kinds[at + step] : silence).byStep[step + REACH]);
+      around.push(step >= from && step <= to ? kinds[at + step] : silence);
+      add(around.at(-1).byStep[step + REACH]);
     }
+    profile.addExamples(total, around, lengths.slice(at - 1, at + 2));
     return total;
   }
 

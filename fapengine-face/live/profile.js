@@ -3,7 +3,7 @@
 import { context, fap, ipa, phone_track } from "./constants.js";
 import { readTables } from "./tables.js";
 
-const { AROUND, IN_NAME, LABELS, LENGTHS, NAMES, REACH } = context;
+const { AROUND, IN_NAME, LABELS, LENGTHS, NAMES, REACH, UNLIKE_LENGTHS, UNLIKE_WAYS } = context;
 const { CEDILLA, LENGTH, REPLACED, STRESS, TIES } = ipa;
 const { SILENCE, STAND_IN } = phone_track;
 const MARK = new RegExp(`[${Object.keys(STRESS).join("")}${TIES}${LENGTH}]|\\p{Mn}|\\p{Lm}|\\p{Sk}|\\p{Cf}`, "u");
@@ -78,10 +78,45 @@ export class Profile {
     for (let step = -REACH; step <= REACH; ++step) byStep.push(this.sum(step ? beside(step, step < 0 ? last : first) : own));
     return {
       name, first, last, byStep,
+      unlike: this.unlikeByStep(first, last),
       byLength: this.sum([["length 0", 1], [`phone ${name} length`, 1]]),
       isSilent: name === SILENCE,
       isIdle: name !== SILENCE && letters.every((letter) => context.GESTURELESS.includes(letter)),
     };
+  }
+
+  // How unlike letters of a token are to those of each example, as the neighbour at each step and as the token itself.
+  unlikeByStep(first, last) {
+    const apart = (letter, other) => {
+      const [ours, theirs] = [letter, other].map((one) => Object.fromEntries(this.ways(one)));
+      return Object.keys({ ...ours, ...theirs }).reduce((sum, way) => sum + ((ours[way] ?? 0) - (theirs[way] ?? 0)) ** 2, 0);
+    };
+    const found = [];
+    for (let step = -REACH; step <= REACH; ++step) found.push(new Float64Array(this.exampleLetters.length));
+    UNLIKE_WAYS.forEach((weight, place) => {
+      const letter = place < REACH || place === REACH + 1 ? last : first;
+      const known = new Map();
+      this.exampleLetters.forEach((letters, example) => {
+        const other = letters[place];
+        if (!known.has(other)) known.set(other, weight * apart(letter, other));
+        found[place > REACH ? place - 1 : place][example] += known.get(other);
+      });
+    });
+    return found;
+  }
+
+  // Add what examples say to a token's sums. kinds: around it, from step -REACH on; lengths: of the one before, itself, the next.
+  addExamples(total, kinds, lengths) {
+    const { exampleAdds, exampleLengths, exampleLetters, size } = this;
+    for (let example = 0; example < exampleLetters.length; ++example) {
+      let unlike = 0;
+      for (let step = 0; step < kinds.length; ++step) unlike += kinds[step].unlike[step][example];
+      for (let index = 0; index < lengths.length; ++index) {
+        unlike += UNLIKE_LENGTHS[index] * (lengths[index] - exampleLengths[lengths.length * example + index]) ** 2;
+      }
+      const like = Math.exp(-unlike);
+      for (let index = 0; index < size; ++index) total[index] += like * exampleAdds[example * size + index];
+    }
   }
 
   // What two kinds beside each other add: to the second, and to the first.

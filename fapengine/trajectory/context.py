@@ -19,6 +19,10 @@ is articulated, from the chart (:class:`fapengine.speech.ipa.Sound`) and from th
 Names of letters are said with more force than words, so a vowel in one (:data:`NAMES`) is a phone of its own, with
 :data:`IN_NAME` before its name; it shares the letter and the ways of the others.
 
+A sum cannot say "only if", so recorded tokens that are kept as *examples* add what they say to tokens that are alike in
+all: in the ways of eight letters (:func:`letters_around`) and in three lengths. How alike, 0 to 1, is a Gaussian of
+their differences (:class:`Likeness`); together this is regression by a Gaussian process (Rasmussen and Williams 2006).
+
 So lips anticipate: the same /s/ is round before /u/ and spread before /i/. A sound without a gesture of its own, such
 as h, takes the shape of the next one (:data:`NEXT_FROM`). The sums are kept for each kind of token, because a stream
 needs them whenever a phone comes.
@@ -183,6 +187,20 @@ def features(tokens: Sequence[Token], index: int) -> dict[str, float]:
     return found | alone(first) | paired(first, -1, before) | paired(last, 1, after) | tripled(before, first, after)
 
 
+def letters_around(tokens: Sequence[Token], index: int) -> str:
+    """Eight letters: the last ones of the three before, the first and last of the token, the first ones of the next."""
+    first, last = parts_of(tokens[index].heard)
+    before = [part_at(tokens, index + step, step) for step in range(-REACH, 0)]
+    after = [part_at(tokens, index + step, step) for step in range(1, REACH + 1)]
+    return "".join(part.letter for part in (*before, first, last, *after))
+
+
+def lengths_around(tokens: Sequence[Token], index: int) -> tuple[float, float, float]:
+    """Lengths of the token before, of this one and of the next, as they count."""
+    before, own, after = (log_length(_seconds(tokens, index + step)) for step in (-1, 0, 1))
+    return before, own, after
+
+
 def names_vowels(phone: Phone) -> tuple[str, ...]:
     """Vowels of a phone's word if that is the name of a letter."""
     return NAMES.get(phone.word.strip(AROUND).lower(), ()) if phone.word else ()
@@ -250,11 +268,18 @@ def log_length(duration_s: float) -> float:
 
 
 Array = NDArray[np.float64]
+UNLIKE_WAYS = (0.01, 0.06, 0.075, 0.125, 0.125, 0.075, 0.06, 0.01)
+"""What squared differences in :func:`ways` of the letters of :func:`letters_around` count."""
+UNLIKE_LENGTHS = (0.19, 0.36, 0.19)
+"""The same for lengths of the one before, of the token, and of the next. Both were found by leaving words out, and
+sentences, within those of one speaker."""
 Number = TypeVar("Number", int, NDArray[np.intp])
 
 NEXT_FROM = 0.65
 """Weight of the next letter in the first keyframe of sounds without a gesture of their own, such as h; the rest is the
 end of the letter before. In the last keyframe it is 1."""
+AT_ONCE = 64
+"""Tokens that are compared with examples at a time: what is computed of them stays in the processor's cache."""
 FIRST_PAIRS = 64
 """Rows that tables begin with; they double when they are full."""
 KIND_RADIX = 1 << 20
@@ -262,7 +287,45 @@ KIND_RADIX = 1 << 20
 (:data:`.context.LABELS`)."""
 
 
-_LENGTHS = np.array(LENGTHS)
+_LENGTHS, _NEXT_TO = np.array(LENGTHS), np.array((-1, 0, 1))
+
+
+class Likeness:
+    """How much tokens are like each of a model's examples: Gaussian in the ways of their letters and in lengths."""
+
+    def __init__(self, letters: Sequence[str], lengths: Array) -> None:
+        """Take letters and lengths of M examples, as :class:`fapengine.profiles.Examples` has them."""
+        self._known = sorted(set("".join(letters)))
+        rows = [self._known.index(letter) for one in letters for letter in one]
+        self._letters = np.array(rows, np.intp).reshape(len(letters), len(UNLIKE_WAYS))
+        """(M, 8): of the letters in ``_known``."""
+        weights = np.array(UNLIKE_LENGTHS)
+        self._of_lengths = np.vstack([(2.0 * weights * lengths).T, -(lengths**2 @ weights), -np.ones(len(lengths))])
+        """(5, M): for three lengths, 1, and their weighted squares."""
+
+    def unlike(self, place: int, letter: str) -> Array:
+        """(M,): how unlike a letter is to that of each example, of the eight of :func:`letters_around`."""
+        apart = np.array([_apart(letter, other) for other in self._known])
+        return UNLIKE_WAYS[place] * apart[self._letters[:, place]]
+
+    def unlike_by_step(self, first: str, last: str) -> Array:
+        """(steps, M): of a token with these letters, as the neighbour at each step, or at 0 as the token itself."""
+        before = [self.unlike(place, last) for place in range(REACH)]
+        behind = [self.unlike(place, first) for place in range(REACH + 2, 2 * REACH + 2)]
+        return np.array([*before, self.unlike(REACH, first) + self.unlike(REACH + 1, last), *behind])
+
+    def of(self, unlike: Array, lengths: Array) -> Array:
+        """(..., M), 0..1: of (..., M) differences of letters, in all, and (..., 3) lengths."""
+        ones = np.ones(lengths.shape[:-1])
+        alike = np.stack([*lengths.T, ones.T, (lengths**2 @ UNLIKE_LENGTHS).T], axis=-1) @ self._of_lengths
+        alike -= unlike
+        return np.asarray(np.exp(alike, out=alike))
+
+
+@cache
+def _apart(letter: str, other: str) -> float:
+    ours, theirs = ways(letter), ways(other)
+    return sum((ours.get(way, 0.0) - theirs.get(way, 0.0)) ** 2 for way in ours | theirs)
 
 
 class ContextTables:
@@ -277,6 +340,11 @@ class ContextTables:
         self._coefficients = np.vstack([flat, np.zeros(flat.shape[1])])
         """(F + 1, D); the last row is for features that the model lacks."""
         self._rows = model.rows
+        examples = model.examples
+        self._likeness = Likeness(examples.letters, examples.lengths)
+        self._adds = examples.adds.reshape(len(examples.letters), flat.shape[1])
+        self._unlike = np.zeros((2 * REACH + 1, 0, len(examples.letters)))
+        """(steps, kinds, M), steps as in ``_by_step``: how unlike it is to the letters of each example there."""
         self._lengths_beside = np.stack([self._sum({f"length {step}": 1.0}) for step in LENGTHS])
         """(steps, D), per length of the neighbour at each of :data:`LENGTHS`."""
         self._by_step = np.zeros((0, 2 * REACH + 1, flat.shape[1]))
@@ -345,7 +413,19 @@ class ContextTables:
         total += lengths[own[:, None] + _LENGTHS] @ self._lengths_beside
         for step in range(-REACH, REACH + 1):
             total += self._by_step[around[own + step] if step in steps else self.silence, step + REACH]
+        if len(self._adds):
+            for start in range(0, len(own), AT_ONCE):
+                part = slice(start, start + AT_ONCE)
+                total[part] += self._added(around, lengths, own[part], steps)
         return total.reshape(len(own), *self._shape)
+
+    def _added(self, around: NDArray[np.intp], lengths: Array, own: NDArray[np.intp], steps: range) -> Array:
+        """(N, D): what examples add, as :meth:`_sums`."""
+        unlike, beside = np.zeros((2, len(own), len(self._adds)))
+        for step in range(-REACH, REACH + 1):
+            kinds = around[own + step] if step in steps else np.full(len(own), self.silence)
+            unlike += self._unlike[step + REACH].take(kinds, axis=0, out=beside, mode="clip")
+        return np.asarray(self._likeness.of(unlike, lengths[own[:, None] + _NEXT_TO]) @ self._adds)
 
     def _between(self, alone: Array, around: NDArray[np.intp], lengths: Array, own: NDArray[np.intp]) -> Array:
         """(N, keyframes, K): tokens without a gesture, which go from how the one before ends to how the next begins.
@@ -417,6 +497,8 @@ class ContextTables:
         ]
         self._idle = np.append(self._idle, bool(heard) and GESTURELESS.issuperset(heard))
         self._by_step = np.concatenate([self._by_step, [steps]])
+        unlike = self._likeness.unlike_by_step(first.letter, last.letter)
+        self._unlike = np.concatenate([self._unlike, unlike[:, None]], axis=1)
         self._by_length = np.concatenate([self._by_length, [self._sum(lengthened(first))]])
         return kind
 

@@ -11,7 +11,7 @@ from fapengine._resources import profile_files, profile_ids
 from fapengine.errors import ProfileError, UsageError
 from fapengine.expressions import Expression
 from fapengine.mpeg4 import fap
-from fapengine.profiles import TOML_NAME, Profile, format_profile, parse_profile
+from fapengine.profiles import TOML_NAME, Examples, Profile, format_profile, parse_profile
 
 FILES = profile_files("grid_s1_en")
 
@@ -68,7 +68,15 @@ def test_what_is_written_reads_back(profile: Profile) -> None:
     assert back.context is not None
     assert back.context.features == profile.context.features
     assert back.context.coefficients == pytest.approx(profile.context.coefficients, rel=1e-3, abs=1e-3)
+    assert back.context.examples.letters == profile.context.examples.letters
+    assert back.context.examples.lengths == pytest.approx(profile.context.examples.lengths, abs=1e-3)
+    assert back.context.examples.adds == pytest.approx(profile.context.examples.adds, rel=1e-3, abs=1e-3)
     assert parse_profile(format_profile(replace(profile, context=None))).context is None
+    alone = replace(profile, context=replace(profile.context, examples=Examples()))
+    assert parse_profile(format_profile(alone)).context.examples.adds.shape == (
+        0,
+        *profile.context.coefficients.shape[1:],
+    )
     for expression, face in profile.expressions.items():
         assert back.expressions[expression].fap == pytest.approx(face.fap, abs=0.051)
         assert back.expressions[expression].target == pytest.approx(face.target, abs=1e-3)
@@ -191,6 +199,26 @@ def test_a_damaged_context_is_refused() -> None:
         files = edited(hashlib.sha256(data).hexdigest(), hashlib.sha256(damaged).hexdigest())
         with pytest.raises(ProfileError, match=r"context\.npz"):
             parse_profile(files | {"context.npz": damaged})
+
+
+@pytest.mark.parametrize(
+    ("name", "wrong", "message"),
+    [
+        ("example_letters", np.array(["___bbɪn"]), "eight letters"),
+        ("example_letters", np.array(["___bbɪn?"]), "eight letters"),
+        ("example_lengths", np.zeros((1, 2)), "lengths"),
+        ("example_adds", np.zeros((1, 2, 7)), "adds"),
+        ("example_adds", np.full((1, 2, 8), np.nan), "adds"),
+    ],
+)
+def test_examples_that_do_not_fit_are_refused(name: str, wrong: np.ndarray, message: str) -> None:
+    with np.load(io.BytesIO(FILES["context.npz"])) as arrays:
+        changed = {key: value[:1] if key.startswith("example_") else value for key, value in arrays.items()}
+    buffer = io.BytesIO()
+    np.savez(buffer, **(changed | {name: wrong}))
+    files = edited(hashlib.sha256(FILES["context.npz"]).hexdigest(), hashlib.sha256(buffer.getvalue()).hexdigest())
+    with pytest.raises(ProfileError, match=message):
+        parse_profile(files | {"context.npz": buffer.getvalue()})
 
 
 def test_no_phones_is_no_profile() -> None:

@@ -1,15 +1,29 @@
 """Targets that depend on neighbours."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from fapengine.errors import UsageError
+from fapengine.laboratory import context_fit
 from fapengine.laboratory.context_fit import FRACTIONS, fit_context
 from fapengine.profiles import ContextModel, Profile
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
-from fapengine.trajectory.context import PAUSE_S, REACH, Token, features, tables_of, tokens_of, ways
+from fapengine.trajectory.context import (
+    PAUSE_S,
+    REACH,
+    UNLIKE_LENGTHS,
+    UNLIKE_WAYS,
+    Token,
+    features,
+    lengths_around,
+    letters_around,
+    tables_of,
+    tokens_of,
+    ways,
+)
 from fapengine.trajectory.targets import weights_of
 from tests.english import english
 
@@ -42,8 +56,22 @@ def width(weights: np.ndarray) -> float:
     return float(points["8.3"][0] - points["8.4"][0])
 
 
+def added_by_examples(tokens: list[Token], index: int, model: ContextModel) -> np.ndarray:
+    """(keyframes, K): what examples add to a token, one by one."""
+
+    def apart(one: str, other: str) -> float:
+        return sum((ways(one).get(way, 0.0) - ways(other).get(way, 0.0)) ** 2 for way in {*ways(one), *ways(other)})
+
+    total, own = np.zeros(model.coefficients.shape[1:]), letters_around(tokens, index)
+    for letters, lengths, adds in zip(model.examples.letters, model.examples.lengths, model.examples.adds, strict=True):
+        unlike = sum(weight * apart(*pair) for weight, *pair in zip(UNLIKE_WAYS, own, letters, strict=True))
+        unlike += ((np.array(lengths_around(tokens, index)) - lengths) ** 2) @ UNLIKE_LENGTHS
+        total += np.exp(-unlike) * adds
+    return total
+
+
 def test_targets_are_the_sum_of_the_features() -> None:
-    """What is summed beforehand for each kind of token is what the features say one by one."""
+    """What is summed beforehand for each kind of token is what the features and the examples say one by one."""
     model = english().context
     for spelling in ("b aɪ m", "s _ ŋ ɔɪ _ _ tʃ", "ʁ", "_", "p b p b p b p"):
         tokens, _ = tokens_of(track(spelling, each_s=0.07), english().phones)
@@ -51,6 +79,8 @@ def test_targets_are_the_sum_of_the_features() -> None:
             named = features(tokens, tokens.index(token)) if token.name != SILENCE else {}
             known = {name: value for name, value in named.items() if name in model.rows}
             wanted = sum((value * model.coefficients[model.rows[name]] for name, value in known.items()), 0 * found)
+            if named:
+                wanted += added_by_examples(tokens, tokens.index(token), model)
             np.testing.assert_allclose(found, wanted, atol=1e-9)
     assert targets([], model).shape == (0, *model.coefficients.shape[1:])
 
@@ -164,6 +194,33 @@ def test_what_follows_rules_is_learned() -> None:
     error = np.abs(targets(tokens, model)[1:] - weights[1:])
     assert error.mean() < 0.35
     assert error.mean() < 0.17 * np.abs(weights).mean()  # of nine phones a sentence's own takes a little
+
+
+def test_examples_teach_what_no_sum_can_say(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A short phone before a short one is an exception; others are as their letters say."""
+    rng = np.random.default_rng(0)
+
+    def sentence() -> tuple[list, np.ndarray]:
+        lengths_s = rng.choice([0.05, 0.2], 12)
+        times = 0.3 + np.append(0.0, np.cumsum(lengths_s))
+        phones = [Phone(str(rng.choice(["i", "s"])), *span) for span in pairwise(times)]
+        tokens, _ = tokens_of(PhoneTrack.from_phones(phones), english().phones)
+        after = [*(token.end_s - token.start_s for token in tokens[1:]), PAUSE_S]
+        said = [
+            4.0 * (token.end_s - token.start_s < 0.1 and next_s < 0.1)
+            for token, next_s in zip(tokens, after, strict=True)
+        ]
+        return tokens, np.tile(np.array(said)[:, None, None], (1, len(FRACTIONS), 1))
+
+    shown, (tokens, weights) = [sentence() for _ in range(100)], sentence()
+
+    def error() -> float:
+        model = fit_context([tokens for tokens, _ in shown], [weights for _, weights in shown])
+        return float(np.abs(targets(tokens, model)[1:] - weights[1:]).mean())
+
+    with_examples = error()
+    monkeypatch.setattr(context_fit, "EXAMPLES", 1)
+    assert with_examples < 0.5 * error()
 
 
 @pytest.mark.parametrize("seed", range(3))
