@@ -62,7 +62,7 @@ STRIP = ((-8, 0.5, 0.6), (-7, 1, 0.95), (7, 1, 0.95), (8, 0.5, 0.6))
 
 
 def neck_weight(y: ArrayLike, z: ArrayLike) -> Array:
-    """Share of the head's rotation that the neck follows at heights and depths, mm: less and less to the collar."""
+    """Share of the head's rotation, (...), that the neck follows at heights and depths, (...) mm."""
     y, z = np.asarray(y), np.asarray(z)
     return np.maximum(smoothstep((y + 126.0) / 56.0), smoothstep((z - 55.0) / 25.0))
 
