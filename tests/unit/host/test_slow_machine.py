@@ -108,7 +108,7 @@ def test_lips_keep_moving_with_the_sound(
     stage = SlowStage(costs=lambda now_s: costs)
     lips_mm = stage.hears(talk(8.0))
     counts = stage.hearing.counts
-    assert moved_mm(lips_mm) > 3
+    assert moved_mm(lips_mm) > 2  # phones that last longer across what is skipped are held
     assert min(stage.leads_s[150:-20]) > 0
     assert counts.reduced_s > 0
     assert (counts.skipped_s > 1.0) == skips
