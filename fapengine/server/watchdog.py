@@ -141,7 +141,12 @@ def watch(received: Iterable[Message], rest: Callable[[dict[str, float]], None])
         rest(sessions)
 
 
-def send_neutral(addresses: Sequence[SinkAddress], sessions: Mapping[str, float], rate_hz: float) -> None:
+def send_neutral(
+    addresses: Sequence[SinkAddress],
+    sessions: Mapping[str, float],
+    rate_hz: float,
+    epochs: Mapping[str, int] | None = None,
+) -> None:
     """Send every datagram sink a neutral face; for a face stream, as an I plane.
 
     Parameters
@@ -152,6 +157,8 @@ def send_neutral(addresses: Sequence[SinkAddress], sessions: Mapping[str, float]
         Sessions that were open, each with the monotonic time at which it opened.
     rate_hz : float
         Frame rate.
+    epochs : mapping of str to int, optional
+        Epochs of the sessions.
     """
     now_s = time.monotonic()
     numbers = {name: round((now_s - since_s) * rate_hz) + AHEAD_FRAMES for name, since_s in sessions.items()}
@@ -160,7 +167,7 @@ def send_neutral(addresses: Sequence[SinkAddress], sessions: Mapping[str, float]
     for address in addresses:
         if kind_of(address).medium != "datagrams" or address.session not in (None, *sessions):
             continue  # receivers of other kinds see the end of their connection
-        encoder = encoder_of(address, rate_hz)
+        encoder = encoder_of(address, rate_hz, epochs)
         encoder.resume(numbers)
         datagrams = encoder.encode(frames)
         with contextlib.suppress(ResourceError):
