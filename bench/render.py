@@ -37,6 +37,7 @@ from bench.render_goals import (
     MAX_DEFORMING,
     MIN_PEER_RATIO,
     MIN_PEER_RATIOS,
+    NATIVE,
     PEERS,
     REFERENCE,
     SAME_QUALITY,
@@ -52,6 +53,7 @@ from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.render.context import create_context
 from fapengine.render.drawing import DEFAULT_RENDER_OPTIONS, RenderOptions
+from fapengine.render.native import NativeRenderer
 from fapengine.render.renderer import FaceRenderer
 
 PEER_FILE = Path(__file__).with_name("render_peers.py")
@@ -229,7 +231,7 @@ def processors_s(root: int) -> float:
 class OurDraw:
     """Stateful: draws with one of our renderers; beside the seconds it keeps what the processors did."""
 
-    def __init__(self, renderer: FaceRenderer, film: Path | None = None) -> None:
+    def __init__(self, renderer: FaceRenderer | NativeRenderer, film: Path | None = None) -> None:
         self._renderer, self._film = renderer, film
         self.cpu_ms: list[float] = []
         """Milliseconds of all cores together for a frame, of each call."""
@@ -321,6 +323,7 @@ def measure(python: str, rounds: int) -> dict[str, object]:
             name: OurDraw(stack.enter_context(FaceRenderer(case.mesh, case.drawing))) for name, case in made.items()
         }
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        ours[NATIVE] = OurDraw(stack.enter_context(NativeRenderer(head, REFERENCE_DRAWING)))
         ours[FILM] = OurDraw(stack.enter_context(FaceRenderer(head)), folder / "film.mp4")
         theirs, absent = stack.enter_context(started_peers(python, head))
         contenders: dict[str, Draw] = {**ours, **{name: peer.draw for name, peer in theirs.items()}}
@@ -336,7 +339,7 @@ def measure(python: str, rounds: int) -> dict[str, object]:
         "triangles": len(head.triangles),
         "best_ms": best_ms,
         "cpu_ms": cpu_ms,
-        "ours": {name: spread(ratios[name]) for name in (FILM, STAIRS, SOFT, FINE)},
+        "ours": {name: spread(ratios[name]) for name in (NATIVE, FILM, STAIRS, SOFT, FINE)},
         "growth": growth(made, best_ms),
         "deforming": inverse["undeformed"]["ratio"],
         "parts": {PARTS[name]: found for name, found in inverse.items()},

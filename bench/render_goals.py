@@ -21,5 +21,7 @@ SAME_QUALITY = {
     "our page": REFERENCE,
 }  # fmt: skip
 """Peer to our case with the same edges and light."""
+NATIVE = "default head, fapengine-native"
+"""Case that is drawn without OpenGL."""
 FILM = "default head into a film"
 """Case that does what ``say`` and ``render`` do: draws with their defaults, and encodes as H.264."""
