@@ -44,7 +44,7 @@ TEETH_LIGHT_PER_MM = {16: -0.045, 12: 0.08, 13: 0.08}
 """Change of the relative light on teeth per millimetre of a FAP: lower lip pushed, corners raised."""
 DARK_THROAT = 0.28
 """Light that the throat of a wide open mouth loses."""
-SHADED_TEETH = 0.04
+SHADED_TEETH = 0.03
 """Least light on upper teeth, which are in the shadow of the lip."""
 LID_FOLDS_AT = 1.46
 UPPER_LIDS = (19, 20)

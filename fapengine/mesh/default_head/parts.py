@@ -32,6 +32,8 @@ def _arch(share: Array, half_width: float, front_z: float, depth: float) -> tupl
 
 CROWNS = slice(3, 10)
 """Rows of teeth without the gum."""
+FRONTS = slice(4, 9)
+"""Those of their fronts and of the cutting edges."""
 UPPER_WIDTHS_MM = (8.5, 6.5, 7.5, 7.0, 7.0, 10.0, 9.0)
 LOWER_WIDTHS_MM = (5.0, 5.5, 7.0, 7.0, 7.0, 11.0, 10.5)
 """Crown widths from the middle to the back, from tables of dental anatomy. Only their ratios count."""
@@ -67,17 +69,20 @@ def build_teeth(builder: MeshBuilder, detail: float, *, upper: bool) -> Indices:
         scallop = 0.10 * (1 - round_off) * (abs(height) < 0.1)
         y = gum_y + direction * abs(edge_y - gum_y) * (np.where(height > 0, height * tip, height) + scallop)
         rows.append(np.stack([xz[:, 0], y, xz[:, 1]], axis=-1))
-        gap = 0.68 + 0.32 * round_off
+        gap = 0.80 + 0.20 * round_off
         far = 1 - 0.40 * smoothstep((np.abs(share) - 0.2) / 0.6)
         # A smile shows the light half above the upper edges; lower teeth come out of the lip's shadow.
-        shade = np.interp(height, (0.0, 0.3, 0.7, 1.0), (1.4, 1.2, 0.8, 0.92)) if upper else 0.53
+        shade = np.interp(height, (0.0, 0.3, 0.7, 1.0), (1.25, 1.08, 0.88, 0.88)) if upper else 0.74
         colour = colours.GUM if is_gum else colours.TEETH * (shade * gap)[:, None]
         looks.append(np.broadcast_to(colour, rows[-1].shape) * far[:, None])
     points, albedo = np.stack(rows), np.stack(looks)
     kinds = np.full((len(rows), 1), Material.GUM)
     kinds[CROWNS] = Material.TEETH
     bone = Bone.NONE if upper else Bone.JAW
-    grid = builder.add(points, albedo=albedo, material=kinds, bone=bone, bone_weight=float(not upper))
+    # Cutting edges are lit as the front is; by their own normals they were a dark jagged line.
+    front = np.full(points.shape, np.nan)
+    front[FRONTS] = unit_vectors(np.stack([outward[:, 0], 0.2 + 0 * number, outward[:, 1]], axis=-1))
+    grid = builder.add(points, albedo=albedo, material=kinds, bone=bone, bone_weight=float(not upper), normal=front)
     builder.quads(grid if not upper else grid[:, ::-1])
     return grid
 
@@ -106,7 +111,8 @@ def build_tongue(builder: MeshBuilder, detail: float) -> Indices:
         [np.cos(around) * half_width[:, None], y[:, None] + height + groove, np.broadcast_to(z[:, None], height.shape)],
         axis=-1,
     )
-    shade = (0.3 + 0.7 * share)[:, None, None]
+    # Darker towards its root and its sides, so that it has no hard outline.
+    shade = ((0.2 + 0.8 * share**1.3)[:, None] * (1 - 0.1 * np.abs(np.cos(around)) ** 1.5))[..., None]
 
     def add(where: Array, albedo: Array) -> Indices:
         weight = 1 - (1 - BACK_ON_JAW) * smoothstep((TONGUE_TIP[2] - where[..., 2] - 3.0) / 22.0)
