@@ -45,11 +45,17 @@ THROAT_FAPU = (340.0, 560.0)
 """FAPU of the jaw over which the throat becomes dark: from the widest vowels on."""
 BACK_BY_STRETCH = dict.fromkeys((6, 7, 53, 54), 0.5)
 """Millimetres that a corner of the lips moves back per millimetre outwards: lips slide around the teeth."""
-PURSE_FAPU, PURSE_MM, PURSE_OUT_MM, PURSE_FORWARD_MM = (200.0, 550.0), 4.8, 2.6, 5.5
+PURSE_FAPU, PURSE_MM, PURSE_OUT_MM, PURSE_FORWARD_MM = (200.0, 550.0), 3.6, 2.2, 5.5
 """FAPU of a lower lip pushed forward over which lips purse, as in u: how far their corners come in, how much thicker
 each lip becomes near them, and how far lips come forward half way. So the outline is round, and closed lips stay
 closed.
 """
+PURSED_CHEEK_MM = np.array([30.0, 24.0])
+"""How far beyond and above pursed corners the skin follows them: skin that stayed was a crease beside them."""
+PURSED_LEVEL_MM = 4.2
+"""How far the skin beside their corners comes forward and that above it moves back."""
+PURSED_TEETH_MM = np.array([0.0, 4.5, -3.0])
+"""Way of the upper teeth out of the small opening of pursed lips, which is dark; the lower ones go down."""
 JAW_FAP = 3
 JAW_PIVOT = np.array([0.0, 2.0, 18.0])
 """Midpoint of the axis through the jaw joints, mm."""
@@ -124,8 +130,7 @@ def build_basis(
     for number, moves in fields.items():
         if number != JAW_FAP:
             collector.add(Channel(number, -np.inf, np.inf), skin, moves * fapu.unit(fap.spec(number).unit))
-    inwards = -PURSE_MM / (PURSE_FAPU[1] - PURSE_FAPU[0]) * (fields[53] + fields[54])
-    collector.add(Channel(PUSH_LOWER_LIP, *PURSE_FAPU), skin, inwards)
+    _purse_cheeks(points, skin, head, feature_points, collector)
     for side, corner in enumerate(RAISE_CORNERS):
         whole = SMILE_FAPU[1] - SMILE_FAPU[0]
         collector.add(Channel(corner, *SMILE_FAPU), skin, fields[LIFT_CHEEK + side] * SMILE_CHEEK_MM / whole)
@@ -206,13 +211,53 @@ def _lips(head: HeadParts, linear: Linear, collector: BasisCollector) -> None:
     forward = 1 - t**2
     add(17, both * forward * on_upper)
     add(16, both * forward * on_lower)
-    pursed = [
-        -PURSE_MM * np.sign(t) * np.abs(t) ** 1.2 * both,
-        PURSE_OUT_MM * 4 * t**6 * (1 - t**6) * np.where(upper, outer, -outer),
-        PURSE_FORWARD_MM * t**2 * (2.9 - 2.3 * t**2) * both,
-    ]
-    per_fapu = np.stack(pursed, axis=-1).reshape(-1, 3)[unique] / (PURSE_FAPU[1] - PURSE_FAPU[0])
-    collector.add(Channel(PUSH_LOWER_LIP, *PURSE_FAPU), vertices, per_fapu)
+    pursed = _pursed(t) * both[..., None]
+    pursed[..., 1] = PURSE_OUT_MM * 4 * t**6 * (1 - t**6) * np.where(upper, outer, -outer)
+    whole = PURSE_FAPU[1] - PURSE_FAPU[0]
+    collector.add(Channel(PUSH_LOWER_LIP, *PURSE_FAPU), vertices, pursed.reshape(-1, 3)[unique] / whole)
+    for teeth, way in ((head.upper_teeth, PURSED_TEETH_MM), (head.lower_teeth, PURSED_TEETH_MM * [1, -1, 1])):
+        crowns = teeth[CROWNS].ravel()
+        collector.add(Channel(PUSH_LOWER_LIP, *PURSE_FAPU), crowns, np.broadcast_to(way / whole, (len(crowns), 3)))
+
+
+def _pursed(t: Array) -> Array:
+    """(..., 3) mm: way of pursed lips, in and forwards."""
+    return np.stack(
+        [
+            -PURSE_MM * np.sign(t) * np.abs(t) ** 1.2,
+            np.zeros_like(t),
+            PURSE_FORWARD_MM * t**2 * (2.7 - 1.9 * t**2),
+        ],
+        axis=-1,
+    )
+
+
+def _purse_cheeks(
+    points: Array, skin: Indices, head: HeadParts, feature_points: dict[str, int], collector: BasisCollector
+) -> None:
+    """Draw the skin around pursed lips along with them."""
+    corner, at = points[feature_points["8.3"]], points[skin]
+    share = _beyond_lips(head, len(points))[skin]
+    across = at[:, 0] / corner[0]
+    beyond = np.clip((np.abs(across) - 1) * corner[0], 0, None) / PURSED_CHEEK_MM[0]
+    away = np.hypot(beyond, (at[:, 1] - corner[1]) / PURSED_CHEEK_MM[1])
+    falling = np.clip(1 - away**2, 0, None) ** 2 * share * (at[:, 2] > 20)
+    near = falling > 0
+    moves = _pursed(np.clip(across, -1, 1)) * falling[:, None]
+    # Skin pushed forward with the upper lip would overhang that beside the corners.
+    above, outside = at[:, 1] - corner[1], (np.abs(at[:, 0]) - corner[0] - 5.0) / 10.0
+    level_out = np.exp(-(((above + 0.5) / 4.5) ** 2)) - np.exp(-(((above - 7.0) / 4.5) ** 2))
+    moves[:, 2] += PURSED_LEVEL_MM * level_out * np.exp(-(outside**2)) * np.minimum(4 * share, 1)
+    moves = moves[near]
+    collector.add(Channel(PUSH_LOWER_LIP, *PURSE_FAPU), skin[near], moves / (PURSE_FAPU[1] - PURSE_FAPU[0]))
+
+
+def _beyond_lips(head: HeadParts, count: int) -> Array:
+    """(count,): 0 on the lips, rising to 1 from their edge outwards."""
+    share = np.ones(count)
+    share[head.mouth.indices] = smoothstep(head.mouth.level - 1)[:, None]
+    share[head.mouth.indices[0]] = 1.0
+    return share
 
 
 def _skin_fields(
@@ -221,9 +266,7 @@ def _skin_fields(
     """FAP to (N, 3): displacement of the skin per millimetre, corrected at the feature points of other FAPs."""
     at = points[skin]
     fields = skin_fields(places[skin])
-    share = np.ones(len(points))
-    share[head.mouth.indices] = smoothstep(head.mouth.level - 1)[:, None]  # from the edge of the lips outwards
-    share[head.mouth.indices[0]] = 1.0
+    share = _beyond_lips(head, len(points))
     corners, line = abs(points[feature_points["8.3"]][0]), points[feature_points["2.2"]][1]
     between = 1 - smoothstep((np.abs(at[:, 0]) / corners - 0.7) / 0.5)
     above = smoothstep((at[:, 1] - line) / SLIT_MM + 0.5)
