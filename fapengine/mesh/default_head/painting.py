@@ -22,7 +22,7 @@ from fapengine.mesh.default_head.surface import nostril, radius
 PIGMENT = np.array([0.55, 0.9, 1.2])
 WING_CREASE = 0.2
 """Shade in the crease around a wing of the nose."""
-FADE_MM = (8.0, 16.0)
+FADE_MM = (13.0, 16.0)
 """Height over which skin at the hairline takes on the hair's colour; of cropped hair."""
 COARSE = 4
 """Texel step at which the shape of the head is evaluated."""
@@ -77,7 +77,9 @@ def _strands(shape: tuple[int, int], style: HeadStyle) -> Array:
     fine, bundle, wide = (_cloud(shape, *how) for how in ((31, (60.0, 0.7)), (32, (90.0, 2.2)), (33, (110.0, 6.0))))
     contrast = 1 - min(1.6 * float(np.mean(HAIR_COLOURS[style.hair_colour])), 0.5)
     contrast *= 0.5 if style.haircut == "cropped" else 1.0
-    return np.clip(0.70 + contrast * (0.14 * fine + 0.12 * bundle + 0.06 * wide), 0.22, 1.0)
+    # It begins below the parting, where strands of either side meet at an angle.
+    contrast = contrast * (0.25 + 0.75 * smoothstep((np.arange(shape[0]) / shape[0] - 0.05) / 0.14))[:, None]
+    return np.clip(0.70 + contrast * (0.11 * fine + 0.07 * bundle + 0.04 * wide), 0.22, 1.0)
 
 
 def painted_radius(angle: Array, y: Array, style: HeadStyle, step: int) -> Array:

@@ -32,6 +32,8 @@ EARS_MM = 36.0
 """Height from which long hair hangs."""
 FRONT_MM = 4.0
 """Additional height of short hair over the forehead."""
+ENDS_MM = (0.0, 0.28, 0.42, 0.55, 0.64, 0.76, 0.84, 0.92, 1.0), (-1.0, 0.0, 10.0, 18.0, 12.0, 0.0, -14.0, 0.0, -1.0)
+"""Height of the ends of short hair above the hairline over ``u``: higher behind the ears, lower before them."""
 EAR_MM, CLOSE_SIDES = 6.0, 0.7
 """Additional height of hanging hair over an ear; fraction of its height that short hair loses there."""
 WAVE_MM = 115.0
@@ -40,18 +42,20 @@ FREE_FROM_MM, FREE_ENDS = -30.0, 0.55
 """Height below which hanging hair follows the head less, and share of its rotation that the ends do not follow."""
 MAX_DETAIL, MIN_ROWS = 2.0, 0.8
 """Hair is not divided further at level ``finest``, and has no fewer rows at ``coarse``."""
-ACROSS, ACROSS_BELOW = (0.0, 0.3, 0.7, 1.0), (0.0, 0.5, 1.0)
-"""Columns across a strand of the upper layer and of those below it."""
-LEAN = 0.25
-"""How far tips lean to a side at most, in widths of a strand."""
+ACROSS, LEAST_ACROSS = (0.0, 0.5, 1.0), (0.75, 0.67)
+"""Columns across a strand, and the least detail of them in the upper layer and in those below it."""
+DENSER = 0.35
+"""How much closer than on average the first and the last rows of strands are."""
+LEAN, OVER = 0.25, 0.45
+"""How far tips lean to a side at most, and those at the face over their neighbours, in widths of a strand."""
 STEP_MM, ROUND_MM, TIP_ROUND_MM = 2.2, 1.6, 2.2
 """Height of upper strands above lower ones; height of a strand's middle above its edges, and what tips add to it."""
 PARTING_MM = (1.2, 1.5)
 """How far hair of either side goes beyond the parting, and its depth there."""
 WANDER = 0.018
 """How far the border between two strands wanders sideways, in ``s``."""
-TAPER_AT, TAPER = (0.0, 0.5, 0.85, 1.0), (1.0, 0.78, 0.42, 0.12)
-"""Width of a strand along its tip. Narrower ends flicker in video."""
+TAPER_AT, TAPER = (0.0, 0.3, 0.7, 1.0), (1.0, 1.12, 0.8, 0.07)
+"""Width of a strand along its tip: it lies over its neighbours, then ends in a point. Narrower ends flicker."""
 EVEN_NORMALS = 0.9
 """Weight of the normals of the surface relative to those of strands, so that hair is lit as one body."""
 LIT_INSIDE = np.array([0.0, -1.0, 0.0])
@@ -81,7 +85,7 @@ class _Layer(NamedTuple):
     up_mm: tuple[float, float]
     """Height above the surface at first and at the tips."""
     lead: tuple[tuple[float, float], ...] = ()
-    """``t`` where the strands nearest to the face end, and their widths; others have 0.35 to 1.7."""
+    """``t`` where the strands nearest to the face end, and their widths; others have 0.6 to 1.5."""
     reach: float = 1.0
     """Greatest distance from the back of the head."""
     shade: float = 1.0
@@ -114,17 +118,17 @@ class _Cut(NamedTuple):
 
 BEND_AT = (0.0, 0.5, 0.8, 1.0)
 HANGING_BEND = ((180.0, 112.0, 66.0, 50.0), (112.0, 124.0, 112.0, 88.0))
-HANGING_RISE: Table = ((0, 0.08, 0.25, 0.6, 1), (0.6, 4.4, 6.6, 6.6, 7.0))
+HANGING_RISE: Table = ((0, 0.08, 0.25, 0.6, 1), (0.6, 5.0, 7.6, 8.4, 7.4))
 HANGING_FRONT: Table = (
     (-66, -50, -30, -8, 8, 20, 34, 50, 66),
     (14.0, 22.0, 22.0, 14.0, 6.0, 1.5, 9.0, 18.0, 14.0),
 )
-WISPS = ((0.34, 0.14), (0.42, 0.18), (0.55, 0.16), (0.68, 0.24))
+WISPS = ((0.36, 0.14), (0.44, 0.18), (0.54, 0.18), (0.66, 0.24))
 """Fine strands at the front edge of hanging hair, as in ``lead``."""
 CUTS = {
     "short": _Cut(
         bend=((180.0, 116.0, 72.0, 48.0), (96.0, 98.0, 100.0, 90.0)),
-        rise=((0, 0.06, 0.2, 0.5, 0.8, 1), (0.6, 6.0, 8.4, 7.6, 5.6, 1.8)),
+        rise=((0, 0.06, 0.2, 0.5, 0.8, 1), (0.6, 5.8, 8.4, 9.6, 5.6, 0.4)),
         front=(
             (-66, -50, -34, -16, 0, 12, 20, 32, 44, 54, 66),
             (0.0, 12.0, 18.0, 16.0, 10.0, 5.0, 1.5, 6.0, 10.0, 9.0, 0.0),
@@ -132,8 +136,8 @@ CUTS = {
         parting_deg=19.0,
         rows=20,
         layers=(
-            _Layer(20, 0.0, 0.74, 0.16, 0.60, (1.2, 0.2), lead=((0.73, 0.55), (0.80, 0.75), (0.80, 0.6))),
-            _Layer(26, 0.3, 1.0, 0.07, 0.78, (-1.2, -0.8), reach=0.93),
+            _Layer(26, 0.0, 0.78, 0.16, 0.70, (1.2, 0.2), lead=((0.58, 0.4), (0.70, 0.5), (0.76, 0.6))),
+            _Layer(26, 0.3, 1.0, 0.10, 0.80, (-1.2, -1.6), reach=0.96),
         ),
     ),
     "bob": _Cut(
@@ -143,12 +147,12 @@ CUTS = {
         parting_deg=20.0,
         rows=20,
         layers=(
-            _Layer(22, 0.0, 0.94, 0.07, 0.78, (1.2, 0.0), lead=(*WISPS, (0.92, 0.5), (0.87, 0.75), (0.80, 0.6))),
-            _Layer(28, 0.40, 0.98, 0.06, 0.83, (-1.2, -1.6), reach=0.97, shade=0.85),
-            _Layer(16, 0.42, 1.0, 0.04, 0.82, (-5.0, -5.0), reach=0.93, shade=0.6, is_inside=True),
+            _Layer(28, 0.0, 0.96, 0.08, 0.80, (1.2, 0.0), lead=(*WISPS, (0.78, 0.35), (0.86, 0.45), (0.92, 0.5))),
+            _Layer(28, 0.40, 0.99, 0.06, 0.88, (-1.2, -1.6), reach=0.97, shade=0.85),
+            _Layer(16, 0.42, 0.97, 0.05, 0.88, (-5.0, -5.0), reach=0.95, shade=0.6, is_inside=True),
         ),
         ends_mm=((0.0, 0.5, 1.0), (-58.0, -64.0, -76.0)),
-        outwards_mm=((0, 25, 60, 85, 110), (0.0, 4.0, 3.0, -4.0, -16.0)),
+        outwards_mm=((0, 25, 55, 80, 110), (0.0, 4.0, 3.5, -1.0, -9.0)),
         waves=0.2,
         forward_mm=20.0,
     ),
@@ -157,11 +161,11 @@ CUTS = {
         rise=HANGING_RISE,
         front=HANGING_FRONT,
         parting_deg=20.0,
-        rows=21,
+        rows=20,
         layers=(
-            _Layer(22, 0.0, 0.84, 0.18, 0.68, (1.2, -0.2), lead=(*WISPS, (0.80, 0.5), (0.70, 0.75), (0.88, 0.6))),
-            _Layer(24, 0.40, 0.97, 0.09, 0.72, (-1.2, -1.6), reach=0.97, shade=0.9),
-            _Layer(16, 0.42, 0.98, 0.10, 0.64, (-5.0, -5.0), reach=0.93, shade=0.6, is_inside=True),
+            _Layer(27, 0.0, 0.95, 0.16, 0.72, (1.2, -0.2), lead=(*WISPS, (0.75, 0.35), (0.83, 0.45), (0.90, 0.5))),
+            _Layer(24, 0.40, 0.99, 0.09, 0.78, (-1.2, -1.6), reach=0.97, shade=0.9),
+            _Layer(14, 0.42, 0.92, 0.08, 0.80, (-5.0, -5.0), reach=0.93, shade=0.6, is_inside=True),
         ),
         ends_mm=((0.0, 0.3, 0.55, 0.68, 0.85, 1.0), (-170.0, -166.0, -150.0, -142.0, -158.0, -150.0)),
         outwards_mm=((0, 25, 60, 100, 140, 180), (0.0, 3.0, 4.0, 2.0, -3.0, -8.0)),
@@ -225,10 +229,10 @@ def _on_head(style: HeadStyle, cut: _Cut, s: Array, shares: Array) -> tuple[Arra
     bend = place(np.interp(u, BEND_AT, cut.bend[0]) * side, np.interp(u, BEND_AT, cut.bend[1]))
     if cut.ends_mm is None:
         last = np.interp(u, (0, 0.5, 0.68, 0.84, 1), (180, 122, 96, 75, 56))
-        end = place(last * side, hairline(np.deg2rad(last)) + 1.0)
+        end = place(last * side, hairline(np.deg2rad(last)) + np.interp(u, *ENDS_MM))
     else:
         end = place(np.interp(u, (0, 0.5, 1), (180, 118, 67)) * side, np.full(len(s), EARS_MM))
-    edge = np.sqrt(smoothstep((1 - u) / 0.12))
+    edge = smoothstep((1 - u) / 0.22)
     lines, outs = [], []
     for share in shares:
         line = (1 - share) ** 2 * start + 2 * share * (1 - share) * bend + share**2 * end
@@ -275,7 +279,7 @@ def _hanging(cut: _Cut, s: Array, shares: Array, ears: Array, flat: Array) -> Ar
         line += (outwards + 5.0 * swing * np.cos(phase))[:, None] * flat
         line[:, 1] = ears[:, 1] - down
         # The front turns to the cheek.
-        line[:, 0] -= np.sign(s) * 22.0 * before**2 * smoothstep(down / 60.0)
+        line[:, 0] -= np.sign(s) * 20.0 * before**2 * smoothstep(down / 60.0)
         line[:, 2] += 6.0 * before * smoothstep(down / 60.0)
         line[:, 2] += cut.forward_mm * before * smoothstep((down - 50.0) / 140.0)
         line[:, 2] -= cut.backward_mm * smoothstep((0.62 - u) / 0.4) * smoothstep((down - 60.0) / 90.0)
@@ -298,18 +302,19 @@ def _add_layer(builder: MeshBuilder, fall: _Fall, cut: _Cut, seed: int, palette:
     layer = cut.layers[seed]
     number, lead = np.arange(layer.strands) + 5 * seed, len(layer.lead)
     rows = round(cut.rows * max(detail, MIN_ROWS) * (layer.last - layer.first))
-    share = 1 - np.linspace(1, 0, max(7, rows)) ** 1.15  # denser at the tips
-    across = resampled(ACROSS_BELOW if layer.first else ACROSS, max(detail, 0.67))
+    share = np.linspace(0, 1, max(7, rows))  # denser at the tips, and where hair bends over the crown
+    share = 1 - (1 - share) ** 1.15 if layer.first else share - DENSER * np.sin(2 * np.pi * share) / (2 * np.pi)
+    across = resampled(ACROSS, max(detail, LEAST_ACROSS[layer.first > 0]))
     side = 2 * across - 1
     level = np.where(number % 2, 0.45, 0.0) + 0.55 * golden(number, 2.3)
-    t, s = _places(layer, number, level, share, side)
+    t, s, wide = _places(layer, number, level, share, side)
     level, t = level[:, None, None], t[..., None]
     points, out = fall.at(s, t)
 
     # Where layers lie over each other, strands are nearly level; the front edge is on the skin.
     apart = smoothstep((share - 0.5) / 0.4) if layer.first else 1 - 0.7 * smoothstep((share - 0.3) / 0.5)
     step = STEP_MM * apart[:, None]
-    edges = (ROUND_MM + TIP_ROUND_MM * smoothstep((share - 0.55) / 0.3))[:, None] * side**2
+    edges = (wide * (ROUND_MM + TIP_ROUND_MM * smoothstep((share - 0.55) / 0.3)))[..., None] * side**2
     first_mm, last_mm = layer.up_mm
     up = first_mm + (last_mm - first_mm) * smoothstep((share - 0.4) / 0.6)[:, None] + step * level - edges
     raised = smoothstep((t - 0.02) / 0.2)
@@ -319,9 +324,9 @@ def _add_layer(builder: MeshBuilder, fall: _Fall, cut: _Cut, seed: int, palette:
     own = unit_vectors(np.cross(np.gradient(points, axis=2), np.gradient(points, axis=1)), 1e-6)
     normals = 0.4 * out + LIT_INSIDE if layer.is_inside else own + EVEN_NORMALS * out
 
-    tint = np.interp(side**2, (0, 0.3, 1), (1.08, 1.02, 0.78)) * (1 - 0.28 * (1 - level) * side**2)
-    tint = tint * (0.86 + 0.2 * level + 0.16 * golden(number, 1.9)[:, None, None])
-    tint = (1 + raised * (tint - 1)) * np.interp(t, (0, 0.03, 0.1), (0.45, 0.7, 1)) * (1 + _sheen(points, out))
+    tint = np.interp(side**2, (0, 1), (1.05, 0.87)) * (1 - 0.2 * (1 - level) * side**2)
+    tint = tint * (0.9 + 0.14 * level + 0.1 * golden(number, 1.9)[:, None, None])
+    tint = (1 + raised * (tint - 1)) * np.interp(t, (0, 0.03, 0.1), (0.45, 0.7, 1)) * (1 + raised * _sheen(points, out))
     shade = layer.shade * tint * np.interp(share, (0, 0.85, 1), (1, 1, 0.9))[:, None]
     even = min(EVEN_LIGHT_HAIR * float(palette.hair.mean()), 0.9)
     grid = builder.add(
@@ -342,15 +347,20 @@ def _add_layer(builder: MeshBuilder, fall: _Fall, cut: _Cut, seed: int, palette:
     return grid.ravel()
 
 
-def _places(layer: _Layer, number: Indices, level: Array, share: Array, side: Array) -> tuple[Array, Array]:
-    """``t``, (N, R), and ``s``, (N, R, C), of strands at shares of their length, (R,), and across, (C,), -1 to 1."""
-    lead = len(layer.lead)
-    width = 0.35 + 0.9 * golden(number, 3.7) + 0.45 * level
+def _places(layer: _Layer, number: Indices, level: Array, share: Array, side: Array) -> tuple[Array, Array, Array]:
+    """``t``, (N, R), and ``s``, (N, R, C), of strands at shares of their length, (R,), and across, (C,), -1 to 1.
+
+    Last comes their width relative to that above their tips, (N, R).
+    """
+    lead, tapers_from = len(layer.lead), np.full(len(number), layer.tapers_from)
+    width = 0.6 + 0.6 * golden(number, 3.7) + 0.3 * level
     length = layer.last * (1 - layer.uneven * (golden(number, 2.9) + 0.5 * (1 - level)))
     if lead:
         ends, widths = np.array(layer.lead).T
         width[:lead], width[: -lead - 1 : -1] = widths, widths
         length[:lead], length[: -lead - 1 : -1] = ends, ends + 0.04
+        # Where the tip of one ends, that of the next begins.
+        tapers_from[1:lead] = tapers_from[-2 : -lead - 1 : -1] = ends[:-1] / ends[1:]
     t = layer.first + share * (length[:, None] - layer.first)
     borders = np.concatenate([[0.0], np.cumsum(width)])
     borders = layer.reach * (2 * borders / borders[-1] - 1)
@@ -362,12 +372,15 @@ def _places(layer: _Layer, number: Indices, level: Array, share: Array, side: Ar
         return np.asarray(borders[which, None] + way * np.sin(2.2 * np.pi * t + phase[which, None]))
 
     low, high = wandering(np.s_[:-1]), wandering(np.s_[1:])
-    on_tip = np.clip((share - layer.tapers_from) / (1 - layer.tapers_from), 0, 1)
-    lean = LEAN * (2 * golden(number, 6.3) - 1)
-    lean[:lead] = lean[len(lean) - lead :] = 0.0
-    leaning = lean[:, None] * on_tip**2
-    middle = (low + high) / 2 + leaning * (high - low)
-    return t, middle[..., None] + ((high - low) / 2 * np.interp(on_tip, TAPER_AT, TAPER))[..., None] * side
+    on_tip = np.clip((share - tapers_from[:, None]) / (1 - tapers_from[:, None]), 0, 1)
+    wide = np.interp(on_tip, TAPER_AT, TAPER)
+    aside = LEAN * (2 * golden(number, 6.3) - 1)[:, None] * on_tip**2
+    if lead:  # tips at the face lie over their neighbours, so that no skin shows between them
+        wide[:lead], wide[-lead:] = np.minimum(wide[:lead], 1.0), np.minimum(wide[-lead:], 1.0)
+        over = (1 - wide) / 2 + OVER * smoothstep(on_tip / 0.3)
+        aside[:lead], aside[-lead:] = over[:lead], -over[-lead:]
+    middle = (low + high) / 2 + aside * (high - low)
+    return t, middle[..., None] + ((high - low) / 2 * wide)[..., None] * side, wide
 
 
 def _sheen(points: Array, out: Array) -> Array:
