@@ -15,7 +15,7 @@ BLUSHES = np.array(
     [[0.78, 0.35, 0.29], [0.67, 0.275, 0.205], [0.46, 0.17, 0.115], [0.23, 0.085, 0.055], [0.09, 0.035, 0.025]]
 )
 LIPS = np.array(
-    [[0.60, 0.25, 0.22], [0.52, 0.218, 0.182], [0.38, 0.135, 0.110], [0.20, 0.075, 0.062], [0.095, 0.038, 0.035]]
+    [[0.60, 0.20, 0.20], [0.52, 0.197, 0.172], [0.38, 0.125, 0.108], [0.20, 0.075, 0.062], [0.095, 0.038, 0.035]]
 )
 
 HAIR_COLOURS: dict[str, tuple[float, float, float]] = {
@@ -42,7 +42,7 @@ DARK_BROWS = 0.06
 """Mean linear RGB of hair above which brows are darker than the hair."""
 MOUTH = np.array([0.28, 0.092, 0.081])
 GUM = np.array([0.50, 0.16, 0.15])
-TONGUE = np.array([0.48, 0.158, 0.147])
+TONGUE = np.array([0.455, 0.148, 0.138])
 TEETH = np.array([0.795, 0.62, 0.545])
 """Warmer than ivory: light on teeth has been reflected by lips and tongue, and the renderer's light is that of the sky.
 """

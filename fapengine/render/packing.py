@@ -41,7 +41,7 @@ from fapengine.render.programs import FACE_ATTRIBUTES, MAX_CHANNELS, MAX_FINE_ED
 SURFACES: dict[Material, tuple[float, float, float]] = {
     # specular strength, gloss, softness of the terminator
     Material.SKIN: (0.08, 40.0, 0.52),
-    Material.LIP: (0.45, 56.0, 0.50),
+    Material.LIP: (0.32, 36.0, 0.50),
     Material.EYE: (1.30, 420.0, 0.20),
     Material.TEETH: (0.50, 60.0, 0.30),
     Material.GUM: (0.50, 40.0, 0.40),

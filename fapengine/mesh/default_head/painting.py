@@ -135,7 +135,7 @@ def _lips(x: Array, y: Array, front: Mask, style: HeadStyle) -> Array:
     shape = (y.shape[0], y.shape[1])
     creases = np.clip(_cloud(shape, 11, (9.0, 1.1)), -2, 2) * smoothstep(share / 0.3)
     seam = 0.16 * np.exp(-((share / 0.10) ** 2)) * (np.abs(t) < 1.02) * front
-    light = 1 - on_lip[..., None] * (0.055 * creases[..., None] + np.array([0.02, 0.03, 0.03]))
+    light = 1 - on_lip[..., None] * (0.02 * creases[..., None] + np.array([0.02, 0.03, 0.03]))
     return light * (1 - seam[..., None] * np.array([0.8, 1.0, 1.0]))
 
 

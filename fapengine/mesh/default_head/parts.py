@@ -128,7 +128,7 @@ def build_tongue(builder: MeshBuilder, detail: float) -> Indices:
 BROWS: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = {
     "soft": ((54.0, 56.1, 58.2, 57.1, 52.5), (2.5, 3.2, 2.9, 1.9, 0.35)),
     "straight": ((55.4, 56.8, 58.3, 58.0, 54.2), (3.0, 3.3, 3.1, 2.4, 0.7)),
-    "arched": ((54.6, 56.3, 58.6, 58.5, 53.3), (2.2, 2.9, 2.5, 1.6, 0.3)),
+    "arched": ((53.8, 55.3, 57.2, 57.0, 52.3), (2.3, 2.9, 2.5, 1.6, 0.3)),
 }
 """Height of the centre line and half width at five places, mm, from the nose outwards, by shape."""
 BROW_X = (12.5, 21.0, 32.0, 43.0, 53.5)
