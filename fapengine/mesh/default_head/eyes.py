@@ -35,6 +35,10 @@ STRETCH_ROUNDS, STRETCH_COLUMNS = 7, 58
 """Rounds of averaging of a closed lid, for so many columns."""
 LASH_SWING = 1.7
 """Turn of a lash about its root, relative to that of its lid."""
+LASH_OUT_MM, LASH_LIFT_MM = 0.6, 0.9
+"""How far upper lashes are rooted before the margin, and how far a turn of 1 rad lifts them: they overlap the line of a
+closed eye, which has no gaps so.
+"""
 POLAR_DEG = (88.0, 66, 50, 38, 30, 23, 17, 11, 5)
 
 
@@ -123,6 +127,7 @@ def build_lids(
         points += (hood - 0.60 * crease)[:, None] * out
         shade = 1 - 0.20 * crease - np.where(upper, 0.14, 0.04) * smoothstep((CREASE + 0.1 - level) / 0.45)
         lash = (level <= 1.0) * upper
+        shade *= 1 - 0.5 * (level <= 1.0) * middle  # lashes of the lower lid
         albedo = np.where(lash[:, None], colours.LASH, palette.skin(points) * shade[:, None])
         kind, uv = np.where(lash, Material.LASH, Material.SKIN), skin_uv(angle, flat[:, 1])
         place = np.stack([angle, flat[:, 1]], axis=-1)
@@ -134,7 +139,7 @@ def build_lids(
         points = _on_sphere(flat, centre, RADIUS + height)
         points[:, 2] += _forward(t, level)
         lash = upper & (level > 0.8)
-        wet = palette.skin(points) * [0.98, 0.74, 0.72]
+        wet = palette.skin(points) * [0.98, 0.74, 0.72] * (0.4 if level > 0.9 else 1.0)  # dark between lashes
         albedo = np.where(lash[:, None], colours.LASH, wet)
         grids.append(builder.add(points, albedo=albedo, material=np.where(lash, Material.LASH, Material.LIP)))
         levels.append(level)
@@ -182,6 +187,7 @@ def _build_lashes(
             root = int(mine[np.abs(t[mine] - along_rim).argmin()])
             base = np.array([np.interp(along_rim, t[mine], rim[mine, axis]) for axis in range(3)])
             outwards = unit_vectors(base - centre)
+            base = base + LASH_OUT_MM * is_upper * outwards
             aside = np.array([side, 0.0, 0.0])
             # Longest over the outer third, where they are one dark wing.
             full = smoothstep((along_rim + 0.9) / 1.4) * (1 - 0.45 * smoothstep((along_rim - 0.7) / 0.3))
@@ -278,4 +284,5 @@ def lash_displacement(lashes: Array, eye: Eye, turn: Array) -> Array:
     """
     root = lashes[:, :2].mean(axis=1, keepdims=True)
     swing = turned(lashes, root, LASH_SWING * turn[:, None])
-    return turned(root, eye.centre, turn[:, None]) + swing
+    lift = LASH_LIFT_MM * np.clip(-turn, 0, None)[:, None, None] * [0.0, 1.0, 0.0]
+    return turned(root, eye.centre, turn[:, None]) + swing + lift
