@@ -107,7 +107,7 @@ def _with_face(points: Array, charm: float) -> Array:
     moved[:, 0] *= 1 + charm * 0.055 * skull
     moved[:, 1] += charm * 5.0 * skull
     moved[:, 2] = 5.0 + (moved[:, 2] - 5.0) * (1 + charm * 0.035 * skull)
-    neck = smoothstep((-44.0 - y) / 60.0) * smoothstep((60.0 - z) / 50.0) * smoothstep((y + 200.0) / 70.0)
+    neck = smoothstep((-44.0 - y) / 60.0) * smoothstep((60.0 - z) / 50.0) * smoothstep((y + 150.0) / 90.0)
     neck *= _faded(np.abs(x), 70.0, 110.0)
     moved[:, 0] *= 1 - charm * 0.19 * neck
     moved[:, 2] = -5.0 + (moved[:, 2] + 5.0) * (1 - charm * 0.12 * neck)
