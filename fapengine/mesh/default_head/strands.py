@@ -42,8 +42,8 @@ FREE_FROM_MM, FREE_ENDS = -30.0, 0.55
 """Height below which hanging hair follows the head less, and share of its rotation that the ends do not follow."""
 MAX_DETAIL, MIN_ROWS = 2.0, 0.8
 """Hair is not divided further at level ``finest``, and has no fewer rows at ``coarse``."""
-ACROSS, LEAST_ACROSS = (0.0, 0.5, 1.0), (0.75, 0.67)
-"""Columns across a strand, and the least detail of them in the upper layer and in those below it."""
+ACROSS, MIN_ACROSS = (0.0, 0.5, 1.0), (0.75, 0.67)
+"""Columns across a strand, and their smallest detail in the upper layer and in those below it."""
 DENSER = 0.35
 """How much closer than on average the first and the last rows of strands are."""
 LEAN, OVER = 0.25, 0.45
@@ -304,7 +304,7 @@ def _add_layer(builder: MeshBuilder, fall: _Fall, cut: _Cut, seed: int, palette:
     rows = round(cut.rows * max(detail, MIN_ROWS) * (layer.last - layer.first))
     share = np.linspace(0, 1, max(7, rows))  # denser at the tips, and where hair bends over the crown
     share = 1 - (1 - share) ** 1.15 if layer.first else share - DENSER * np.sin(2 * np.pi * share) / (2 * np.pi)
-    across = resampled(ACROSS, max(detail, LEAST_ACROSS[layer.first > 0]))
+    across = resampled(ACROSS, max(detail, MIN_ACROSS[layer.first > 0]))
     side = 2 * across - 1
     level = np.where(number % 2, 0.45, 0.0) + 0.55 * golden(number, 2.3)
     t, s, wide = _places(layer, number, level, share, side)
