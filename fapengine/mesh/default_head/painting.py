@@ -78,8 +78,8 @@ def _strands(shape: tuple[int, int], style: HeadStyle) -> Array:
     contrast = 1 - min(1.6 * float(np.mean(HAIR_COLOURS[style.hair_colour])), 0.5)
     contrast *= 0.5 if style.haircut == "cropped" else 1.0
     # It begins below the parting, where strands of either side meet at an angle.
-    contrast = contrast * (0.25 + 0.75 * smoothstep((np.arange(shape[0]) / shape[0] - 0.05) / 0.14))[:, None]
-    return np.clip(0.70 + contrast * (0.11 * fine + 0.07 * bundle + 0.04 * wide), 0.22, 1.0)
+    from_parting = (0.25 + 0.75 * smoothstep((np.arange(shape[0]) / shape[0] - 0.05) / 0.14))[:, None]
+    return np.clip(0.70 + contrast * from_parting * (0.11 * fine + 0.07 * bundle + 0.04 * wide), 0.22, 1.0)
 
 
 def painted_radius(angle: Array, y: Array, style: HeadStyle, step: int) -> Array:

@@ -83,6 +83,7 @@ def test_shoulders_and_wall_are_drawn_anew_where_they_change(head: FaceMesh, cha
 
 
 def test_what_stands_still_is_the_shirt(head: FaceMesh) -> None:
-    still = still_vertices(pack(head))
-    assert still[head.material == Material.CLOTH].all()
+    still, cloth = still_vertices(pack(head)), head.material == Material.CLOTH
+    assert still[cloth & (head.head_weight == 0)].all()
+    assert still[cloth].mean() > 0.35  # the rest is the collar
     assert head.vertices_mm[still, 1].max() < -97  # and where the neck ends, 2 mm higher with charm
