@@ -178,9 +178,10 @@ class DrawnEncoder(Vp8Encoder):
     """The library's encoder of VP8 with :data:`VP8_OPTIONS`. Stateful."""
 
     def encode(self, frame: Any, force_keyframe: bool = False) -> tuple[list[bytes], int]:
-        """Encode an image as the library does; a new bit rate needs a new codec."""
+        """Encode an image as the library does; a new bit rate or size needs a new codec."""
         rate, before = self.target_bitrate, self.codec and self.codec.bit_rate
-        if not before or abs(rate - before) > SAME_RATE * before:
+        is_resized = self.codec and (self.codec.width, self.codec.height) != (frame.width, frame.height)
+        if not before or is_resized or abs(rate - before) > SAME_RATE * before:
             self.codec = av.CodecContext.create("libvpx", "w")
             self.codec.width, self.codec.height, self.codec.pix_fmt = frame.width, frame.height, "yuv420p"
             self.codec.bit_rate, self.codec.gop_size, self.codec.qmin, self.codec.qmax = rate, 3000, 2, 56

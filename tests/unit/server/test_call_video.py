@@ -228,6 +228,16 @@ def test_the_library_keeps_our_codec_at_each_bit_rate(bits: int, is_new: bool, m
     assert [codec.options for codec in codecs] == [{}, {}]  # libvpx knows them all
 
 
+def test_the_library_keeps_our_codec_when_images_change_size() -> None:
+    encoder = DrawnEncoder()
+    large, small = drawn_images(2)
+    encoder.encode(large)
+    encoder.encode(small.reformat(width=64, height=64))
+    assert encoder.codec is not None
+    assert (encoder.codec.width, encoder.codec.height) == (64, 64)
+    assert encoder.codec.options == {}  # the library's has "partitions", which libvpx does not know
+
+
 def test_drawn_images_keep_their_quality_with_our_options() -> None:
     """In half of the library's time (python -m bench.agents), which no test may measure."""
     errors, sizes = zip(
