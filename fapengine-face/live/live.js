@@ -2,7 +2,7 @@
 // one's own; needs neither DOM nor WebGL. Nothing is fetched before make, and the recognizer's weights not before hear.
 
 import { bytesOf } from "./bytes.js";
-import { expression, hearing, phone_track, protocol } from "./constants.js";
+import { changing, expression, hearing, phone_track, protocol } from "./constants.js";
 import { Gestures } from "./gestures.js";
 import { placeAfter } from "./path.js";
 import { Planner, checkedPhone, isSame } from "./planner.js";
@@ -13,6 +13,7 @@ import { Pieces } from "./tap-worklet.js";
 import { phonesOf } from "./words.js";
 
 const { ATTACK_S, MAX_WEIGHT, RELEASE_S } = expression;
+const { OPEN_S } = changing;
 const { PAUSE_S } = hearing;
 const { RATE_HZ } = protocol;
 const { SILENCE } = phone_track;
@@ -211,6 +212,8 @@ export class Live extends EventTarget {
   take({ final, partial, heard }) {
     this.heard = heard;
     const phones = [...final, ...partial].filter(({ start }) => start >= this.deaf);
+    const last = phones.at(-1);
+    if (partial.length && last && last.label !== SILENCE) phones[phones.length - 1] = { ...last, end: last.end + OPEN_S };
     const same = phones.findIndex((phone, index) => !this.fed[index] || !isSame(phone, this.fed[index]));
     const first = same < 0 ? phones.length : same;
     const { edge } = this.planner;

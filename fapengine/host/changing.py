@@ -1,10 +1,14 @@
 """Phones of a recognizer for the engine, the last of which may still change."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from fapengine.engine.commands import Append, End
 from fapengine.speech.phone_track import SILENCE, Phone
+
+OPEN_S = 0.01
+"""Time by which a phone that is not over is taken to last longer: of 0, 10, 20 and 40 ms the best for 32 recordings of
+flite by the small network, 0.25 s after the sound (mean r .897, .899, .896, .888)."""
 
 
 @dataclass(slots=True)
@@ -42,6 +46,8 @@ class ChangingPhones:
         Append or None
             What the engine does not have yet.
         """
+        if partial and not partial[-1].is_silence:  # it is not over yet
+            partial = [*partial[:-1], replace(partial[-1], end_s=partial[-1].end_s + OPEN_S)]
         phones, known = (*final, *partial), self.partial
         if not phones and any(not phone.is_silence for phone in known):  # all of them were taken back
             phones = (Phone(SILENCE, known[0].start_s, known[-1].end_s),)

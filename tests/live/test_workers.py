@@ -86,10 +86,12 @@ def test_a_worker_killed_in_a_word_shuts_its_mouths_and_others_speak_on(tmp_path
         wait(lambda: all(map(stage.is_speaking, everybody)))
         workers = {name: worker_of(name, [0, 1]) for name in everybody}
         assert set(workers.values()) == {0, 1}
+        counts = {
+            f'fapengine_sessions{{state="speaking",worker="{worker}"}}': list(workers.values()).count(worker)
+            for worker in (0, 1)
+        }
+        wait(lambda: counts.items() <= stage.metrics().items())  # a worker counts a frame after it shows
         figures = stage.metrics()
-        for worker in (0, 1):
-            here = list(workers.values()).count(worker)
-            assert figures[f'fapengine_sessions{{state="speaking",worker="{worker}"}}'] == here
         assert figures['fapengine_front_total{kind="moved"}'] == len(SESSIONS)
         assert figures["fapengine_placed"] == len(everybody)
         before = {name: list(stage.ear.frames[name]) for name in everybody}
