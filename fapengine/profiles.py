@@ -97,7 +97,7 @@ class ContextModel(Rebuilt):
     coefficients: NDArray[np.float64]
     """(F, keyframes, K): mode weights that each feature adds."""
     examples: Examples = Examples()
-    """What is added to the sums; none by default."""
+    """Recorded tokens that add to the sums; none by default."""
     rows: Mapping[str, int] = field(init=False)
     """Row of each feature."""
 
@@ -370,7 +370,7 @@ def _context(context: _Context, files: Mapping[str, bytes], modes: int) -> Conte
             examples = Examples()
             if "example_letters" in arrays:  # profiles of earlier versions have none
                 examples = Examples(
-                    letters=tuple(str(letters) for letters in arrays["example_letters"]),
+                    letters=tuple(map(str, np.atleast_1d(arrays["example_letters"]))),
                     lengths=arrays["example_lengths"].astype(np.float64),
                     adds=arrays["example_adds"].astype(np.float64),
                 )

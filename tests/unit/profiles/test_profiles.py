@@ -206,6 +206,7 @@ def test_a_damaged_context_is_refused() -> None:
     [
         ("example_letters", np.array(["___bbɪn"]), "eight letters"),
         ("example_letters", np.array(["___bbɪn?"]), "eight letters"),
+        ("example_letters", np.array("abc"), "eight letters"),
         ("example_lengths", np.zeros((1, 2)), "lengths"),
         ("example_adds", np.zeros((1, 2, 7)), "adds"),
         ("example_adds", np.full((1, 2, 8), np.nan), "adds"),
