@@ -22,7 +22,7 @@ export function holdOf({ start, end }, contact, isJoined) {
   return { start: from, stop: to, contact };
 }
 
-// Nothing of it is seen before the edge; null for one that is no touch and over by then.
+// Nothing of it is seen before the edge; null if it is not a touch and is over by then.
 export function holdLate({ stop, contact }, edge) {
   const start = edge + RAMP_S;
   if (!TOUCHES.includes(contact)) return start < stop ? { start, stop, contact } : null;

@@ -119,7 +119,7 @@ class FaceOutput(avatar.QueueAudioOutput):  # type: ignore[misc, unused-ignore]
 
     def __init__(self, face: AgentFace) -> None:
         super().__init__(sample_rate=SAMPLE_RATE_HZ, wait_playback_start=True)
-        self._capabilities = AudioOutputCapabilities(pause=True)  # the base class cannot be told
+        self._capabilities = AudioOutputCapabilities(pause=True)  # the base class does not take them
         self._host = face.host
 
     def pause(self) -> None:

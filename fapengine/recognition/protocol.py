@@ -129,7 +129,7 @@ class StreamRecognizer(Protocol):
     def poll(self, shown_s: float = -inf) -> list[RecognizedPhones]:
         """Return the new results of this stream; raises ``ResourceError`` if the recognizer has ended.
 
-        ``shown_s`` is the time in the stream that the face shows now; a recognizer that falls behind it does less.
+        ``shown_s`` is the time in the stream that the face shows now; a recognizer behind it does less work.
         """
 
     def close(self) -> None:

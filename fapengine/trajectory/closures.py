@@ -126,7 +126,7 @@ def hold_of(phone: Phone, contact: str = "lips") -> Hold:
 
 
 def hold_late(hold: Hold, edge_s: float) -> Hold | None:
-    """Delay a hold so that nothing of it is seen before ``edge_s``; None for one that is no touch and over by then."""
+    """Delay a hold so that nothing of it is seen before ``edge_s``; None if it is not a touch and is over by then."""
     start_s = edge_s + RAMP_S
     if hold.contact not in TOUCHES:
         return Hold(start_s, hold.stop_s, hold.contact) if start_s < hold.stop_s else None

@@ -117,7 +117,7 @@ def _from_the_top(path: str) -> bool:
 
 
 NEED_FRAMEWORKS = ("fapengine.agents.livekit", "fapengine.agents.pipecat")
-"""What the names of modules begin with that can be imported in an environment of their own only: make oracles."""
+"""Prefixes of modules that can be imported only in environments of their own (make oracles)."""
 
 
 def test_cross_references_of_docstrings_resolve() -> None:

@@ -55,7 +55,7 @@ PURSED_CHEEK_MM = np.array([30.0, 24.0])
 PURSED_LEVEL_MM = 4.2
 """How far the skin beside their corners comes forward and that above it moves back."""
 PURSED_TEETH_MM = np.array([0.0, 4.5, -3.0])
-"""Way of the upper teeth out of the small opening of pursed lips, which is dark; the lower ones go down."""
+"""How far the upper teeth move out of the opening of pursed lips, so that it is dark; the lower ones move down."""
 JAW_FAP = 3
 JAW_PIVOT = np.array([0.0, 2.0, 18.0])
 """Midpoint of the axis through the jaw joints, mm."""

@@ -117,12 +117,15 @@ class _Cut(NamedTuple):
 
 
 BEND_AT = (0.0, 0.5, 0.8, 1.0)
-HANGING_BEND = ((180.0, 112.0, 66.0, 50.0), (112.0, 124.0, 112.0, 88.0))
-HANGING_RISE: Table = ((0, 0.08, 0.25, 0.6, 1), (0.6, 5.0, 7.6, 8.4, 7.4))
-HANGING_FRONT: Table = (
-    (-66, -50, -30, -8, 8, 20, 34, 50, 66),
-    (14.0, 22.0, 22.0, 14.0, 6.0, 1.5, 9.0, 18.0, 14.0),
+HANGING = _Cut(
+    bend=((180.0, 112.0, 66.0, 50.0), (112.0, 124.0, 112.0, 88.0)),
+    rise=((0, 0.08, 0.25, 0.6, 1), (0.6, 5.0, 7.6, 8.4, 7.4)),
+    front=((-66, -50, -30, -8, 8, 20, 34, 50, 66), (14.0, 22.0, 22.0, 14.0, 6.0, 1.5, 9.0, 18.0, 14.0)),
+    parting_deg=20.0,
+    rows=20,
+    layers=(),
 )
+"""What bob and long hair share."""
 WISPS = ((0.36, 0.14), (0.44, 0.18), (0.54, 0.18), (0.66, 0.24))
 """Fine strands at the front edge of hanging hair, as in ``lead``."""
 CUTS = {
@@ -140,12 +143,7 @@ CUTS = {
             _Layer(26, 0.3, 1.0, 0.10, 0.80, (-1.2, -1.6), reach=0.96),
         ),
     ),
-    "bob": _Cut(
-        bend=HANGING_BEND,
-        rise=HANGING_RISE,
-        front=HANGING_FRONT,
-        parting_deg=20.0,
-        rows=20,
+    "bob": HANGING._replace(
         layers=(
             _Layer(28, 0.0, 0.96, 0.08, 0.80, (1.2, 0.0), lead=(*WISPS, (0.78, 0.35), (0.86, 0.45), (0.92, 0.5))),
             _Layer(28, 0.40, 0.99, 0.06, 0.88, (-1.2, -1.6), reach=0.97, shade=0.85),
@@ -156,12 +154,7 @@ CUTS = {
         waves=0.2,
         forward_mm=20.0,
     ),
-    "long": _Cut(
-        bend=HANGING_BEND,
-        rise=HANGING_RISE,
-        front=HANGING_FRONT,
-        parting_deg=20.0,
-        rows=20,
+    "long": HANGING._replace(
         layers=(
             _Layer(27, 0.0, 0.95, 0.16, 0.72, (1.2, -0.2), lead=(*WISPS, (0.75, 0.35), (0.83, 0.45), (0.90, 0.5))),
             _Layer(24, 0.40, 0.99, 0.09, 0.78, (-1.2, -1.6), reach=0.97, shade=0.9),
