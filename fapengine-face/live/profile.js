@@ -141,7 +141,8 @@ export class Profile {
 
   // A phone's label without its time: kinds of its parts, rows of its letters in the table of articulation, contact.
   spelled({ label, word = "" }) {
-    const vowels = word ? (NAMES[stripped(word).toLowerCase()] ?? []) : [];
+    const name = stripped(word).toLowerCase();
+    const vowels = Object.hasOwn(NAMES, name) ? NAMES[name] : [];
     const key = `${label} ${vowels}`;
     let found = this.labels.get(key);
     if (!found) {

@@ -55,7 +55,7 @@ PORTED = {
 SAME_AS = Path(__file__).with_name("ported.json")
 """Digests of these modules, without comments and docstrings, when the JavaScript was last the same."""
 STRANGE = ("ʧ", "ʏ", "ɔɪ", "oː", "pf", "ɛ̃", "t͡s", "ç", "xyz%", "ɝ", "hʔ", "aʊə", "ˈm", "…", "g")
-NAMES_OF_LETTERS = ("B", "q,", "“Z”", "m", "h", "are")
+NAMES_OF_LETTERS = ("B", "q,", "“Z”", "m", "h", "are", "constructor")
 pytestmark = pytest.mark.skipif(shutil.which("node") is None, reason="needs Node")
 
 
