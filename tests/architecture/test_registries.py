@@ -273,6 +273,14 @@ ENOUGH = {"head": [], "say": ["Hi.", "-o", "a.fap"], "serve": ["--config", "abse
 """What a command needs besides, so that it ends at once where a number is allowed."""
 
 
+def _leaves(annotation: Any) -> list[Any]:
+    """The types of which an annotation consists."""
+    if get_origin(annotation) is Annotated:
+        annotation = get_args(annotation)[0]
+    parts = get_args(annotation)
+    return [leaf for part in parts for leaf in _leaves(part)] if parts else [annotation]
+
+
 def _numbers() -> list[Any]:
     """Every option of every command that takes a number, with the command and the kind of number."""
     found = []
@@ -280,11 +288,11 @@ def _numbers() -> list[Any]:
     def walk(command: Any, path: tuple[str, ...]) -> None:
         for name in command.list_commands(None) if hasattr(command, "list_commands") else ():
             walk(command.get_command(None, name), (*path, name))
+        parameters = inspect.signature(command.callback).parameters if command.callback else {}
         for option in command.params:
-            annotation = option.type_descriptor.annotation
-            kinds = {int, float} & {annotation, *get_args(annotation)}
-            if kinds:
-                found.append(pytest.param(path, option, kinds.pop(), id=f"{' '.join(path)} {option.opts[0]}"))
+            kinds = _leaves(parameters[option.name].annotation) if option.name in parameters else ()
+            for kind in {int, float}.intersection(kinds):
+                found.append(pytest.param(path, option, kind, id=f"{' '.join(path)} {option.opts[0]}"))
 
     walk(get_command(app), ())
     assert len(found) >= 40

@@ -14,7 +14,8 @@ from fapengine.cli._printing import progress, working
 def screen(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> io.StringIO:
     written = io.StringIO()
     terminal = getattr(request, "param", True)
-    monkeypatch.setattr(_printing, "Console", lambda **_: Console(file=written, force_terminal=terminal, width=80))
+    monkeypatch.setattr(_printing, "_is_terminal", lambda **_: terminal)
+    monkeypatch.setattr(_printing, "_screen", lambda: Console(file=written, force_terminal=terminal, width=80))
     return written
 
 
