@@ -364,15 +364,15 @@ def _context(context: _Context, files: Mapping[str, bytes], modes: int) -> Conte
     fractions = _fractions(context.fractions, "context", "fractions")
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-            features = tuple(str(feature) for feature in arrays["features"])
+            features = tuple(map(str, np.atleast_1d(arrays["features"])))
             shape = (context.count, len(fractions), modes)
-            coefficients = frozen(arrays["coefficients"].astype(np.float64), "coefficients", shape, np.float64)
+            coefficients = frozen(arrays["coefficients"], "coefficients", shape, np.float64)
             examples = Examples()
             if "example_letters" in arrays:  # profiles of earlier versions have none
                 examples = Examples(
                     letters=tuple(map(str, np.atleast_1d(arrays["example_letters"]))),
-                    lengths=arrays["example_lengths"].astype(np.float64),
-                    adds=arrays["example_adds"].astype(np.float64),
+                    lengths=arrays["example_lengths"],
+                    adds=arrays["example_adds"],
                 )
         model = ContextModel(fractions=fractions, features=features, coefficients=coefficients, examples=examples)
     except (*DAMAGE, MemoryError) as error:

@@ -204,6 +204,8 @@ def test_a_damaged_context_is_refused() -> None:
 @pytest.mark.parametrize(
     ("name", "wrong", "message"),
     [
+        ("features", np.array("bias"), "coefficients"),
+        ("coefficients", np.zeros(1, [("a", float)]), "dtype"),
         ("example_letters", np.array(["___bbɪn"]), "eight letters"),
         ("example_letters", np.array(["___bbɪn?"]), "eight letters"),
         ("example_letters", np.array("abc"), "eight letters"),
@@ -212,7 +214,7 @@ def test_a_damaged_context_is_refused() -> None:
         ("example_adds", np.full((1, 2, 8), np.nan), "adds"),
     ],
 )
-def test_examples_that_do_not_fit_are_refused(name: str, wrong: np.ndarray, message: str) -> None:
+def test_arrays_of_a_context_that_do_not_fit_are_refused(name: str, wrong: np.ndarray, message: str) -> None:
     with np.load(io.BytesIO(FILES["context.npz"])) as arrays:
         changed = {key: value[:1] if key.startswith("example_") else value for key, value in arrays.items()}
     buffer = io.BytesIO()
