@@ -291,8 +291,8 @@ def _numbers() -> list[Any]:
         parameters = inspect.signature(command.callback).parameters if command.callback else {}
         for option in command.params:
             kinds = _leaves(parameters[option.name].annotation) if option.name in parameters else ()
-            for kind in {int, float}.intersection(kinds):
-                found.append(pytest.param(path, option, kind, id=f"{' '.join(path)} {option.opts[0]}"))
+            name = f"{' '.join(path)} {option.opts[0]}"
+            found += [pytest.param(path, option, kind, id=name) for kind in (int, float) if kind in kinds]
 
     walk(get_command(app), ())
     assert len(found) >= 40
