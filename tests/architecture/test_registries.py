@@ -292,7 +292,7 @@ def _numbers() -> list[Any]:
         for option in command.params:
             kinds = _leaves(parameters[option.name].annotation) if option.name in parameters else ()
             name = f"{' '.join(path)} {option.opts[0]}"
-            found += [pytest.param(path, option, kind, id=name) for kind in (int, float) if kind in kinds]
+            found.extend(pytest.param(path, option, kind, id=name) for kind in (int, float) if kind in kinds)
 
     walk(get_command(app), ())
     assert len(found) >= 40
