@@ -129,12 +129,12 @@ function show() {
   if (!talk) sendButton.disabled = true;
 }
 
-// Without a microphone one can still type.
+// Opens the microphone; without one, one can still type.
 async function listen() {
   if (!navigator.mediaDevices?.getUserMedia) return complain("A browser gives its microphone only to https and to this very machine: type.");
   try {
     const stream = await navigator.mediaDevices.getUserMedia({ audio: { echoCancellation: true, noiseSuppression: true } });
-    [microphone] = stream.getAudioTracks();
+    return stream.getAudioTracks()[0];
   } catch {
     complain("There is no microphone, or it was not allowed: type.");
   }
@@ -144,7 +144,10 @@ async function call() {
   complain("");
   tell("Connecting …");
   const own = (talk = new Talk());
-  if (!microphone) await listen();
+  show();
+  const opened = await listen();
+  if (talk !== own) return opened?.stop(); // hung up meanwhile
+  microphone = opened;
   show();
   try {
     await own.begin();
