@@ -101,17 +101,16 @@ def pitch_hz(samples: NDArray[np.int16], first: int = 0, stop: int | None = None
     frames = frames - frames.mean(axis=1, keepdims=True)
     searched = _similarity(frames)
     # A multiple of the period is as good as the period; the first peak nearly as high as the highest is taken.
-    near = searched >= 0.9 * searched.max(axis=1, keepdims=True)
-    peak = np.zeros_like(near)
-    peak[:, 1:-1] = (searched[:, 1:-1] >= searched[:, :-2]) & (searched[:, 1:-1] >= searched[:, 2:])
-    best = np.argmax(near & peak, axis=1)
-    found = (near & peak).any(axis=1) & (np.take_along_axis(searched, best[:, None], 1)[:, 0] >= VOICED)
-    lag = np.clip(best, 1, searched.shape[1] - 2)
-    rows = np.arange(count)
+    inner = searched[:, 1:-1]
+    peaks = inner >= 0.9 * searched.max(axis=1, keepdims=True)
+    peaks &= inner >= searched[:, :-2]
+    peaks &= inner >= searched[:, 2:]
+    rows, lag = np.arange(count), peaks.argmax(axis=1) + 1
     before, at, after = (searched[rows, lag + step] for step in (-1, 0, 1))
+    found = peaks[rows, lag - 1] & (at >= VOICED)
     bend = before - 2 * at + after
     shift = np.where(np.abs(bend) > 1e-12, 0.5 * (before - after) / np.where(bend == 0, 1.0, bend), 0.0)
-    return np.where(found, RATE_HZ / (lag + _MIN_LAG + np.clip(shift, -0.5, 0.5)), 0.0)
+    return np.where(found, RATE_HZ / (lag + _MIN_LAG + np.minimum(np.maximum(shift, -0.5), 0.5)), 0.0)
 
 
 def _similarity(frames: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -251,9 +250,7 @@ def steady(pitch_hz: NDArray[np.float64]) -> NDArray[np.bool_]:
     still = np.zeros(len(pitch_hz), dtype=bool)
     before, now = pitch_hz[:-GLIDE_FRAMES], pitch_hz[GLIDE_FRAMES:]
     voiced = (before > 0) & (now > 0)
-    change = np.full(len(voiced), np.inf)
-    change[voiced] = np.abs(np.log(now[voiced] / before[voiced]))
-    still[GLIDE_FRAMES:] = change < STILL
+    still[GLIDE_FRAMES:][voiced] = np.abs(np.log(now[voiced] / before[voiced])) < STILL
     return still
 
 
@@ -278,33 +275,33 @@ def spoken_frames(
             continue
         sounds[start:end] = True
         vowels[start:end] = name in VOWELS
-    music = musical_frames(pitch_hz)
+    _, music = _voiced_and_musical(pitch_hz)
     return sounds & ~music & (_around(vowels & ~music) >= VOWEL_FRAMES)
 
 
-def voiced_frames(pitch_hz: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(T,): frames near which there is a voice, music too: :data:`VOICED_FRAMES` and more have a pitch."""
-    return _around(pitch_hz > 0) >= VOICED_FRAMES
-
-
-def musical_frames(pitch_hz: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(T,): frames near which most that have a pitch keep it.
+def voice_frames(pitch_hz: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(T,): frames near which there is a voice: :data:`VOICED_FRAMES` and more have a pitch, and most do not keep it.
 
     Examples
     --------
-    >>> int(musical_frames(np.full(50, 200.0)).sum()), int(musical_frames(200.0 * 1.002 ** np.arange(50)).sum())
-    (50, 0)
+    >>> int(voice_frames(np.full(50, 200.0)).sum()), int(voice_frames(200.0 * 1.002 ** np.arange(50)).sum())
+    (0, 50)
     """
-    voiced = _around(pitch_hz > 0)
-    still = _around(steady(pitch_hz))
-    return (still >= STEADY_FRAMES) & (still >= STEADY_SHARE * voiced)
+    voiced, musical = _voiced_and_musical(pitch_hz)
+    return (voiced >= VOICED_FRAMES) & ~musical
+
+
+def _voiced_and_musical(pitch_hz: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """(T,) each: how many frames near one have a pitch, and whether most of them keep it."""
+    voiced, still = _around(np.array([pitch_hz > 0, steady(pitch_hz)]))
+    return voiced, (still >= STEADY_FRAMES) & (still >= STEADY_SHARE * voiced)
 
 
 def _around(marked: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """(T,): how many frames are marked within :data:`REACH_S`."""
-    total = np.concatenate([[0], np.cumsum(marked)])
-    at = np.arange(len(marked))
-    first = np.maximum(at - round(REACH_S * FRAME_HZ), 0)
-    last = np.minimum(at + round(REACH_S * FRAME_HZ) + 1, len(marked))
-    counted: NDArray[np.int64] = total[last] - total[first]
+    """(..., T): how many frames are marked within :data:`REACH_S`."""
+    count, reach = marked.shape[-1], round(REACH_S * FRAME_HZ)
+    total = np.zeros((*marked.shape[:-1], count + 1 + 2 * reach), np.int64)
+    np.cumsum(marked, axis=-1, out=total[..., reach + 1 : reach + 1 + count])
+    total[..., reach + 1 + count :] = total[..., reach + count, None]
+    counted: NDArray[np.int64] = total[..., 2 * reach + 1 :] - total[..., :count]
     return counted

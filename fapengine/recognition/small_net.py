@@ -20,6 +20,7 @@ It always runs one step at a time, so that rounding does not depend on how the a
 
 import io
 import json
+from collections import deque
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -103,16 +104,16 @@ class RunningMean:
 
     def push(self, frame: NDArray[np.float32]) -> NDArray[np.float32]:
         """Turn a frame, (..., 40) float32, into (..., 41) float32."""
-        level = np.log(np.exp(frame).mean(axis=-1, keepdims=True))
-        self._peak = np.maximum(np.maximum(self._peak - np.float32(FALL), level), np.float32(QUIETEST))
-        loud = (level > self._peak - np.float32(LOUD)).astype(np.float32)
-        keep = np.where(self._count >= MAX_COUNT, np.float32(1.0) - loud / np.float32(MAX_COUNT), np.float32(1.0))
+        level = np.log(np.add.reduce(np.exp(frame), axis=-1, keepdims=True) / BANDS)
+        self._peak = np.maximum(np.maximum(self._peak - FALL, level), QUIETEST)
+        loud = (level > self._peak - LOUD).astype(np.float32)
+        keep = 1.0 - loud / MAX_COUNT * (self._count >= MAX_COUNT)
         self._sum = self._sum * keep + loud * frame
         self._count = self._count * keep + loud
-        first = (self.first_mean + self._peak) * np.float32(FIRST_COUNT)
-        mean = (first + self._sum) / (np.float32(FIRST_COUNT) + self._count)
-        seen = np.concatenate([(frame - mean), level - self._peak + np.float32(LOUD)], axis=-1) * np.float32(SCALE)
-        return np.clip(seen, -np.float32(LIMIT), np.float32(LIMIT))
+        mean = ((self.first_mean + self._peak) * FIRST_COUNT + self._sum) / (FIRST_COUNT + self._count)
+        seen: NDArray[np.float32] = np.concatenate([frame - mean, level - self._peak + LOUD], axis=-1)
+        seen *= SCALE
+        return np.minimum(np.maximum(seen, -LIMIT, out=seen), LIMIT, out=seen)
 
 
 PAIR = 2 * WIDTH
@@ -213,22 +214,24 @@ def shipped() -> Weights:
 
 
 def _normed(x: Floats) -> Floats:
-    found: Floats = x / np.sqrt((x * x).mean(axis=-1, keepdims=True) + np.float32(1e-5))
+    power = np.add.reduce(x * x) / np.float32(len(x))  # rounds as x.mean() does, in a third of its time
+    found: Floats = x / np.sqrt(power + np.float32(1e-5))
     return found
 
 
 class _Layer:
-    """The last steps that a layer needs. Stateful."""
+    """The last inputs of a layer. Stateful."""
 
     def __init__(self, steps: tuple[int, ...], width: int) -> None:
-        self._rows = [np.arange(STEPS) + step - min(steps) for step in steps]
-        self._kept = np.zeros((max(*steps, 0) - min(steps) + STEPS, width), np.float32)
+        length = max(*steps, 0) - min(steps) + 1
+        self._kept = deque([np.zeros(width, np.float32)] * length, length)
+        self._places = [step - min(steps) for step in steps]
 
     def push(self, x: Floats) -> Floats:
-        """Add steps, (STEPS, width); return the inputs of those that are due, (STEPS, width * n)."""
-        self._kept[:-STEPS] = self._kept[STEPS:]
-        self._kept[-STEPS:] = x
-        return np.concatenate([self._kept[rows] for rows in self._rows], axis=1)
+        """Add a step, (width,); return the inputs of the one that is due, (n * width,)."""
+        kept = self._kept
+        kept.append(x)
+        return np.concatenate([kept[place] for place in self._places])
 
 
 class SmallNet:
@@ -239,27 +242,35 @@ class SmallNet:
         channels = len(weights.front[1])
         self._front = _Layer(FRONT, PAIR)
         self._layers = [_Layer(steps, channels) for steps in OFFSETS]
-        self._late = [_Layer((-max(steps),), channels) if max(steps) else None for steps in OFFSETS]
+        self._late = [deque([np.zeros(channels, np.float32)] * (max(steps) + 1), max(steps) + 1) for steps in OFFSETS]
+        """What each layer adds to: its last inputs, the one that is due first."""
         self._now = -FRONT[-1]
-        """Number of the first step that the first layer gives next."""
+        """Number of the step that the first layer gives next."""
 
     def push(self, seen: Floats) -> Floats:
-        """Process :data:`STEPS` steps, (2 * STEPS, 41); return scores of as many frames, :data:`AHEAD` steps before.
+        """Process a step, (2, 41); return the scores of the two frames :data:`AHEAD` steps before, (2, C).
 
         Scores of frames before the first mean nothing.
         """
         w = self._weights
-        x = np.maximum(self._front.push(seen.reshape(STEPS, PAIR)) @ w.front[0] + w.front[1], np.float32(0.0))
-        first = self._now
-        self._now += STEPS
-        if first < 0:
-            x[:-first] = 0.0
+        x = _added(self._front.push(seen.reshape(PAIR)), w.front)
+        np.maximum(x, 0.0, out=x)
+        now = self._now
+        self._now += 1
+        if now < 0:
+            x[:] = 0.0
         for layer, late, steps, mix, out in zip(self._layers, self._late, OFFSETS, w.mix, w.out, strict=True):
-            near = layer.push(_normed(x))
-            if late is not None:
-                x = late.push(x)
-                first -= max(steps)
-            x = x + (np.maximum(near @ mix[0] + mix[1], np.float32(0.0)) @ out[0] + out[1])
-            if first < 0:
-                x[:-first] = 0.0
-        return (_normed(x) @ w.head[0] + w.head[1]).reshape(2 * STEPS, -1)
+            late.append(x)
+            near = _added(layer.push(_normed(x)), mix)
+            x = _added(np.maximum(near, 0.0, out=near), out)
+            x += late[0]
+            now -= max(steps)
+            if now < 0:
+                x[:] = 0.0
+        return _added(_normed(x), w.head).reshape(2, -1)
+
+
+def _added(x: Floats, matrix: tuple[Floats, Floats]) -> Floats:
+    found: Floats = x @ matrix[0]
+    found += matrix[1]
+    return found

@@ -30,8 +30,7 @@ from fapengine.recognition.loudness import (
     QUIET_DB,
     SILENT_DB,
     RunningSoundings,
-    musical_frames,
-    voiced_frames,
+    voice_frames,
 )
 from fapengine.recognition.protocol import MIN_FRAMES, RATE_HZ, BlockRecognizer, Labelled, due, phones_of
 from fapengine.recognition.sphinx_recognizer import SphinxRecognizer
@@ -106,9 +105,8 @@ class Search:
         fresh, since = np.empty_like(state), np.empty_like(began)
         fresh[0], since[0] = enter, self.now
         fresh[1:], since[1:] = state[:-1], began[:-1]
-        stays = state[-1] >= fresh[-1]
-        fresh[-1] = np.where(stays, state[-1], fresh[-1])
-        since[-1] = np.where(stays, began[-1], since[-1])
+        since[-1] = np.where(state[-1] >= state[-2], began[-1], began[-2])
+        np.maximum(state[-1], state[-2], out=fresh[-1])
         fresh += row
         fresh -= fresh.max()
         self._state, self._began = fresh, since
@@ -156,8 +154,8 @@ class Scores:
         self._waiting = np.concatenate([self._waiting, np.asarray(samples, dtype=np.int16)])
         found = [np.zeros((0, self._classes), np.float32)]
         while len(self._waiting) >= BLOCK + small_net.WINDOW - HOP:
-            near = np.lib.stride_tricks.sliding_window_view(self._waiting, small_net.WINDOW)[: BLOCK_FRAMES * HOP : HOP]
-            seen = np.stack([self._mean.push(frame) for frame in small_net.log_mel(near)])
+            near = np.array([self._waiting[first : first + small_net.WINDOW] for first in range(0, BLOCK, HOP)])
+            seen = np.array([self._mean.push(frame) for frame in small_net.log_mel(near)])
             self._waiting = self._waiting[BLOCK:]
             self.seen += BLOCK_FRAMES
             found.append(self._net.push(seen)[self._skip :])
@@ -192,7 +190,7 @@ class Voicing:
     def spoken(self, segments: list[Labelled]) -> list[Labelled]:
         """Replace segments that are voiceless, music, very quiet, or isolated by silence; without gaps."""
         pitches_hz, first = self._frames.pitches_hz, self._frames.first
-        voice = voiced_frames(pitches_hz) & ~musical_frames(pitches_hz)
+        voice = voice_frames(pitches_hz)
         found: list[Labelled] = []
         for index, (label, a, b) in enumerate(segments):
             following = [one for one, _, _ in segments[index + 1 :]]
