@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from fapengine import speaking
 from fapengine.expressions import EXPRESSION_NAMES
 from fapengine.files.profiles import load_profile
-from fapengine.host import changing, hearing
+from fapengine.host import hearing
 from fapengine.host import words as host_words
 from fapengine.mpeg4 import fap, fapu
 from fapengine.mpeg4.track import _codable_range
@@ -56,7 +56,7 @@ MAGIC = b"FAPLIVE1"
 MODULES: dict[str, ModuleType] = {
     module.__name__.rpartition(".")[2]: module
     for module in (
-        changing, closures, context, expression, fap, fapu, gestures, hearing, hermite, ipa, loudness, phone_track,
+        closures, context, expression, fap, fapu, gestures, hearing, hermite, ipa, loudness, phone_track,
         phonetics, prosody, protocol, ramps, small_net, small_recognizer, speaking, stream, style, targets, entries,
         phone_sets, pronounce, services,
     )

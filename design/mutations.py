@@ -53,7 +53,7 @@ MUTATIONS = (
         ("tests/native/test_codec.py",),
     ),
     Mutation(
-        "proof of an I plane", "fapengine/codec/resync.py", "PROOF = 8", "PROOF = 1",
+        "proof of an I plane", "fapengine/codec/decoder.py", "PROOF = 8", "PROOF = 1",
         "noise is not taken for a stream: eight planes must decode behind an I plane of unknown shape",
         ("tests/unit/codec/test_resync.py::test_an_i_plane_of_unknown_shape_proves_itself_by_eight_planes_behind_it",),
     ),

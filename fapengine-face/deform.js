@@ -14,7 +14,7 @@ export function restShare(text) {
   return Number.isNaN(share) ? 1 : clamp(share, 0, 1);
 }
 
-// FAPs within their limits, with the pose at rest added (fapengine/mesh/resting.py): (68,). Of /setup.json, rest is rows
+// FAPs within their limits, with the pose at rest added (fapengine/mesh/deform.py): (68,). Of /setup.json, rest is rows
 // of values, FAPs to which they yield, and the limit of these; limits is rows of a FAP and the most that is drawn.
 export function withRest(faps, { rest, limits }, share, rested = new Float64Array(faps.length)) {
   rested.set(faps);

@@ -2,7 +2,7 @@
 // one's own; needs neither DOM nor WebGL. Nothing is fetched before make, and the recognizer's weights not before hear.
 
 import { bytesOf } from "./bytes.js";
-import { changing, expression, hearing, phone_track, protocol } from "./constants.js";
+import { expression, hearing, host_words, phone_track, protocol } from "./constants.js";
 import { Gestures } from "./gestures.js";
 import { placeAfter } from "./path.js";
 import { Planner, checkedPhone, isSame } from "./planner.js";
@@ -13,7 +13,7 @@ import { Pieces } from "./tap-worklet.js";
 import { phonesOf } from "./words.js";
 
 const { ATTACK_S, MAX_WEIGHT, RELEASE_S } = expression;
-const { OPEN_S } = changing;
+const { OPEN_S } = host_words;
 const { PAUSE_S } = hearing;
 const { RATE_HZ } = protocol;
 const { SILENCE } = phone_track;

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine._strict_toml import checked
-from fapengine.app.dotted import MAX_WEIGHTS, MOVED_BONES, dotted_mesh, fitting
+from fapengine.app.dense_film import MAX_WEIGHTS, MOVED_BONES, dotted_mesh, fitting
 from fapengine.app.drawing import crowd_size, open_crowd
 from fapengine.capture.marker_track import MarkerTrack
 from fapengine.errors import DataError, UsageError

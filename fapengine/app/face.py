@@ -16,9 +16,8 @@ from fapengine._strict_toml import check_value, checked
 from fapengine.app.manner import Expressions, moods_of
 from fapengine.app.performance import Performance
 from fapengine.audio.device import open_output
-from fapengine.engine.commands import COMMANDS, Cancel, Command, Express, Pause, Resume
+from fapengine.engine.commands import COMMANDS, Cancel, Command, Express, GestureMethods, Pause, Resume
 from fapengine.engine.engine import Engine
-from fapengine.engine.gesture_methods import GestureMethods
 from fapengine.errors import UsageError
 from fapengine.expressions import EXPRESSIONS
 from fapengine.files.profiles import load_profile

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from fapengine._arrays import Array
-from fapengine.app.dotted import MOVED_BONES, dotted_mesh, fitting
+from fapengine.app.dense_film import MOVED_BONES, dotted_mesh, fitting
 from fapengine.app.inspection.faces import PICTURE_PX, draw_mouths, faps_of_weights
 from fapengine.files.heads.built import load_built
 from fapengine.files.pictures import Picture, contact_sheet

@@ -1,18 +1,20 @@
 """Listening tests: a page with the films of two systems, and what its answers say."""
 
+import json
 import shutil
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
+from importlib.resources import files
 from pathlib import Path
 
+from fapengine._resources import page_files
 from fapengine.app.motion import LOADED, save
 from fapengine.errors import UsageError
 from fapengine.files.motion import load_motion
 from fapengine.files.paths import naming, read_bytes, replacing_folder
-from fapengine.files.report.listen_page import format_listen_page
 from fapengine.files.sound import load_sound
-from fapengine.scoring.listening import Preference, parse_answers, preference_of
+from fapengine.scoring.listening import COLUMNS, Preference, parse_answers, preference_of
 
 PLAYED = (".mp4", ".m4v", ".webm")
 """Films that browsers play."""
@@ -126,3 +128,40 @@ def analyse_answers(paths: Iterable[Path], *, seed: int = 1) -> Preference:
             with naming(file):
                 answers += parse_answers(read_bytes(file))
     return preference_of(answers, seed=seed)
+
+
+STYLE = "call.css"
+"""Style of the web page's small pages, which this one shares."""
+
+
+def format_listen_page(
+    items: Mapping[str, Sequence[str]], systems: Sequence[str], *, checks: int, seed: int, name: str
+) -> bytes:
+    """Format the page.
+
+    Parameters
+    ----------
+    items : mapping of str to sequence of str
+        Films of each utterance, one for each system, relative to the page.
+    systems : sequence of str
+        Names of the two systems, which the page writes into the answers and does not show.
+    checks : int
+        Number of attention checks.
+    seed : int
+        Seed of the order, which the name of the listener changes too.
+    name : str
+        Name of the test, for what the browser keeps.
+    """
+    config = {
+        "id": name, "systems": list(systems), "checks": checks, "seed": seed, "columns": COLUMNS,
+        "items": [{"id": item, "clips": list(clips)} for item, clips in items.items()],
+    }  # fmt: skip
+    here = files(__package__)
+    page = (here / "listen.html").read_text(encoding="utf-8")
+    for place, text in (
+        ("/*STYLE*/", page_files()[STYLE].decode()),
+        ("/*CONFIG*/", json.dumps(config, ensure_ascii=False).replace("<", "\\u003c")),
+        ("/*SCRIPT*/", (here / "listen.js").read_text(encoding="utf-8")),
+    ):
+        page = page.replace(place, text, 1)
+    return page.encode()

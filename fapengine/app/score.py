@@ -14,9 +14,9 @@ from fapengine.app.manner import Manner
 from fapengine.app.performance import perform, pronounced, read_timings
 from fapengine.errors import DataError, UsageError
 from fapengine.files.landmarks import landmarks_of
-from fapengine.files.mesh_sequences import is_mesh_sequence, load_indices, load_vertices
 from fapengine.files.motion import load_motion
 from fapengine.files.paths import naming, write_bytes
+from fapengine.files.recordings import is_mesh_sequence, load_indices, load_vertices
 from fapengine.files.sound import inspect_sound, load_sound
 from fapengine.files.video import FILMS
 from fapengine.mpeg4.track import FapTrack

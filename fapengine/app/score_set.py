@@ -12,8 +12,8 @@ from fapengine.app.hearing import is_sound
 from fapengine.app.motion import LOADED
 from fapengine.app.score import Scored, ScoreJob, run_score
 from fapengine.errors import DataError, UsageError
-from fapengine.files.mesh_sequences import is_mesh_sequence
 from fapengine.files.paths import naming, read_bytes
+from fapengine.files.recordings import is_mesh_sequence
 from fapengine.files.video import FILMS
 from fapengine.scoring.statistics import Estimate, PairedTest, compare, estimate
 from fapengine.scoring.verdict import FILE, MEASURES, VERTEX_MEASURES, Fault, Measure, Verdict

@@ -80,9 +80,8 @@ def batch(
 
     from fapengine.batch.corpus import RECORD, Corpus, keep, load_corpus, state_of
     from fapengine.batch.journal import load_journals
-    from fapengine.batch.report import INDEX, PAGE, write_report
     from fapengine.batch.rows import Options
-    from fapengine.batch.run import on_dask, on_this_machine, plan_run, run, serially
+    from fapengine.batch.run import INDEX, PAGE, on_dask, on_this_machine, plan_run, run, serially, write_report
     from fapengine.batch.work import Job
     from fapengine.cli._printing import print_remarks, print_result, progress
     from fapengine.errors import UsageError

@@ -112,7 +112,7 @@ def _live(
     """Drive a face live, in a window if a head is given."""
     from fapengine.app.say_live import Screen, WindowScreen
     from fapengine.app.watch_live import LIVE_HZ, WatchJob, watch_live
-    from fapengine.cli._terminal_screen import TerminalScreen
+    from fapengine.cli._say_live import TerminalScreen
     from fapengine.render.drawing import RenderOptions
 
     job = WatchJob(

@@ -1,7 +1,9 @@
 """``fapengine doctor``: check the installation, and show how to fix each problem."""
 
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
+from importlib.metadata import Distribution, PackageNotFoundError, distribution
 
 import typer
 
@@ -129,14 +131,12 @@ def _codec() -> str:
 
 
 def _copyleft() -> str:
-    from fapengine.cli._licences import used_packages
 
     found = [f"{package.name} ({package.licence})" for package in used_packages() if package.is_copyleft]
     return f"{', '.join(found) or 'none'}; --licences lists all"
 
 
 def _print_licences(as_json: bool) -> None:
-    from fapengine.cli._licences import used_packages
     from fapengine.cli._printing import print_result, print_rows
 
     packages = used_packages()
@@ -183,3 +183,61 @@ def _print_table(findings: list[Finding]) -> None:
         sign = "[green]✓[/]" if finding.works else "[red]✗[/]"
         table.add_row(sign, finding.part, escape(finding.found), escape(finding.fix))
     Console().print(table)
+
+
+UNSAID = {"espeakng-loader": "GPL-3.0-or-later"}
+"""Packages whose metadata name no licence: espeakng-loader contains espeak-ng."""
+NO_NAME = 100
+"""Longer texts are whole licences; their classifier has the name."""
+NAMELESS = ("UNKNOWN", "OSI Approved")
+
+
+@dataclass(frozen=True, slots=True)
+class Package:
+    """An installed package, and the licence that it states."""
+
+    name: str
+    version: str
+    licence: str
+
+    @property
+    def is_copyleft(self) -> bool:
+        """Whether it is under the GPL, AGPL or LGPL; others that are bundled inside its wheel do not count."""
+        return bool(re.search(r"\bA?L?GPL|General Public", self.licence, re.IGNORECASE))
+
+
+def used_packages(root: str = "fapengine") -> list[Package]:
+    """List the installed packages that a package requires, with all of its extras and theirs, by name."""
+    found: dict[str, Package] = {}
+    waiting = [root]
+    while waiting:
+        name = _plain(waiting.pop())
+        if name in found:
+            continue
+        try:
+            one = distribution(name)
+        except PackageNotFoundError:
+            continue
+        found[name] = Package(name, one.version, _licence(name, one))
+        waiting += _required(one, with_extras=name == root)
+    return [found[name] for name in sorted(found)]
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
+def _required(one: Distribution, *, with_extras: bool) -> Iterator[str]:
+    """Names of what it requires; of its extras only for the first, as nobody knows which of theirs are meant."""
+    for line in one.requires or ():
+        if with_extras or not re.search(r"\bextra\s*==", line):
+            yield re.split(r"[^A-Za-z0-9._-]", line, maxsplit=1)[0]
+
+
+def _licence(name: str, one: Distribution) -> str:
+    def stated(key: str) -> list[str]:
+        return [text for text in one.metadata.get_all(key) or () if text and len(text) < NO_NAME]
+
+    classifiers = [entry.rpartition(":: ")[2] for entry in stated("Classifier") if entry.startswith("License ::")]
+    known = [text for text in (*stated("License-Expression"), *stated("License"), *classifiers) if text not in NAMELESS]
+    return next(iter(known), UNSAID.get(name, "not stated"))

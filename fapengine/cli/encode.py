@@ -58,7 +58,7 @@ def encode(
     from fapengine.files.motion import as_visemes, load_fap, load_motion
     from fapengine.files.paths import is_standard, standard_output, write_bytes
     from fapengine.mpeg4.fapu import Fapu
-    from fapengine.mpeg4.plausible import motion_remarks
+    from fapengine.mpeg4.track import motion_remarks
     from fapengine.speech.plausible import refuse
 
     output = standard_output(output, ".fba")

@@ -113,7 +113,7 @@ def score(
     from fapengine.app.score import ScoreJob
     from fapengine.app.score_set import is_set, jobs_of
     from fapengine.errors import UsageError
-    from fapengine.files.mesh_sequences import is_mesh_sequence
+    from fapengine.files.recordings import is_mesh_sequence
 
     made = made or []
     if answers:

@@ -222,7 +222,7 @@ def stop_on_signals(stop: "Callable[[], None]") -> None:
 
 
 async def _run(config: "ServerConfig", profile: "Profile", head: "FaceMesh | None", guard: "Watchdog") -> None:
-    from fapengine.server.load import collecting_in_pieces
+    from fapengine.server.intake.rates import collecting_in_pieces
     from fapengine.server.server import Server
     from fapengine.server.server import serve as serve_until_stopped
 

@@ -17,8 +17,7 @@ from fapengine._arrays import as_sound
 from fapengine._strict_toml import checked
 from fapengine.clients.connection import Connection, TcpFraming
 from fapengine.engine.command_table import Command, shifted
-from fapengine.engine.commands import Anchor, Pause, Resume
-from fapengine.engine.gesture_methods import GestureMethods
+from fapengine.engine.commands import Anchor, GestureMethods, Pause, Resume
 from fapengine.errors import ResourceError, UsageError
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.wire.speech_osc import schema

@@ -4,12 +4,15 @@
 sent by a message that belongs to one sender.
 """
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from math import inf
 from typing import Annotated, ClassVar, Literal
 
+from fapengine._strict_toml import checked
 from fapengine.engine.command_table import Angle, Choice, CommandSpec, Duration, EndlessDuration, FieldSpec, Time
 from fapengine.engine.command_table import Command as Command
+from fapengine.errors import DataError, UsageError
 from fapengine.expressions import EXPRESSION_NAMES, EXPRESSIONS, Expression
 from fapengine.speech.phone_track import Phone
 from fapengine.trajectory.expression import MAX_WEIGHT
@@ -239,3 +242,73 @@ def expression_named(name: str) -> Expression:
     """
     expression: Expression = _EXPRESSION.from_osc(name)
     return expression
+
+
+class GestureMethods(ABC):
+    """Methods that make gestures, one command each. Angles are in radians, times in seconds."""
+
+    @abstractmethod
+    def send_command(self, command: Command) -> None:
+        """Send a command of :mod:`fapengine.engine.commands` to the face."""
+
+    @checked
+    def express(
+        self,
+        name: str | Expression,
+        level: float = 1.0,
+        *,
+        attack_s: float = 0.35,
+        hold_s: float | None = None,
+        release_s: float = 0.5,
+    ) -> None:
+        """Show an expression; ``"neutral"`` ends all of them.
+
+        Parameters
+        ----------
+        name : str or Expression
+            ``"joy"``, or another of :class:`fapengine.Expression`.
+        level : float
+            0 to 2.
+        attack_s, release_s : float
+            Durations of its rise and fall.
+        hold_s : float, optional
+            Duration at full level; None holds it until another level is set.
+
+        Raises
+        ------
+        UsageError
+            If there is no such expression, or the level is out of range.
+        """
+        if isinstance(name, str):
+            try:
+                name = expression_named(name)
+            except DataError as error:
+                raise UsageError(str(error)) from error
+        self.send_command(Express(name, level, None, attack_s, inf if hold_s is None else hold_s, release_s))
+
+    @checked
+    def look(self, yaw_rad: float, pitch_rad: float, *, over_s: float = 0.1) -> None:
+        """Turn the eyes, to the subject's left and down."""
+        self.send_command(Look(yaw_rad, pitch_rad, over_s))
+
+    @checked
+    def turn_head(
+        self, *, pitch_rad: float = 0.0, yaw_rad: float = 0.0, roll_rad: float = 0.0, over_s: float = 0.4
+    ) -> None:
+        """Turn the head: down, to the subject's left, right ear down."""
+        self.send_command(TurnHead(roll_rad=roll_rad, pitch_rad=pitch_rad, yaw_rad=yaw_rad, over_s=over_s))
+
+    def blink(self) -> None:
+        """Close both eyes once."""
+        self.send_command(Blink())
+
+    @checked
+    def set_parameter(self, parameter: str, value: float) -> None:
+        """Change a value of :class:`fapengine.Style`; 0 and 1 switch its automatic movements.
+
+        Raises
+        ------
+        UsageError
+            If there is no such parameter, or the value is out of range.
+        """
+        self.send_command(SetParameter(parameter, value))

@@ -74,7 +74,7 @@ def load_motion(path: Path, *, strict: bool = False) -> FapTrack:
     DataError
         If its content is wrong, or ``strict`` finds a remark; the message names the file.
     """
-    from fapengine.mpeg4.plausible import motion_remarks
+    from fapengine.mpeg4.track import motion_remarks
 
     track = _read(path)
     remarks = (*track.remarks, *motion_remarks(track))

@@ -25,9 +25,9 @@ from fapengine._counters import Counts, metric
 from fapengine.engine.commands import Begin, Cancel, Command
 from fapengine.engine.session import Event
 from fapengine.errors import FapEngineError, ResourceError
-from fapengine.host.changing import ChangingPhones
 from fapengine.host.hub import Hub
 from fapengine.host.listeners import HeardSound, Place
+from fapengine.host.words import ChangingPhones
 from fapengine.recognition.choice import is_installed
 from fapengine.recognition.process import RecognizerProcess
 from fapengine.recognition.protocol import RecognizedPhones, StreamRecognizer

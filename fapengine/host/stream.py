@@ -32,14 +32,12 @@ from numpy.typing import ArrayLike, NDArray
 from fapengine._arrays import as_sound
 from fapengine.audio.sound_queue import Run, Sound, SoundQueue
 from fapengine.engine.command_table import Command
-from fapengine.engine.commands import Begin, Cancel, Pause, Resume
+from fapengine.engine.commands import Begin, Cancel, GestureMethods, Pause, Resume
 from fapengine.engine.engine import Engine
-from fapengine.engine.gesture_methods import GestureMethods
 from fapengine.engine.session import Limits
 from fapengine.errors import ResourceError, UsageError
-from fapengine.host.changing import ChangingPhones
 from fapengine.host.host import Host
-from fapengine.host.words import TimedWord, WordQueue
+from fapengine.host.words import ChangingPhones, TimedWord, WordQueue
 from fapengine.profiles import Profile
 from fapengine.recognition.protocol import RecognizedPhones, StreamRecognizer
 from fapengine.speech.phone_track import Phone

@@ -22,7 +22,7 @@ from fapengine.app.score import score
 from fapengine.capture.marker_track import Interval, MarkerTrack, Session, Take
 from fapengine.files.profiles import save_profile
 from fapengine.files.sessions import LoadedSession, read
-from fapengine.geometry.triangulation import triangulate
+from fapengine.geometry.rigid import triangulate
 from fapengine.laboratory.fit import FitOptions, Fitted
 from fapengine.laboratory.setup import Moment, Setup
 from fapengine.laboratory.tables import Table, tables_of, weights_of_takes

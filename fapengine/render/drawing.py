@@ -67,7 +67,7 @@ class RenderOptions:
     scale: float = 1.0
     """Fraction of each side that is rendered, 0.1 to 1; the result is enlarged to full size."""
     rest: float = 1.0
-    """Strength of the expression at rest, 0 to 1 (:mod:`fapengine.mesh.resting`); 0 is the standard's neutral face."""
+    """Strength of the expression at rest, 0 to 1 (:mod:`fapengine.mesh.deform`); 0 is the standard's neutral face."""
     renderer: str = "auto"
     """``native`` draws on the processor, without OpenGL (package fapengine-native); ``gl`` by OpenGL; ``auto`` natively
     where that is installed and there is no GPU.

@@ -22,9 +22,8 @@ from numpy.typing import ArrayLike, NDArray
 from fapengine._arrays import Array
 from fapengine._late import Late
 from fapengine.errors import ResourceError, UsageError
-from fapengine.mesh.deform import Pose
+from fapengine.mesh.deform import Pose, with_rest
 from fapengine.mesh.face_mesh import FaceMesh
-from fapengine.mesh.resting import with_rest
 from fapengine.render.camera import FAR_MM, NEAR_MM, Camera
 from fapengine.render.canvas import WALL, cut_to_aspect
 from fapengine.render.drawing import Picture, Pixels, RenderOptions, check_renderer

@@ -20,9 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 from fapengine._arrays import Array
 from fapengine.errors import UsageError
 from fapengine.geometry.surface import sphere_directions
-from fapengine.mesh.deform import Pose
+from fapengine.mesh.deform import Pose, with_rest
 from fapengine.mesh.face_mesh import FaceMesh
-from fapengine.mesh.resting import with_rest
 from fapengine.render.camera import Camera
 from fapengine.render.canvas import Backdrop, Canvas, Rectangle
 from fapengine.render.context import Programs, Renderer, moderngl

@@ -41,7 +41,7 @@ from fapengine.server.film.film import FilmForm, Studio
 from fapengine.server.intake.doors import open_doors, raise_file_limit
 from fapengine.server.intake.ingress import FairQueue, Ingress
 from fapengine.server.intake.listeners import Stream, TcpListener, UdpListener, bound_pair
-from fapengine.server.load import Load
+from fapengine.server.intake.rates import Load
 from fapengine.server.metrics import ServerMetrics, TextCounts, of_sessions, of_sinks, open_metrics
 from fapengine.server.ownership.rule import OwnSessions
 from fapengine.server.sinks.kinds import Sink, kind_of, parse_sink
@@ -51,8 +51,7 @@ from fapengine.server.web.site import Site, open_site
 from fapengine.voices.espeak import sample_rate_hz
 from fapengine.voices.process import VoiceProcess
 from fapengine.wire.speech_osc.codec import encode
-from fapengine.wire.speech_osc.counts import TextRequest, WordsRequest
-from fapengine.wire.speech_osc.peers import Proof
+from fapengine.wire.speech_osc.peers import Proof, TextRequest, WordsRequest
 from fapengine.wire.speech_osc.receiver import OscReceiver
 from fapengine.wire.speech_osc.schema import Notice
 

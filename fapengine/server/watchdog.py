@@ -23,9 +23,8 @@ from fapengine._child import Child, Message, Parent, command, ignore_signals, me
 from fapengine.errors import ResourceError
 from fapengine.host.listeners import HubFrames
 from fapengine.mpeg4 import fap
-from fapengine.server.sinks.datagrams import Post
 from fapengine.server.sinks.kinds import SinkAddress, kind_of, parse_sink
-from fapengine.server.sinks.opening import encoder_of
+from fapengine.server.sinks.opening import Post, encoder_of
 
 RESTS, REST_S = 3, 0.02
 """Number of times that the last frame is sent, and the time between them: datagrams get lost."""

@@ -37,13 +37,12 @@ from fapengine.speech.text.scripts import (
     spelled_remarks,
     unread_remarks,
 )
-from fapengine.speech.text.ssml import check_ssml, find_tag
 from fapengine.speech.text.words import Stretch, attribute, without_tags, words_of
 from fapengine.voices.catalogue import Catalogue, VoiceEntry
 from fapengine.voices.espeak_labels import NAME_BYTES, in_context, language_after, read_label
 from fapengine.voices.protocol import Speech
 from fapengine.voices.sounding import Mark, SoundLevel, sounding
-from fapengine.voices.spoken_form import Edit, edited, spoken_form
+from fapengine.voices.spoken_form import Edit, check_ssml, edited, find_tag, spoken_form
 
 # Numbers of speak_lib.h.
 _SYNCHRONOUS, _PHONEME_EVENTS, _IPA_NAMES, _DO_NOT_EXIT = 2, 0x1, 0x2, 0x8000
@@ -171,7 +170,7 @@ class EspeakVoice:
     """Language code in any spelling: see :meth:`fapengine.voices.catalogue.Catalogue.find`."""
     rate_wpm: int = DEFAULT_RATE_WPM
     ssml: bool = False
-    """Flag of texts that are SSML: see :mod:`fapengine.speech.text.ssml`."""
+    """Flag of texts that are SSML: see :mod:`fapengine.voices.spoken_form`."""
     most_s: float = field(default=inf, kw_only=True)
     """Length of a text's sound in seconds; a text that grows longer is given up."""
 
@@ -212,7 +211,7 @@ class EspeakVoice:
 
     def _given_sounds(self, formed: SpeakableText, marked: MarkedText) -> list[Edit]:
         """Edits of a text in normal form that give words the sounds that the caller wants."""
-        from fapengine.voices.espeak_phonemes import elements_of, phonemes_of  # rare
+        from fapengine.voices.espeak_labels import elements_of, phonemes_of  # rare
 
         if self.ssml:
             sounds, tags = elements_of(formed.text)

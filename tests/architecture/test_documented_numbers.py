@@ -18,7 +18,6 @@ from fapengine.trajectory import closures, expression, hermite, stream, targets
 from fapengine.wire import livelink, vmc
 from fapengine.wire.speech_osc import clock as peer_clock
 from fapengine.wire.speech_osc import (
-    counts,
     handshake,
     one_shot,
     peers,
@@ -43,7 +42,7 @@ PROMISES = (
     ("Session names have 1 to {} bytes, labels up to {}", schema.SESSION_BYTES, schema.LABEL_BYTES),
     ("utterances end within {} minutes", LIMITS.queued_s / 60),
     ("A message fits a datagram of {} bytes", schema.MAX_DATAGRAM),
-    ("a packet above {} KiB is dropped", counts.WireLimits().packet / 1024),
+    ("a packet above {} KiB is dropped", peers.WireLimits().packet / 1024),
     ("It pings {} times at once, then every {} s", handshake.FIRST_PINGS, handshake.PING_S),
     (
         "and {} ms ({} to {} ms", 1e3 * send_window.MARGIN_S, 1e3 * send_window.MIN_REPEAT_S,

@@ -11,9 +11,8 @@ import pytest
 from fapengine.codec.fapfile import format_fap
 from fapengine.files.profiles import load_profile
 from fapengine.mesh.default_head.head import build_head
-from fapengine.mesh.deform import bone_transforms, channel_weights
+from fapengine.mesh.deform import bone_transforms, channel_weights, with_rest
 from fapengine.mesh.face_mesh import Channel, DeformationBasis, FaceMesh
-from fapengine.mesh.resting import with_rest
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack, limits
 from fapengine.render.camera import PRESETS

@@ -9,7 +9,7 @@ from collections import Counter
 from itertools import islice
 
 from fapengine.server.server import Server
-from fapengine.wire.speech_osc.counts import WireCounts
+from fapengine.wire.speech_osc.peers import WireCounts
 from tests.live.hostile import datagrams, streams
 from tests.live.stage import Ear, Sender, config_of, on_a_loop, running, until
 from tests.processes import start

@@ -15,8 +15,8 @@ from fapengine.engine.session import Limits
 from fapengine.trajectory.style import Style
 from fapengine.wire import osc
 from fapengine.wire.speech_osc import codec, schema
-from fapengine.wire.speech_osc.counts import WireLimits
 from fapengine.wire.speech_osc.one_shot import ADDRESSES, nameless
+from fapengine.wire.speech_osc.peers import WireLimits
 from fapengine.wire.speech_osc.receiver import OscReceiver
 from fapengine.wire.speech_osc.sender import OscSender
 from tests.english import english

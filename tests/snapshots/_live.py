@@ -17,7 +17,7 @@ from fapengine.server.server import Server
 from fapengine.server.web.connection import Connection, WebCounts
 from fapengine.server.web.session_view import SessionView, open_session_view
 from fapengine.voices.choice import VoiceChoice
-from fapengine.wire.speech_osc.counts import WordsRequest
+from fapengine.wire.speech_osc.peers import WordsRequest
 from fapengine.wire.speech_osc.receiver import OscReceiver
 from tests.serve_example import EXAMPLE
 

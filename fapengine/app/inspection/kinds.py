@@ -3,7 +3,7 @@
 To add a kind, write how it is found and described in a module here, and add its row.
 """
 
-from fapengine.app.inspection import faces, media, motion, timings, tracked
+from fapengine.app.inspection import faces, media, motion, tracked
 from fapengine.app.inspection.report import FileKind, Source
 from fapengine.errors import UnsupportedError
 
@@ -17,7 +17,7 @@ FILE_KINDS: tuple[FileKind, ...] = (
     motion.FBA,
     media.RECORDING,
     motion.SHAPES,
-    timings.TIMINGS,
+    media.TIMINGS,
     motion.FAPS,
     media.IMAGE,
 )

@@ -18,8 +18,7 @@ from fapengine.files.paths import is_mp4, open_file
 from fapengine.files.pictures import Picture, bar_chart
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fap import FAP_2_EXPRESSIONS, FULL_WEIGHT, VISEMES
-from fapengine.mpeg4.plausible import motion_remarks
-from fapengine.mpeg4.track import FapTrack
+from fapengine.mpeg4.track import FapTrack, motion_remarks
 from fapengine.retarget.blend_tracks import is_blend_table, is_vmc_recording
 
 PLANES_SHOWN, FAPS_SHOWN = 40, 12

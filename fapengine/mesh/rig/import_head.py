@@ -20,11 +20,21 @@ from fapengine._arrays import Array
 from fapengine.errors import DataError, UsageError
 from fapengine.geometry.surface import unit_vectors
 from fapengine.mesh.face_mesh import Bone, Channel, DeformationBasis, FaceMesh
-from fapengine.mesh.rig import surfaces
 from fapengine.mesh.rig.blendshape_basis import ROW_FAPU, SHUT, Rig, RowCollector, build_basis
 from fapengine.mesh.rig.blendshape_mesh import BlendshapeMesh
 from fapengine.mesh.rig.bones import EYE_SIDES, Bones, bind_bones
-from fapengine.mesh.rig.parts import Eyeball, Eyes, find_eyes, fit_point_fields
+from fapengine.mesh.rig.parts import (
+    Eyeball,
+    Eyes,
+    baked_light,
+    blank_eyes,
+    choose_colours,
+    choose_materials,
+    find_eyes,
+    fit_point_fields,
+    smooth_normals,
+    texture_coordinates,
+)
 from fapengine.mesh.rig.placed_mesh import PlacedMesh, cut_out, place_mesh
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import Fapu
@@ -90,7 +100,7 @@ def import_head(
     basis, moved = build_basis(rig, fapu)
     bones = bind_bones(placed, rig.fields, rig.eyes, rig.carried_mm, rig.opens_jaw, standard)
     reached = set(moved) | bones.reached(rig.eyes, rig.opens_jaw)
-    blank = surfaces.blank_eyes(placed, rig.eyes)
+    blank = blank_eyes(placed, rig.eyes)
     head = _make_mesh(placed, rig.eyes, blank, bones, fapu, basis)
     head = replace(head, vertices_mm=(placed.vertices_mm + closing).astype(np.float32))
     return _head(head, placed, reached, [*notes, *closed], chosen)
@@ -180,15 +190,15 @@ def _make_mesh(
     placed: PlacedMesh, eyes: Eyes, blank: Eyes, bones: Bones, fapu: Fapu, basis: DeformationBasis
 ) -> FaceMesh:
     """Assemble the mesh for the renderer; ``blank`` eyes get an iris drawn."""
-    normals = surfaces.smooth_normals(placed)
-    material = surfaces.choose_materials(placed, eyes, blank)
+    normals = smooth_normals(placed)
+    material = choose_materials(placed, eyes, blank)
     return FaceMesh(
         vertices_mm=placed.vertices_mm.astype(np.float32),
         normals=normals.astype(np.float32),
-        uv=surfaces.texture_coordinates(placed, blank).astype(np.float32),
-        albedo=surfaces.choose_colours(placed, material),
+        uv=texture_coordinates(placed, blank).astype(np.float32),
+        albedo=choose_colours(placed, material),
         material=material,
-        occlusion=surfaces.baked_light(placed, normals, material),
+        occlusion=baked_light(placed, normals, material),
         bone=bones.bone,
         bone_weight=bones.weight.astype(np.float32),
         head_weight=bones.head_weight.astype(np.float32),

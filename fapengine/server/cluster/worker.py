@@ -20,7 +20,7 @@ from fapengine.server.cluster import channel
 from fapengine.server.cluster.channel import Channel
 from fapengine.server.config import ServerConfig
 from fapengine.server.intake.listeners import Caller
-from fapengine.server.load import collecting_in_pieces
+from fapengine.server.intake.rates import collecting_in_pieces
 from fapengine.server.logs import begin_log
 from fapengine.server.ownership.rule import OwnSessions
 from fapengine.server.server import Server, serve

@@ -15,9 +15,9 @@ from fapengine.errors import UsageError
 from fapengine.host.listeners import HubFrames
 from fapengine.mpeg4 import fap
 from fapengine.retarget.blend import ARKIT_NAMES
-from fapengine.wire import fap_osc, livelink, rtp, vmc, vrchat, vts, weights_json
+from fapengine.wire import fap_osc, livelink, rtp, vmc, vrchat, vts
 from fapengine.wire.fap_osc import FapFrame, SessionFrames
-from fapengine.wire.shapes import ArkitFollower, PresetFollower, VisemeFollower
+from fapengine.wire.shapes import ArkitFollower, PresetFollower, VisemeFollower, encode_weights
 
 REFRESH_S = 1.0
 """Interval at which receivers of changes are sent everything."""
@@ -205,11 +205,11 @@ def livelink_face(
 
 
 def weights_face(session: str | None = None, *, rate_hz: float = 60.0) -> SingleFaceEncoder:
-    """Return an encoder of weights as JSON (:mod:`fapengine.wire.weights_json`)."""
+    """Return an encoder of weights as JSON (:mod:`fapengine.wire.shapes`)."""
     shapes, mouth = ArkitFollower(), VisemeFollower(rate_hz)
 
     def write(number: int, time_s: float, faps: Faps) -> list[bytes]:
-        return [weights_json.encode_weights(face.session, time_s, shapes.follow(faps), mouth.follow(faps), faps)]
+        return [encode_weights(face.session, time_s, shapes.follow(faps), mouth.follow(faps), faps)]
 
     face = SingleFaceEncoder(write, session)
     return face

@@ -24,9 +24,8 @@ from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.server.intake.rates import Turns
 from fapengine.server.web.access import Access
 from fapengine.server.web.connection import Connection, WebCounts
-from fapengine.server.web.heads import Heads
 from fapengine.server.web.messages import MAX_MESSAGE, PROTOCOL, text_of
-from fapengine.server.web.page_files import head_binary, setup
+from fapengine.server.web.page_files import Heads, head_binary, setup
 from fapengine.server.web.session_view import SessionView, open_session_view
 from fapengine.server.web.site import asked_session, harden, own_sessions
 from fapengine.speaking import DEFAULT_RATE_WPM

@@ -4,8 +4,12 @@ A head is one file whose arrays can be uploaded without a copy. Little-endian: `
 (uint32), the text, zeros up to a multiple of 16; then the arrays, each at the next multiple of 16. The text lists the
 arrays with kind, shape and offset from the start of the file, and the values of a frame's uniforms: attributes, table
 of channels, pivots and FAPU. :class:`fapengine.render.packing.PackedMesh` describes the arrays.
+
+Built-in heads are made by child processes of high niceness, one at a time, so that no face waits for them.
 """
 
+import asyncio
+import gzip
 import json
 import struct
 from math import isfinite
@@ -14,12 +18,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine._child import NICENESS, Child, Parent, command, end_soon_with_parent
 from fapengine.engine import commands
 from fapengine.engine.command_table import Command, fields_of
+from fapengine.errors import ResourceError
 from fapengine.expressions import EXPRESSION_NAMES
 from fapengine.mesh.default_head.style import PEOPLE
+from fapengine.mesh.deform import LIMITS, RESTING
 from fapengine.mesh.face_mesh import PUPIL_SHARE, FaceMesh, lid_share
-from fapengine.mesh.resting import LIMITS, RESTING
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fap import FapSpec, FapUnit
 from fapengine.render import programs
@@ -192,3 +198,50 @@ def _file(about: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> bytes:
 
 def _aligned(length: int) -> int:
     return -(-length // ALIGNMENT) * ALIGNMENT
+
+
+class Heads:
+    """Heads by name, compressed; only the latest is kept. Stateful; close it."""
+
+    def __init__(self) -> None:
+        self._turn = asyncio.Lock()
+        self._latest: tuple[str, bytes] = "", b""
+        self._child: Child | None = None
+        self._is_closed = False
+
+    async def packed(self, name: str) -> bytes:
+        """Return the file of a head (:mod:`.page_files`), compressed by gzip.
+
+        Raises
+        ------
+        ResourceError
+            If its process cannot be started, or has ended.
+        """
+        async with self._turn:
+            if self._is_closed:
+                raise ResourceError("head: the server stops")
+            if self._latest[0] != name:
+                self._child = Child("head", command(__name__, name, niceness=NICENESS))
+                try:
+                    self._latest = name, (await asyncio.to_thread(self._child.ask, {}))[1]
+                except EOFError as error:
+                    raise ResourceError("head: its process has ended") from error
+                finally:
+                    self._child.close()
+            return self._latest[1]
+
+    def close(self) -> None:
+        """End the process that makes a head."""
+        self._is_closed = True
+        if self._child is not None:
+            self._child.close()
+
+
+def main(parent: Parent, name: str) -> None:
+    """Make the head; the child's program."""
+    from fapengine.files.heads.load import load_head
+    from fapengine.server.web.page_files import head_binary
+
+    end_soon_with_parent()
+    for _ in parent.messages():
+        parent.tell({}, gzip.compress(head_binary(load_head(name)), 6, mtime=0))

@@ -1,18 +1,25 @@
-"""The table of timing formats; a file's format is found from its content."""
+"""The table of timing formats; a file's format is found from its content.
 
+The language of timed words: recognizers name it in JSON: Whisper, OpenAI, ElevenLabs and Rev ``language`` (a code or a
+name), AssemblyAI and Amazon ``language_code``, Google ``languageCode``, Deepgram ``detected_language``, Azure
+``locale``, whisper.cpp ``result.language``, Speechmatics ``metadata.transcription_config.language``. WebVTT files of
+YouTube name it in the header: ``Language: fr``.
+"""
+
+import re
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import partial
+from typing import Any
 
 from fapengine.errors import DataError, UsageError
 from fapengine.speech.alphabets.convert import ALPHABETS
-from fapengine.speech.formats import animation, corpora, detection, services, singing, synthesizers
+from fapengine.speech.formats import animation, corpora, detection, services, synthesizers
 from fapengine.speech.formats.detection import Sample, has
-from fapengine.speech.formats.documents import NUMBER
-from fapengine.speech.formats.elan import parse_elan
-from fapengine.speech.formats.languages import language_of
+from fapengine.speech.formats.documents import NUMBER, decode_text, parse_document
 from fapengine.speech.formats.table import parse_columns, parse_table
-from fapengine.speech.formats.textgrid import parse_textgrid
+from fapengine.speech.formats.textgrid import parse_elan, parse_textgrid
 from fapengine.speech.formats.word_lists import WORD_LISTS, parse_subtitles, parse_word_list
 from fapengine.speech.phone_track import PhoneTrack
 
@@ -63,7 +70,7 @@ FORMATS: dict[str, Format] = {each.name: each for each in (
            lambda s: s.document is not None and any(services.inworld_infos(s.document)), (), _ALPHABET),
     Format("fish", "Fish Audio", services.parse_fish,
            lambda s: s.document is not None and services.is_fish(s.document)),
-    Format("diffsinger", "DiffSinger", singing.parse_diffsinger, has("ph_seq"), (".ds",), _ALPHABET),
+    Format("diffsinger", "DiffSinger", synthesizers.parse_diffsinger, has("ph_seq"), (".ds",), _ALPHABET),
     Format("phone-list", "PocketSphinx, others", synthesizers.parse_phone_list, detection.is_phone_list, (), _ALPHABET),
     *(Format(kind.name, kind.tool, partial(parse_word_list, kind=kind), detection.has_words(kind), (),
              ("tier",) if kind.name == "deepgram" else (), ("elevenlabs",) if kind.name == "assemblyai" else ())
@@ -88,7 +95,7 @@ FORMATS: dict[str, Format] = {each.name: each for each in (
     Format("elan", "ELAN", parse_elan, lambda s: b"<ANNOTATION_DOCUMENT" in s.head, (".eaf",), _TIER_ALPHABET),
     Format("moho", "Moho switch layers", animation.parse_moho, detection.starts_with("MohoSwitch1"), (),
            _ALPHABET_COLUMNS),
-    Format("utau", "UTAU, OpenUtau", singing.parse_utau, detection.is_utau, (".ust", ".ustx"), _ALPHABET),
+    Format("utau", "UTAU, OpenUtau", synthesizers.parse_utau, detection.is_utau, (".ust", ".ustx"), _ALPHABET),
     Format("timit", "TIMIT .PHN and .WRD", corpora.parse_timit, detection.is_timit, (".phn", ".wrd"), _ALPHABET,
            ("align",)),
     Format("align", "GRID corpus", corpora.parse_align, detection.is_grid, (".align",), (), ("timit",)),
@@ -167,3 +174,51 @@ def parse_timings(
     if not track.spelled or track.reading.language:
         return track
     return replace(track, reading=replace(track.reading, language=language_of(data)))
+
+
+_KEYS = (
+    "language", "language_code", "languageCode", "detected_language", "detectedLanguage", "lang", "locale", "Language"
+)  # fmt: skip
+_UNKNOWN = frozenset({"", "auto", "detect", "unknown", "und", "multi", "mul", "none", "null"})
+_HEADER = re.compile(r"^(?:X-)?Language\s*[:=]\s*\"?([A-Za-z0-9_-]+)\"?\s*$", re.MULTILINE | re.IGNORECASE)
+_SPAN = re.compile(r"<lang ([A-Za-z0-9-]+)>")
+_DEPTH, _ITEMS = 9, 20
+"""Levels of a document, and items of a list, that are searched."""
+
+
+def language_of(data: bytes) -> str:
+    r"""Find the language in a file, as it is spelled there; empty if the file names none.
+
+    Examples
+    --------
+    >>> language_of(b'{"segments": [], "language": "french"}'), language_of(b"WEBVTT\nLanguage: pt-BR\n\n")
+    ('french', 'pt-BR')
+    """
+    try:
+        text = decode_text(data, "file").lstrip()
+        if text.startswith("WEBVTT"):
+            header = _HEADER.search(re.split(r"\r?\n\r?\n", text, maxsplit=1)[0]) or _SPAN.search(text)
+            return header[1] if header else ""
+        return _named([parse_document(data, "file").value])
+    except DataError:  # neither: lines of labels
+        return ""
+
+
+def _named(values: list[Any]) -> str:
+    """Search values level by level; where a level names several languages, the commonest counts."""
+    for _ in range(_DEPTH):
+        below: list[Any] = []
+        found: Counter[str] = Counter()
+        for value in values:
+            if isinstance(value, list):
+                below += value[:_ITEMS]
+            elif isinstance(value, dict):
+                listed = value.get("languages")
+                named = [*(value.get(key) for key in _KEYS), *(listed if isinstance(listed, list) else ())]
+                known = [str(name).strip() for name in named if isinstance(name, str)]
+                found.update([name for name in known if name.lower() not in _UNKNOWN][:1])
+                below += value.values()
+        if found:
+            return found.most_common(1)[0][0]
+        values = below
+    return ""

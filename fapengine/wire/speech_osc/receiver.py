@@ -27,8 +27,18 @@ from fapengine.errors import DataError, UsageError
 from fapengine.wire import osc
 from fapengine.wire.speech_osc import codec, one_shot, phone_labels, schema
 from fapengine.wire.speech_osc.clock import SenderClock
-from fapengine.wire.speech_osc.counts import SoundRequest, TextRequest, WireCounts, WireLimits, WordsRequest
-from fapengine.wire.speech_osc.peers import AMPLIFICATION, Arrival, Peer, Proof, Replies
+from fapengine.wire.speech_osc.peers import (
+    AMPLIFICATION,
+    Arrival,
+    Peer,
+    Proof,
+    Replies,
+    SoundRequest,
+    TextRequest,
+    WireCounts,
+    WireLimits,
+    WordsRequest,
+)
 from fapengine.wire.speech_osc.session import WireSession
 
 SIMPLE_SESSION = "face"

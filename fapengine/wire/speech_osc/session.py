@@ -20,8 +20,7 @@ from fapengine.engine.engine import Engine
 from fapengine.engine.session import JUMP_S
 from fapengine.wire.speech_osc import codec, phone_labels, receive_window, schema
 from fapengine.wire.speech_osc.clock import SenderClock
-from fapengine.wire.speech_osc.counts import SoundRequest, WireCounts, WordsRequest
-from fapengine.wire.speech_osc.peers import Arrival, Peer, Replies
+from fapengine.wire.speech_osc.peers import Arrival, Peer, Replies, SoundRequest, WireCounts, WordsRequest
 from fapengine.wire.speech_osc.receive_window import ReceiveWindow, SoundWindow
 
 AGAIN_S = 2.0

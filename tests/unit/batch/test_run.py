@@ -13,9 +13,8 @@ from fapengine._child import Child
 from fapengine.batch import journal as journals
 from fapengine.batch import run as runs
 from fapengine.batch.journal import Done, Journal, load_journals, parse_journal
-from fapengine.batch.report import format_index, format_page
 from fapengine.batch.rows import Options, Row
-from fapengine.batch.run import on_this_machine, plan_run, run, serially
+from fapengine.batch.run import format_index, format_page, on_this_machine, plan_run, run, serially
 from fapengine.batch.work import Job
 from fapengine.errors import ResourceError
 from tests.unit.batch.deadly import FATAL, do_or_die

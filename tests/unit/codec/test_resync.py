@@ -5,11 +5,10 @@ import pytest
 
 from fapengine.codec import kernels
 from fapengine.codec.bits import unpack
-from fapengine.codec.decoder import HELD, Decoder, decode
+from fapengine.codec.decoder import HELD, Decoder, decode, find_intact_intra
 from fapengine.codec.encoder import EncoderOptions, encode
 from fapengine.codec.header import IntraHeader, intra_header_bits, mask_types_of
 from fapengine.codec.planes import PlaneState
-from fapengine.codec.resync import find_intact_intra
 from fapengine.errors import DataError
 from fapengine.mpeg4.track import FapTrack
 

@@ -25,7 +25,7 @@ from fapengine.render.drawing import RenderOptions
 from fapengine.render.renderer import FaceRenderer
 from fapengine.retarget.blend import ARKIT_NAMES
 from fapengine.retarget.blendshape_names import choose_blendshapes
-from fapengine.retarget.notice import ICT_COPYRIGHT
+from fapengine.retarget.puppet import ICT_COPYRIGHT
 from tests.unit.mesh.rigs import own_rig
 
 from .glb import Builder, square, write_rig

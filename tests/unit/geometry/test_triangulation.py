@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fapengine.errors import UsageError
-from fapengine.geometry.triangulation import triangulate
+from fapengine.geometry.rigid import triangulate
 
 FOCAL_PX, AWAY_MM = 1400.0, 1000.0
 

@@ -18,9 +18,8 @@ from fapengine.mesh.rig.blendshape_basis import MAX_ROWS, RowCollector
 from fapengine.mesh.rig.blendshape_mesh import Blendshape, BlendshapeMesh, RigBone
 from fapengine.mesh.rig.feature_points import locate
 from fapengine.mesh.rig.import_head import import_head
-from fapengine.mesh.rig.parts import Eyeball
+from fapengine.mesh.rig.parts import Eyeball, blank_eyes
 from fapengine.mesh.rig.placed_mesh import PlacedMesh
-from fapengine.mesh.rig.surfaces import blank_eyes
 from fapengine.mpeg4 import fap
 from fapengine.retarget.arkit import arkit_map
 from fapengine.retarget.blend import ARKIT_NAMES

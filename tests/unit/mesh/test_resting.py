@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from fapengine.mesh.default_head.head import build_head
-from fapengine.mesh.deform import deform
-from fapengine.mesh.resting import LIMITS, RESTING, with_rest
+from fapengine.mesh.deform import LIMITS, RESTING, deform, with_rest
 from fapengine.mpeg4 import fap
 
 

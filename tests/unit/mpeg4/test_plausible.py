@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 import fapengine
 from fapengine.cli.main import app
 from fapengine.errors import DataError
-from fapengine.mpeg4.plausible import motion_remarks
+from fapengine.mpeg4.track import motion_remarks
 from fapengine.retarget.blend_tracks import format_blend_csv
 
 JAW, UPPER, LOWER = 2, 3, 4

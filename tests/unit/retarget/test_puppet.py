@@ -22,8 +22,7 @@ from fapengine.mpeg4 import fap
 from fapengine.retarget.blend import ARKIT_NAMES
 from fapengine.retarget.blendshape_names import OCULUS
 from fapengine.retarget.moods import MOODS
-from fapengine.retarget.notice import ICT_COPYRIGHT
-from fapengine.retarget.puppet import EYE_TEXELS, HEAD, JAW, JOINTS, Puppet, eye_texture, make_puppet
+from fapengine.retarget.puppet import EYE_TEXELS, HEAD, ICT_COPYRIGHT, JAW, JOINTS, Puppet, eye_texture, make_puppet
 from fapengine.retarget.skeleton import CHEST, EXTRAS, arkit_shapes, extra_shapes, mood_shapes
 from fapengine.retarget.visemes import VRM1_NAMES, presets_to_faps
 

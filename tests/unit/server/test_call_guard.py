@@ -11,7 +11,7 @@ from aiortc import RTCConfiguration, RTCPeerConnection, RTCSessionDescription
 from aiortc.rtcrtpreceiver import RTCRtpReceiver
 
 from fapengine.server.calls.calls import Calls
-from fapengine.server.calls.guard import BURST, MAX_SOURCES, PACKETS_HZ
+from fapengine.server.calls.offer import BURST, MAX_SOURCES, PACKETS_HZ
 from tests.leaping import LeapingLoop
 from tests.unit.server.test_calls import Hub, Studio
 

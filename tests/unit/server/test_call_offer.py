@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 
 from fapengine.errors import DataError
 from fapengine.server.calls import offer as module
-from fapengine.server.calls.guard import MAX_ADDRESSES
-from fapengine.server.calls.offer import MAX_OFFER, addresses_for, answer_offer, read_offer
+from fapengine.server.calls.offer import MAX_ADDRESSES, MAX_OFFER, addresses_for, answer_offer, read_offer
 from tests.leaping import LeapingLoop
 
 SOUND, PICTURE = "m=audio 9 UDP/TLS/RTP/SAVPF 111", "m=video 9 UDP/TLS/RTP/SAVPF 96"

@@ -4,7 +4,7 @@ import gc
 import weakref
 from typing import Any
 
-from fapengine.server.load import PIECES, collecting_in_pieces
+from fapengine.server.intake.rates import PIECES, collecting_in_pieces
 
 CYCLES = 50_000
 

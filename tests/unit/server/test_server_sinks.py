@@ -27,8 +27,7 @@ from fapengine.host.listeners import HubFrames
 from fapengine.mpeg4 import fap
 from fapengine.retarget.blend import ARKIT_NAMES
 from fapengine.server import watchdog as guards
-from fapengine.server.sinks import datagrams as datagram_sinks
-from fapengine.server.sinks import face_streams
+from fapengine.server.sinks import face_streams, opening
 from fapengine.server.sinks.encoders import FbaFrameEncoder, FrameEncoder, OscFrameEncoder, joined
 from fapengine.server.sinks.face_streams import FaceStreams
 from fapengine.server.sinks.kinds import (
@@ -450,7 +449,7 @@ def test_a_face_at_rest_is_shown_once_before_there_is_one(ear: Ear, kind: str) -
 def test_many_datagrams_go_at_once_and_none_is_joined_or_lost(ear: Ear) -> None:
     datagrams = [bytes([n % 256]) * (388 if n % 100 else 400) for n in range(150)] + [b"x" * 20_000] * 2 + [b"end"]
     for cuts in (True, False):
-        post = datagram_sinks.Post("127.0.0.1", ear.port)
+        post = opening.Post("127.0.0.1", ear.port)
         post._cuts &= cuts
         assert post.send(datagrams) == len(datagrams)
         assert ear.heard() == datagrams
@@ -458,8 +457,8 @@ def test_many_datagrams_go_at_once_and_none_is_joined_or_lost(ear: Ear) -> None:
 
 
 def test_where_datagrams_cannot_go_at_once_they_go_one_by_one(ear: Ear, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(datagram_sinks, "UDP_SEGMENT", 9999)  # which no system knows
-    post = datagram_sinks.Post("127.0.0.1", ear.port)
+    monkeypatch.setattr(opening, "UDP_SEGMENT", 9999)  # which no system knows
+    post = opening.Post("127.0.0.1", ear.port)
     assert post.send([b"a", b"b", b"c"]) == 3
     assert ear.heard() == [b"a", b"b", b"c"]
     assert not post._cuts

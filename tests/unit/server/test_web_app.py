@@ -31,8 +31,8 @@ from fapengine.server.web import app as web_app
 from fapengine.server.web import connection as connections
 from fapengine.server.web.access import Access
 from fapengine.server.web.app import COUNTS, DEFAULT_CHOICE, make_app
-from fapengine.server.web.heads import Heads
 from fapengine.server.web.messages import FRAME, SOUND_HEAD, SOUND_KIND
+from fapengine.server.web.page_files import Heads
 from fapengine.server.web.site import Site, open_site
 from fapengine.trajectory.style import Style
 from fapengine.voices.choice import VoiceChoice

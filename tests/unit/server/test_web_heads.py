@@ -9,9 +9,8 @@ import pytest
 
 from fapengine.errors import ResourceError
 from fapengine.files.heads.load import load_head
-from fapengine.server.web import heads
-from fapengine.server.web.heads import NICENESS, Heads
-from fapengine.server.web.page_files import head_binary
+from fapengine.server.web import page_files
+from fapengine.server.web.page_files import NICENESS, Heads, head_binary
 
 
 class Maker:
@@ -22,7 +21,7 @@ class Maker:
 
     def __init__(self, _: str, command: Sequence[str]) -> None:
         module, niceness, name = command[-3:]
-        assert (module, niceness) == ("fapengine.server.web.heads", str(NICENESS))
+        assert (module, niceness) == ("fapengine.server.web.page_files", str(NICENESS))
         self.name, self.may_end, self.is_closed = name, threading.Event(), False
         Maker.made.append(name)
         Maker.now += 1
@@ -41,7 +40,7 @@ class Maker:
 
 
 def test_heads_are_made_one_at_a_time_and_the_latest_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(heads, "Child", Maker)
+    monkeypatch.setattr(page_files, "Child", Maker)
     Maker.made = []
 
     async def main() -> None:

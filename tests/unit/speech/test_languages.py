@@ -4,8 +4,7 @@ import json
 
 import pytest
 
-from fapengine.speech.formats.languages import language_of
-from fapengine.speech.formats.registry import parse_timings
+from fapengine.speech.formats.registry import language_of, parse_timings
 
 WORD = {"word": "oui", "start": 0.0, "end": 0.4}
 

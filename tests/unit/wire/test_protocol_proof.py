@@ -5,7 +5,7 @@ import pytest
 
 from fapengine.engine.engine import Engine
 from fapengine.errors import UsageError
-from fapengine.server.load import A_FACE, FULL, Load
+from fapengine.server.intake.rates import A_FACE, FULL, Load
 from fapengine.wire import osc
 from fapengine.wire.speech_osc import codec, schema
 from fapengine.wire.speech_osc.handshake import Handshake

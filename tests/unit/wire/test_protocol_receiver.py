@@ -26,7 +26,7 @@ from fapengine.expressions import Expression
 from fapengine.speech.phone_track import Phone
 from fapengine.wire import osc
 from fapengine.wire.speech_osc import schema
-from fapengine.wire.speech_osc.counts import WireLimits
+from fapengine.wire.speech_osc.peers import WireLimits
 from fapengine.wire.speech_osc.schema import (
     Ack,
     AudioPosition,

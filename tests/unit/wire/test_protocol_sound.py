@@ -11,7 +11,7 @@ from fapengine.engine.commands import Append, Begin, Cancel, End
 from fapengine.errors import DataError, UsageError
 from fapengine.wire import osc
 from fapengine.wire.speech_osc import codec, schema
-from fapengine.wire.speech_osc.counts import SoundRequest
+from fapengine.wire.speech_osc.peers import SoundRequest
 from fapengine.wire.speech_osc.receive_window import HOLD_S, MAX_GAP_S, SoundWindow
 from fapengine.wire.speech_osc.sender import OscSender
 from tests.unit.wire.protocol_double import Wire
