@@ -23,7 +23,7 @@ import fapengine
 from fapengine.files.heads.meshes import load_rig
 from fapengine.files.motion import as_visemes
 from fapengine.mesh.default_head.head import build_head
-from fapengine.mesh.rig.axes import JAW, LEFT, RIGHT
+from fapengine.mesh.rig.blendshape_mesh import JAW, LEFT, RIGHT
 from fapengine.mesh.rig.feature_points import locate
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fap import FULL_WEIGHT

@@ -19,11 +19,11 @@ from design.imported_head import write_folder
 from fapengine.files.heads.meshes import load_rig
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.deform import deform
-from fapengine.mesh.rig.axes import JAW, LEFT, RIGHT
+from fapengine.mesh.rig.blendshape_mesh import JAW, LEFT, RIGHT
 from fapengine.mesh.rig.feature_points import locate
 from fapengine.mesh.rig.import_head import import_head
 from fapengine.mpeg4 import fap
-from fapengine.retarget.blendshape_names import choose_blendshapes
+from fapengine.retarget.rig_weights import choose_blendshapes
 
 FACE, FAR_MM, FRAMES = 9409, 40.0, 30
 

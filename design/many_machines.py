@@ -3,7 +3,7 @@
     python -m design.many_machines [--sessions 10000 100000] [--machines 50] [--hours 168]
 
 What is simulated is ``serve --nats`` (docs/live.md, "Many machines") over weeks, with its partitions and its times
-(``server/ownership/partitions.py``); its protocol, message by message, is in tests/simulation/test_partitions.py.
+(``server/partitions.py``); its protocol, message by message, is in tests/simulation/test_partitions.py.
 A machine holds a lease, which it renews in a store. It shows nothing more (it fences itself) when it could not renew
 for so long that, by the slowest clock, the lease may be over; its partitions go to others when, by the store's, it is.
 
@@ -26,8 +26,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.clients.connection import AWAY_PING_S, LOST_S
-from fapengine.server.ownership.partitions import FENCE_S, PARTITIONS, RENEW_S, TTL_S, partition_of
-from fapengine.server.ownership.rule import Home, Placement
+from fapengine.server.ownership import Home, Placement
+from fapengine.server.partitions import FENCE_S, PARTITIONS, RENEW_S, TTL_S, partition_of
 
 DRIFT = 200e-6
 """Share by which clocks may run fast or slow."""

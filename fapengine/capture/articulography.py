@@ -17,10 +17,10 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine.capture.conventions import numbers, rate_of
 from fapengine.capture.marker_track import RawTrack
 from fapengine.capture.matlab import struct_arrays
 from fapengine.capture.sound import RATES_HZ, RecordedSound
-from fapengine.capture.text import numbers, rate_of
 from fapengine.errors import DataError, TruncatedError
 
 FIELDS = 7

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine.capture.conventions import decode_text
 from fapengine.capture.marker_track import RawTrack
-from fapengine.capture.text import decode_text
 from fapengine.errors import DataError, TruncatedError
 
 MAX_JOINTS, MAX_DEPTH = 2000, 200

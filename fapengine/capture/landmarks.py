@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine.capture.conventions import decode_text, numbers, split_rows
 from fapengine.capture.marker_track import RawTrack
-from fapengine.capture.text import decode_text, numbers, split_rows
 from fapengine.errors import DataError, TruncatedError, UsageError
 
 COUNTS = (468, 478)

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.capture.articulography import is_wave, parse_wave
+from fapengine.capture.conventions import decode_text, numbers, rate_of, split_rows, whole
 from fapengine.capture.marker_track import MarkerTrack, RawTrack
-from fapengine.capture.text import decode_text, numbers, rate_of, split_rows, whole
 from fapengine.errors import DataError, TruncatedError
 
 Rows = list[list[str]]

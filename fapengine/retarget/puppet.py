@@ -23,7 +23,7 @@ from fapengine._arrays import Array, freeze
 from fapengine.geometry.surface import vertex_normals
 from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import PUPIL_SHARE, Bone, FaceMesh, Material, iris_share
-from fapengine.retarget.blendshape_names import OCULUS, OCULUS_SPELLINGS
+from fapengine.retarget.rig_weights import OCULUS, OCULUS_SPELLINGS
 from fapengine.retarget.skeleton import CHEST, FACE, Joint, arkit_shapes, face_joints, on_body, rest_matrices
 from fapengine.retarget.visemes import oculus_map
 

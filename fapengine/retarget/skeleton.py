@@ -21,7 +21,7 @@ from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fap import FAP_COUNT
 from fapengine.retarget.arkit import arkit_map
 from fapengine.retarget.blend import ARKIT_NAMES
-from fapengine.retarget.blendshape_names import OCULUS_SPELLINGS
+from fapengine.retarget.rig_weights import OCULUS_SPELLINGS
 from fapengine.retarget.visemes import VOWELS, VRM1_NAMES, presets_to_faps
 
 Vector = tuple[float, float, float]

@@ -43,7 +43,7 @@ from fapengine.server.intake.ingress import FairQueue, Ingress
 from fapengine.server.intake.listeners import Stream, TcpListener, UdpListener, bound_pair
 from fapengine.server.intake.rates import Load
 from fapengine.server.metrics import ServerMetrics, TextCounts, of_sessions, of_sinks, open_metrics
-from fapengine.server.ownership.rule import OwnSessions
+from fapengine.server.ownership import OwnSessions
 from fapengine.server.sinks.kinds import Sink, kind_of, parse_sink
 from fapengine.server.sinks.opening import open_sink
 from fapengine.server.web.access import Access

@@ -14,7 +14,7 @@ import numpy as np
 from fapengine._arrays import Sound
 from fapengine.errors import DataError
 from fapengine.speech.phone_track import Phone, PhoneTrack, Reading, find_unknown
-from fapengine.speech.text.scripts import readers, reads, scripts_in
+from fapengine.speech.text.words import readers, reads, scripts_in
 
 PHONE_S = (0.02, 0.4)
 """Shortest and longest median of phones that is plausible; a song has long ones."""

@@ -28,7 +28,9 @@ from fapengine.speaking import DEFAULT_RATE_WPM, DEFAULT_VOICE, RATES_WPM
 from fapengine.speech.marks import MarkedText, read_marks
 from fapengine.speech.phone_track import PhoneTrack
 from fapengine.speech.text.normal_form import SpeakableText, speakable
-from fapengine.speech.text.scripts import (
+from fapengine.speech.text.words import (
+    Stretch,
+    attribute,
     bare,
     is_spelled,
     may_be_spelled,
@@ -36,8 +38,9 @@ from fapengine.speech.text.scripts import (
     scripts_in,
     spelled_remarks,
     unread_remarks,
+    without_tags,
+    words_of,
 )
-from fapengine.speech.text.words import Stretch, attribute, without_tags, words_of
 from fapengine.voices.catalogue import Catalogue, VoiceEntry
 from fapengine.voices.espeak_labels import NAME_BYTES, in_context, language_after, read_label
 from fapengine.voices.protocol import Speech

@@ -18,7 +18,7 @@ from fapengine.clients.websocket_viewer import WebSocketViewer
 from fapengine.errors import UsageError
 from fapengine.server.cluster.workers import check_workers
 from fapengine.server.config import ServerConfig, SoundChoice
-from fapengine.server.ownership.rule import worker_of
+from fapengine.server.ownership import worker_of
 from fapengine.speech.phone_track import Phone
 from fapengine.wire.fap_osc import FapFrame
 from tests.live.stage import JAW, Ear, Sender, Serve, wait

@@ -15,7 +15,7 @@ from fapengine.mesh.rig.import_head import import_head
 from fapengine.mpeg4 import fap
 from fapengine.render.camera import preset
 from fapengine.render.drawing import Background, RenderOptions, Shading
-from fapengine.retarget.blendshape_names import choose_blendshapes
+from fapengine.retarget.rig_weights import choose_blendshapes
 from tests.unit.mesh.rigs import own_rig
 
 ALIKE = 2

@@ -33,8 +33,8 @@ from fapengine.files.motion import as_visemes
 from fapengine.mesh.face_mesh import Material
 from fapengine.retarget.arkit import approximate_arkit
 from fapengine.retarget.blend import ARKIT_NAMES
-from fapengine.retarget.blendshape_names import OCULUS_SPELLINGS
 from fapengine.retarget.moods import MOODS
+from fapengine.retarget.rig_weights import OCULUS_SPELLINGS
 from fapengine.retarget.skeleton import BODY, FACE
 from fapengine.retarget.visemes import OCULUS_NAMES, VRM1_NAMES, approximate_presets, approximate_visemes
 from tests.browser.chromium import Browser

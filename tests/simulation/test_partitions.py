@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fapengine.server.ownership import partitions
-from fapengine.server.ownership.partitions import (
+from fapengine.server import partitions
+from fapengine.server.partitions import (
     FENCE_S,
     RENEW_S,
     TTL_S,

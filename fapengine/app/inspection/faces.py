@@ -27,7 +27,7 @@ from fapengine.mpeg4.track import FapTrack, to_codable
 from fapengine.profiles import Profile
 from fapengine.render.camera import Camera
 from fapengine.retarget.blend import ARKIT_NAMES
-from fapengine.retarget.blendshape_names import OCULUS, OCULUS_PLAIN, bare, choose_blendshapes, plain
+from fapengine.retarget.rig_weights import OCULUS, OCULUS_PLAIN, bare, choose_blendshapes, plain
 from fapengine.retarget.visemes import VRM0_NAMES, VRM1_NAMES
 from fapengine.trajectory.closures import CONTACTS, settle
 from fapengine.trajectory.faps import displacements_to_faps

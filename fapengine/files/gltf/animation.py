@@ -18,7 +18,7 @@ from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD
 from fapengine.mpeg4.track import FapTrack, to_codable
 from fapengine.retarget.blend_tracks import find_set, shape_set
-from fapengine.retarget.blendshape_names import plain
+from fapengine.retarget.rig_weights import plain
 
 RATES_HZ = 24.0, 240.0
 """Lowest and highest rate of the frames that are read from curves."""

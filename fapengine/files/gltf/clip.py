@@ -42,8 +42,7 @@ from fapengine.files.gltf.writing import Curves, Row, Writer, quaternions_of
 from fapengine.models.via_points import STRAIGHT
 from fapengine.retarget.arkit import approximate_arkit
 from fapengine.retarget.blend import ARKIT_NAMES
-from fapengine.retarget.blendshape_names import by_role, is_arkit, plain, viseme
-from fapengine.retarget.rig_weights import Meanings, rig_weights
+from fapengine.retarget.rig_weights import Meanings, by_role, is_arkit, plain, rig_weights, viseme
 from fapengine.retarget.visemes import SHOWN, VRM1_NAMES, approximate_presets, gaze_of
 
 Array = NDArray[np.float64]

@@ -20,8 +20,7 @@ from fapengine.laboratory.dense_face import DenseFace, neutral_mesh
 from fapengine.mesh.default_head.style import MEASURED
 from fapengine.mesh.deform import still_faps
 from fapengine.mesh.face_mesh import FaceMesh, Material
-from fapengine.mesh.rig.axes import BOTH, JAW, LEFT, RIGHT
-from fapengine.mesh.rig.blendshape_mesh import BlendshapeMesh
+from fapengine.mesh.rig.blendshape_mesh import BOTH, JAW, LEFT, RIGHT, BlendshapeMesh
 from fapengine.mesh.rig.feature_points import NoSlitError, locate
 from fapengine.mesh.rig.import_head import ImportedHead, can_follow_bones, head_of_bones, import_head
 from fapengine.mesh.rig.placed_mesh import place_mesh
@@ -31,7 +30,7 @@ from fapengine.models.scans import has_colours, paint_from_scan
 from fapengine.mpeg4 import fap
 from fapengine.retarget.arkit import arkit_map
 from fapengine.retarget.blend import ARKIT_NAMES
-from fapengine.retarget.blendshape_names import GAZE, Choice, choose_blendshapes
+from fapengine.retarget.rig_weights import GAZE, Choice, choose_blendshapes
 
 WANTED_POINTS = "feature points 8.1 to 8.4 and 2.1, better also 2.2, 2.3, 3.1 to 3.6, 9.3 and 9.15"
 """What a mesh without blendshapes needs, and what it needs for lids that close."""

@@ -21,8 +21,7 @@ from fapengine.errors import DataError
 from fapengine.geometry.rigid import fit_rigid
 from fapengine.geometry.surface import vertex_normals
 from fapengine.mesh.face_mesh import FaceMesh
-from fapengine.mesh.rig.axes import JAW, LEFT, RIGHT, ROLES, face_axes
-from fapengine.mesh.rig.blendshape_mesh import BlendshapeMesh
+from fapengine.mesh.rig.blendshape_mesh import JAW, LEFT, RIGHT, ROLES, BlendshapeMesh, face_axes
 from fapengine.mesh.rig.placed_mesh import find_parts
 
 MAX_SEAM_GAP_MM = 4.0
@@ -106,10 +105,9 @@ def locate(mesh: BlendshapeMesh, moves: Mapping[str, Array], standard: FaceMesh)
     ----------
     mesh : BlendshapeMesh
     moves : mapping of str to (V, 3) array
-        Motion that closes the lids of each eye and opens the mouth, by :data:`~fapengine.mesh.rig.axes.ROLES` (or
-        :data:`~fapengine.mesh.rig.axes.BOTH` for the lids of both eyes), in the mesh's unit and axes. A rig with eye
-        bones
-        may have none for the lids.
+        Motion that closes the lids of each eye and opens the mouth, by
+        :data:`~fapengine.mesh.rig.blendshape_mesh.ROLES` (or :data:`~fapengine.mesh.rig.blendshape_mesh.BOTH` for the
+        lids of both eyes), in the mesh's unit and axes. A rig with eye bones may have none for the lids.
     standard : FaceMesh
         Has the points to find.
 

@@ -1,6 +1,6 @@
 """The store that machines share: leases and records in two key-value buckets of NATS JetStream.
 
-This is the network part of :mod:`fapengine.server.ownership.partitions`. NATS carries only leases and records; phones,
+This is the network part of :mod:`fapengine.server.partitions`. NATS carries only leases and records; phones,
 frames and pages go from machine to machine directly. Messages between machines are lost while NATS is unreachable, so
 all records of others are read again afterwards.
 """
@@ -18,8 +18,8 @@ from urllib.parse import urlsplit
 from fapengine._counters import Family
 from fapengine._late import needed
 from fapengine.errors import DataError, ResourceError
+from fapengine.server import partitions
 from fapengine.server.config import BusChoice
-from fapengine.server.ownership import partitions
 
 if TYPE_CHECKING:
     from nats.aio.msg import Msg

@@ -24,8 +24,8 @@ from fapengine.errors import DataError
 from fapengine.server.cluster import channel
 from fapengine.server.intake.doors import Door
 from fapengine.server.intake.listeners import FIRST_S, READ_AT_ONCE, RECEIVE_BUFFER, SLIP_FIRST, bound, bound_pair
-from fapengine.server.ownership.partitions import Machine
-from fapengine.server.ownership.rule import Home, session_of_request
+from fapengine.server.ownership import Home, session_of_request
+from fapengine.server.partitions import Machine
 from fapengine.wire.framing import MAX_PACKET, LengthDecoder, SlipDecoder
 from fapengine.wire.speech_osc import schema
 from fapengine.wire.speech_osc.codec import encode

@@ -22,7 +22,7 @@ from fapengine.server.config import ServerConfig
 from fapengine.server.intake.listeners import Caller
 from fapengine.server.intake.rates import collecting_in_pieces
 from fapengine.server.logs import begin_log
-from fapengine.server.ownership.rule import OwnSessions
+from fapengine.server.ownership import OwnSessions
 from fapengine.server.server import Server, serve
 
 ALIVE_S = 0.5

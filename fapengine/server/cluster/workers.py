@@ -38,8 +38,8 @@ from fapengine.server.cluster.front import Front
 from fapengine.server.config import ServerConfig
 from fapengine.server.intake.doors import open_doors, raise_file_limit
 from fapengine.server.metrics import open_metrics, page_of_workers
-from fapengine.server.ownership.partitions import Machine
-from fapengine.server.ownership.rule import Home, Placement
+from fapengine.server.ownership import Home, Placement
+from fapengine.server.partitions import Machine
 from fapengine.server.sinks.kinds import kind_of, parse_sink
 from fapengine.server.watchdog import send_neutral
 from fapengine.server.web.access import Access

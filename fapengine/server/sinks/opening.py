@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 PERFORMER_PORT = 39540
 """Port of VMC programs that move their model themselves and read shapes only; see :mod:`fapengine.wire.vmc`."""
 Epochs = Mapping[str, int] | None
-"""Epoch of each session (:mod:`fapengine.server.ownership.rule`), if several processes show sessions."""
+"""Epoch of each session (:mod:`fapengine.server.ownership`), if several processes show sessions."""
 
 
 Encoding = Callable[[SinkAddress, float, Epochs], encoders.FrameEncoder]

@@ -21,7 +21,7 @@ from fapengine.errors import DataError
 from fapengine.host.hub import Hub
 from fapengine.server.intake.doors import Door, Guarded
 from fapengine.server.intake.listeners import port_error
-from fapengine.server.ownership.rule import session_of_request
+from fapengine.server.ownership import session_of_request
 from fapengine.server.web.access import caller_of
 
 HEADERS = {

@@ -23,7 +23,7 @@ from fapengine.mpeg4.fap import FEATURE_POINT_NAMES
 from fapengine.mpeg4.track import FapTrack
 from fapengine.retarget.blend import ARKIT_NAMES
 from fapengine.retarget.blend_tracks import format_blend_csv
-from fapengine.retarget.blendshape_names import OCULUS
+from fapengine.retarget.rig_weights import OCULUS
 from tests.projection import project
 from tests.unit.files.glb import Builder, square
 

@@ -13,9 +13,8 @@ from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import Bone, Channel, DeformationBasis, Material
-from fapengine.mesh.rig.axes import BOTH, JAW, LEFT, RIGHT
 from fapengine.mesh.rig.blendshape_basis import MAX_ROWS, RowCollector
-from fapengine.mesh.rig.blendshape_mesh import Blendshape, BlendshapeMesh, RigBone
+from fapengine.mesh.rig.blendshape_mesh import BOTH, JAW, LEFT, RIGHT, Blendshape, BlendshapeMesh, RigBone
 from fapengine.mesh.rig.feature_points import locate
 from fapengine.mesh.rig.import_head import import_head
 from fapengine.mesh.rig.parts import Eyeball, blank_eyes
@@ -23,7 +22,7 @@ from fapengine.mesh.rig.placed_mesh import PlacedMesh
 from fapengine.mpeg4 import fap
 from fapengine.retarget.arkit import arkit_map
 from fapengine.retarget.blend import ARKIT_NAMES
-from fapengine.retarget.blendshape_names import choose_blendshapes, plain, viseme
+from fapengine.retarget.rig_weights import choose_blendshapes, plain, viseme
 
 from .rigs import import_plain, own_rig, skin_of
 

@@ -10,13 +10,12 @@ from scipy.spatial import cKDTree
 
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.deform import deform
-from fapengine.mesh.rig.axes import JAW, LEFT, RIGHT
 from fapengine.mesh.rig.blendshape_basis import coordinates
-from fapengine.mesh.rig.blendshape_mesh import Blendshape, BlendshapeMesh
+from fapengine.mesh.rig.blendshape_mesh import JAW, LEFT, RIGHT, Blendshape, BlendshapeMesh
 from fapengine.mesh.rig.feature_points import locate
 from fapengine.mesh.rig.import_head import ImportedHead, import_head
 from fapengine.mpeg4 import fap
-from fapengine.retarget.blendshape_names import choose_blendshapes
+from fapengine.retarget.rig_weights import choose_blendshapes
 
 FACE = 9409
 """Vertices of the face with its ears come first."""

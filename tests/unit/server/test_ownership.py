@@ -15,8 +15,8 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 
 from fapengine.errors import DataError
 from fapengine.server.cluster.front import _target_of
-from fapengine.server.ownership.partitions import Here, Machine
-from fapengine.server.ownership.rule import UNUSED_S, WITH_SESSION, Home, Placement, session_of_request
+from fapengine.server.ownership import UNUSED_S, WITH_SESSION, Home, Placement, session_of_request
+from fapengine.server.partitions import Here, Machine
 
 LOOP: Any = SimpleNamespace()
 """The parser only keeps it."""

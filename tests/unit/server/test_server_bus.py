@@ -12,12 +12,12 @@ import pytest
 
 from fapengine.clients import connection, sender
 from fapengine.errors import DataError, ResourceError, UsageError
+from fapengine.server import partitions
 from fapengine.server.cluster import bus as bus_module
 from fapengine.server.cluster.bus import Bus
 from fapengine.server.cluster.front import MAX_RELAYS, Relays, copied
 from fapengine.server.config import BusChoice
-from fapengine.server.ownership import partitions
-from fapengine.server.ownership.partitions import Here, Machine, Record, partition_of
+from fapengine.server.partitions import Here, Machine, Record, partition_of
 from tests.fuzz.mutated import mutated
 from tests.live.stage import on_a_loop, until
 

@@ -14,7 +14,7 @@ from fapengine.server.cluster.channel import Channel
 from fapengine.server.cluster.front import FrontCounts, _first_packet, _target_of
 from fapengine.server.cluster.workers import _signal
 from fapengine.server.metrics import page_of_workers
-from fapengine.server.ownership.rule import MAX_PLACED, UNUSED_S, OwnSessions, Placement, worker_of
+from fapengine.server.ownership import MAX_PLACED, UNUSED_S, OwnSessions, Placement, worker_of
 from fapengine.wire import osc
 from fapengine.wire.framing import encode_length, encode_slip
 from fapengine.wire.speech_osc import codec, schema

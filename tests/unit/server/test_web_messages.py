@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from fapengine.engine import commands
 from fapengine.errors import DataError
 from fapengine.expressions import Expression
-from fapengine.server.ownership.rule import check_name
+from fapengine.server.ownership import check_name
 from fapengine.server.web import messages
 from fapengine.server.web.messages import (
     Perform,

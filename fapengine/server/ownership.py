@@ -28,7 +28,7 @@ from typing import Protocol
 from urllib.parse import parse_qsl, unquote
 
 from fapengine.errors import DataError
-from fapengine.server.ownership.partitions import Here, Machine
+from fapengine.server.partitions import Here, Machine
 from fapengine.wire.speech_osc.routing import NAMELESS_SESSION
 from fapengine.wire.speech_osc.schema import SESSION_BYTES
 

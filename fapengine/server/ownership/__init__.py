@@ -1,1 +1,0 @@
-"""The owner of each session: one rule (:mod:`.rule`) for processes and machines."""
