@@ -19,20 +19,15 @@ from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from fapengine._late import Late
 from fapengine.errors import DataError, ResourceError, UsageError
 
-if TYPE_CHECKING:
-    import c2pa
-    from cryptography import x509
-    from cryptography.hazmat.primitives import serialization
-else:
-    _USE = "c2pa-python", "a signature"
-    c2pa = Late("c2pa", *_USE)
-    x509 = Late("cryptography.x509", *_USE)
-    serialization = Late("cryptography.hazmat.primitives.serialization", *_USE)
+_USE = "c2pa-python", "a signature"
+c2pa = Late("c2pa", *_USE)
+x509 = Late("cryptography.x509", *_USE)
+serialization = Late("cryptography.hazmat.primitives.serialization", *_USE)
 
 VOCABULARY = "http://cv.iptc.org/newscodes/digitalsourcetype/"
 SYNTHETIC = VOCABULARY + "trainedAlgorithmicMedia"

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,12 +21,9 @@ from fapengine.files.provenance import mark
 from fapengine.retarget.puppet import DOUBLE_SIDED, ICT_NOTICE, JOINTS, Part, Puppet, copyright_line
 from fapengine.retarget.rig_weights import rig_weights
 
-if TYPE_CHECKING:
-    from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel, Vt
-else:
-    Gf, Sdf, Usd, UsdGeom, UsdSkel, Vt = (
-        Late(f"pxr.{name}", "usd-core", "USD") for name in ("Gf", "Sdf", "Usd", "UsdGeom", "UsdSkel", "Vt")
-    )
+Gf, Sdf, Usd, UsdGeom, UsdSkel, Vt = (
+    Late(f"pxr.{name}", "usd-core", "USD") for name in ("Gf", "Sdf", "Usd", "UsdGeom", "UsdSkel", "Vt")
+)
 
 Array = NDArray[np.float64]
 

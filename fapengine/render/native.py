@@ -14,7 +14,7 @@ from dataclasses import replace
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Self, TypeVar
+from typing import Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,10 +31,7 @@ from fapengine.render.packed import packed_mesh
 from fapengine.render.packing import FrameUniforms, PackedMesh, frame_uniforms
 from fapengine.render.renderer import Crowd, CrowdRenderer, FaceRenderer
 
-if TYPE_CHECKING:
-    import fapengine_native as fapengine_native
-else:
-    fapengine_native = Late("fapengine_native", "fapengine-native", "renderer native")
+fapengine_native = Late("fapengine_native", "fapengine-native", "renderer native")
 
 VARIABLE = "FAPENGINE_RENDERER"
 """Environment variable with the renderer that ``auto`` stands for."""

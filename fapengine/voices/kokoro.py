@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from fapengine._late import Late
 from fapengine.errors import DataError, UsageError
@@ -21,10 +21,7 @@ from fapengine.speech.marks import read_marks
 from fapengine.voices import model_speech
 from fapengine.voices.protocol import Speech
 
-if TYPE_CHECKING:
-    import kokoro_onnx
-else:
-    kokoro_onnx = Late("kokoro_onnx", "kokoro-onnx", "a voice of Kokoro")
+kokoro_onnx = Late("kokoro_onnx", "kokoro-onnx", "a voice of Kokoro")
 
 LANGUAGES = {"a": "en-us", "b": "en-gb", "e": "es", "f": "fr-fr", "h": "hi", "i": "it", "j": "ja", "p": "pt-br",
              "z": "cmn"}  # fmt: skip

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,12 +25,8 @@ from fapengine.speech.marks import read_marks
 from fapengine.voices import model_speech
 from fapengine.voices.protocol import Speech
 
-if TYPE_CHECKING:
-    import onnx
-    import piper
-else:
-    piper = Late("piper", "piper-tts", "a voice of Piper")
-    onnx = Late("onnx", "onnx", "the times of a voice of Piper")
+piper = Late("piper", "piper-tts", "a voice of Piper")
+onnx = Late("onnx", "onnx", "the times of a voice of Piper")
 
 BEGIN, FILL, END = "^", "_", "$"
 """Symbols that Piper puts before an utterance, after each other symbol, and after the utterance."""

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,18 +27,12 @@ from fapengine.speech.marks import read_marks
 from fapengine.voices import model_speech
 from fapengine.voices.protocol import Speech
 
-if TYPE_CHECKING:
-    import onnxruntime
-    from nltk import data as nltk_data
-    from piper_plus import text_splitter
-    from piper_plus.phonemize import multilingual, token_mapper
-else:
-    _USE = "piper-plus", "a voice of piper-plus"
-    onnxruntime = Late("onnxruntime", *_USE)
-    nltk_data = Late("nltk.data", *_USE)
-    text_splitter = Late("piper_plus.text_splitter", *_USE)
-    multilingual = Late("piper_plus.phonemize.multilingual", *_USE)
-    token_mapper = Late("piper_plus.phonemize.token_mapper", *_USE)
+_USE = "piper-plus", "a voice of piper-plus"
+onnxruntime = Late("onnxruntime", *_USE)
+nltk_data = Late("nltk.data", *_USE)
+text_splitter = Late("piper_plus.text_splitter", *_USE)
+multilingual = Late("piper_plus.phonemize.multilingual", *_USE)
+token_mapper = Late("piper_plus.phonemize.token_mapper", *_USE)
 
 BEGIN, FILL, END = "^", "_", "$"
 """Symbols before an utterance, after each other symbol, and after the utterance."""

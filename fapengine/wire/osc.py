@@ -18,15 +18,11 @@ import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 from fapengine._late import Late
 from fapengine.errors import DataError, TruncatedError, UnsupportedError, UsageError
 
-if TYPE_CHECKING:
-    from pythonosc import osc_message_builder
-else:
-    osc_message_builder = Late("pythonosc.osc_message_builder", "python-osc", "OSC")
+osc_message_builder = Late("pythonosc.osc_message_builder", "python-osc", "OSC")
 
 Argument = int | float | str | bytes | bool | None
 

@@ -6,7 +6,7 @@ https://github.com/KhronosGroup/glTF/tree/main/extensions/2.0/Vendor/EXT_meshopt
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -252,10 +252,7 @@ def _quaternion(packed: NDArray[np.signedinteger]) -> NDArray[np.generic]:
     return out
 
 
-if TYPE_CHECKING:
-    import DracoPy
-else:
-    DracoPy = Late("DracoPy", "DracoPy", "an avatar packed by Draco")
+DracoPy = Late("DracoPy", "DracoPy", "an avatar packed by Draco")
 
 
 DRACO = "KHR_draco_mesh_compression"
