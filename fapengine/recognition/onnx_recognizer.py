@@ -217,9 +217,10 @@ class OnnxRecognizer(BlockRecognizer):
 
     def _report(self, *, at_end: bool) -> list[Phone]:
         sound = self._sound.astype(np.float32) / np.float32(2**15)
-        shares = softmax(self.model.scores(_resampled(sound, self.model.card.rate_hz)))
-        length_s = len(self._sound) / RATE_HZ
-        frame_hz = len(shares) / length_s
+        whole = np.pad(sound, (0, max(self._block - len(sound), 0)))  # models fail on less than one frame
+        shares = softmax(self.model.scores(_resampled(whole, self.model.card.rate_hz)))
+        length_s = len(sound) / RATE_HZ
+        frame_hz = len(shares) * RATE_HZ / len(whole)
         best = shares.argmax(axis=1)
         rescale = FRAME_HZ / frame_hz
         segments = [
@@ -233,7 +234,8 @@ class OnnxRecognizer(BlockRecognizer):
             now_s, phones = self._told_s, []
             told, horizon = round((now_s - start_s) * FRAME_HZ), round(until_s * FRAME_HZ)
             for label, first, behind in due(segments, told, horizon, at_end=at_end):
-                ends_s = start_s + (length_s if at_end and behind == segments[-1][2] else behind / FRAME_HZ)
+                is_rest = at_end and behind == segments[-1][2]
+                ends_s = start_s + (length_s if is_rest else min(behind / FRAME_HZ, length_s))
                 if ends_s > now_s:
                     frames = slice(int(first / rescale), int(behind / rescale) + 1)
                     confidence = 1.0 if label == SILENCE else self._confidence(shares[frames], label)

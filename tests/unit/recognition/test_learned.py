@@ -90,7 +90,12 @@ def test_pieces_of_any_length_give_the_same_phones(ear: OnnxRecognizer, cuts: li
 
 def test_nothing_and_one_sample(ear: OnnxRecognizer) -> None:
     assert heard(ear, np.zeros(0, np.int16)) == []
-    assert heard(ear, np.zeros(400, np.int16)) == [Phone("_", 0.0, 0.025)]
+    assert heard(ear, np.zeros(1, np.int16)) == [Phone("_", 0.0, 1 / RATE_HZ)]
+
+
+def test_less_than_a_block_is_heard_up_to_its_end(ear: OnnxRecognizer) -> None:
+    found = [(phone.label, phone.start_s, phone.end_s) for phone in heard(ear, melody(("a", 0.07)))]
+    assert found == [("a", 0.0, 0.07)]
 
 
 def test_another_rate_another_alphabet_and_a_card_inside(tmp_path: Path) -> None:
