@@ -68,8 +68,20 @@ class WireWord(NamedTuple):
     duration_us: int
 
 
+class Message:
+    """A message: its OSC address, and the type tags of its fields."""
+
+    __slots__ = ()
+    ADDRESS: ClassVar[str]
+    TAGS: ClassVar[str]
+
+    def __init_subclass__(cls, *, address: str = "", tags: str = "") -> None:
+        if address:  # not so when a dataclass makes the class again, with slots
+            cls.ADDRESS, cls.TAGS = address, tags
+
+
 @dataclass(frozen=True, slots=True)
-class OfSession:
+class OfSession(Message):
     """A message that names its session first."""
 
     session: str
@@ -83,11 +95,9 @@ class OfUtterance(OfSession):
 
 
 @dataclass(frozen=True, slots=True)
-class Hello(OfSession):
+class Hello(OfSession, address="/fap/1/hello", tags="sissisii"):
     """Open or join a session; the engine answers with :class:`Welcome`."""
 
-    ADDRESS: ClassVar[str] = "/fap/1/hello"
-    TAGS: ClassVar[str] = "sissisii"
     protocol: int = PROTOCOL
     phone_set: str = ""
     language: str = ""
@@ -100,11 +110,9 @@ class Hello(OfSession):
 
 
 @dataclass(frozen=True, slots=True)
-class Welcome(OfSession):
+class Welcome(OfSession, address="/fap/1/welcome", tags="shiiiii"):
     """Answer to a hello: the engine's clock and limits."""
 
-    ADDRESS: ClassVar[str] = "/fap/1/welcome"
-    TAGS: ClassVar[str] = "shiiiii"
     engine_us: int
     """The engine's clock."""
     lookahead_us: int = 0
@@ -119,11 +127,9 @@ class Welcome(OfSession):
 
 
 @dataclass(frozen=True, slots=True)
-class Moved(OfSession):
+class Moved(OfSession, address="/fap/1/moved", tags="ssii"):
     """Answer to a hello: the session is on another port. Send a hello and everything else there."""
 
-    ADDRESS: ClassVar[str] = "/fap/1/moved"
-    TAGS: ClassVar[str] = "ssii"
     host: str
     """Empty: the same host."""
     port: int
@@ -132,19 +138,14 @@ class Moved(OfSession):
 
 
 @dataclass(frozen=True, slots=True)
-class Bye(OfSession):
+class Bye(OfSession, address="/fap/1/bye", tags="s"):
     """Leave the session: its utterances are cancelled."""
-
-    ADDRESS: ClassVar[str] = "/fap/1/bye"
-    TAGS: ClassVar[str] = "s"
 
 
 @dataclass(frozen=True, slots=True)
-class Ping:
+class Ping(Message, address="/fap/1/ping", tags="ihhfi"):
     """Ask for the engine's clock, and report the current estimate of it."""
 
-    ADDRESS: ClassVar[str] = "/fap/1/ping"
-    TAGS: ClassVar[str] = "ihhfi"
     number: int
     sent_us: int
     """The sender's clock."""
@@ -157,11 +158,9 @@ class Ping:
 
 
 @dataclass(frozen=True, slots=True)
-class Pong:
+class Pong(Message, address="/fap/1/pong", tags="ihhhi"):
     """Answer to a ping: three of the four time stamps; the fourth is its arrival."""
 
-    ADDRESS: ClassVar[str] = "/fap/1/pong"
-    TAGS: ClassVar[str] = "ihhhi"
     number: int
     sent_us: int
     received_us: int
@@ -171,11 +170,9 @@ class Pong:
 
 
 @dataclass(frozen=True, slots=True)
-class BeginUtterance(OfUtterance):
+class BeginUtterance(OfUtterance, address=commands.Begin.SPEC.osc, tags="siishss"):
     """Begin an utterance."""
 
-    ADDRESS: ClassVar[str] = commands.Begin.SPEC.osc
-    TAGS: ClassVar[str] = "siishss"
     revision: int = 0
     anchor: str = "now"
     """``now``, ``at``, ``audio``; or ``sound``: the recognizer sets the start, from the audio that is sent."""
@@ -186,11 +183,9 @@ class BeginUtterance(OfUtterance):
 
 
 @dataclass(frozen=True, slots=True)
-class Phones(OfUtterance):
+class Phones(OfUtterance, address=commands.Append.SPEC.osc, tags="siiii"):
     """Phones of an utterance, by index. On the wire: their count, 5 arguments per phone, the revision."""
 
-    ADDRESS: ClassVar[str] = commands.Append.SPEC.osc
-    TAGS: ClassVar[str] = "siiii"
     ROW: ClassVar[type[WirePhone]] = WirePhone
     ROW_TAGS: ClassVar[str] = "siiif"
     LAST_TAG: ClassVar[str] = "i"
@@ -204,11 +199,9 @@ class Phones(OfUtterance):
 
 
 @dataclass(frozen=True, slots=True)
-class WordTimes(OfUtterance):
+class WordTimes(OfUtterance, address="/fap/1/words", tags="siii"):
     """Words of an utterance, by index; the server finds their phones. On the wire: count, words, voice."""
 
-    ADDRESS: ClassVar[str] = "/fap/1/words"
-    TAGS: ClassVar[str] = "siii"
     ROW: ClassVar[type[WireWord]] = WireWord
     ROW_TAGS: ClassVar[str] = "sii"
     LAST_TAG: ClassVar[str] = "s"
@@ -220,11 +213,9 @@ class WordTimes(OfUtterance):
 
 
 @dataclass(frozen=True, slots=True)
-class EndUtterance(OfUtterance):
+class EndUtterance(OfUtterance, address=commands.End.SPEC.osc, tags="siiiii"):
     """End of an utterance, with what the engine needs to check that it is complete."""
 
-    ADDRESS: ClassVar[str] = commands.End.SPEC.osc
-    TAGS: ClassVar[str] = "siiiii"
     phone_count: int
     duration_us: int = -1
     """-1: until the end of the last phone."""
@@ -235,11 +226,9 @@ class EndUtterance(OfUtterance):
 
 
 @dataclass(frozen=True, slots=True)
-class CancelUtterance(OfSession):
+class CancelUtterance(OfSession, address=commands.Cancel.SPEC.osc, tags="siiiii"):
     """Stop speaking."""
 
-    ADDRESS: ClassVar[str] = commands.Cancel.SPEC.osc
-    TAGS: ClassVar[str] = "siiiii"
     utterance: int = NOW
     """-1: all."""
     at_us: int = NOW
@@ -252,20 +241,16 @@ class CancelUtterance(OfSession):
 
 
 @dataclass(frozen=True, slots=True)
-class SeekUtterance(OfUtterance):
+class SeekUtterance(OfUtterance, address=commands.Seek.SPEC.osc, tags="sii"):
     """Continue from another position."""
 
-    ADDRESS: ClassVar[str] = commands.Seek.SPEC.osc
-    TAGS: ClassVar[str] = "sii"
     position_us: int
 
 
 @dataclass(frozen=True, slots=True)
-class AudioPosition(OfUtterance):
+class AudioPosition(OfUtterance, address=commands.Audio.SPEC.osc, tags="sihif"):
     """Position of the audio."""
 
-    ADDRESS: ClassVar[str] = commands.Audio.SPEC.osc
-    TAGS: ClassVar[str] = "sihif"
     sender_us: int
     """Time on the sender's clock."""
     position_us: int
@@ -274,11 +259,9 @@ class AudioPosition(OfUtterance):
 
 
 @dataclass(frozen=True, slots=True)
-class Sound(OfUtterance):
+class Sound(OfUtterance, address="/fap/1/sound", tags="siiib"):
     """Audio of an utterance; the recognizer finds its phones."""
 
-    ADDRESS: ClassVar[str] = "/fap/1/sound"
-    TAGS: ClassVar[str] = "siiib"
     first_sample: int
     """Index of its first sample in the utterance."""
     rate_hz: int
@@ -288,21 +271,17 @@ class Sound(OfUtterance):
 
 
 @dataclass(frozen=True, slots=True)
-class SpeakText(OfSession):
+class SpeakText(OfSession, address="/fap/1/text", tags="sss"):
     """Text that the server's voice is to speak."""
 
-    ADDRESS: ClassVar[str] = "/fap/1/text"
-    TAGS: ClassVar[str] = "sss"
     text: str
     voice: str = ""
 
 
 @dataclass(frozen=True, slots=True)
-class Ack(OfUtterance):
+class Ack(OfUtterance, address="/fap/1/ack", tags="siihiii"):
     """The part of an utterance that has arrived."""
 
-    ADDRESS: ClassVar[str] = "/fap/1/ack"
-    TAGS: ClassVar[str] = "siihiii"
     next_index: int
     """All phones, or words, below this index have arrived."""
     bitmap64: int
@@ -315,22 +294,18 @@ class Ack(OfUtterance):
 
 
 @dataclass(frozen=True, slots=True)
-class Nack(OfUtterance):
+class Nack(OfUtterance, address="/fap/1/nack", tags="siii"):
     """Request for missing phones."""
 
-    ADDRESS: ClassVar[str] = "/fap/1/nack"
-    TAGS: ClassVar[str] = "siii"
     first: int
     stop: int
     """Index after the last missing phone."""
 
 
 @dataclass(frozen=True, slots=True)
-class Notice(OfUtterance):
+class Notice(OfUtterance, address="/fap/1/event", tags="sisiihs"):
     """Event of an utterance; of the session, if its number is -1."""
 
-    ADDRESS: ClassVar[str] = "/fap/1/event"
-    TAGS: ClassVar[str] = "sisiihs"
     kind: str
     """``started``, ``underrun``, ``late``, ``concealed``, ``finished``, ``cancelled``, ``error``, ``remark``
     (what looks wrong in the phones: ``reason``), or ``unknown``: the session or utterance is not known here, begin it
