@@ -255,8 +255,8 @@ def unpack(data: bytes) -> dict[str, NDArray[Any]]:
         return dict(arrays)
 
 
-def pack(**arrays: Any) -> bytes:
-    """Write arrays, each of any shape (...), as a compressed ``.npz`` file."""
+def pack(*, compressed: bool = True, **arrays: Any) -> bytes:
+    """Write arrays, each of any shape (...), as an ``.npz`` file."""
     buffer = io.BytesIO()
-    np.savez_compressed(buffer, **arrays)
+    (np.savez_compressed if compressed else np.savez)(buffer, **arrays)
     return buffer.getvalue()

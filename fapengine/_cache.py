@@ -16,7 +16,7 @@ from fapengine.errors import ResourceError
 
 CACHE_VARIABLE = "FAPENGINE_CACHE"
 MAX_KEPT = 16
-"""Heads, about 2 MB each, and packed meshes, about 3 MB each; beyond that the least recently used one is removed."""
+"""Heads, about 6 MB each, and packed meshes, about 3 MB each; beyond that the least recently used one is removed."""
 MADE_BY = ("mesh", "geometry", "mpeg4")
 """Packages with the code and tables that make a head."""
 MADE_OF = (".py", ".npz", ".csv", ".toml")

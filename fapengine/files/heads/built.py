@@ -51,7 +51,7 @@ def load_built(style: HeadStyle, level: str = "normal") -> FaceMesh:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         check_ours(folder)
-        save_head(kept, head, OURS)
+        save_head(kept, head, OURS, compressed=False)
         _forget_oldest(folder)
     except (FapEngineError, OSError) as error:
         _report(f"{CACHE_VARIABLE}: built heads are not kept: {error}")

@@ -132,7 +132,7 @@ def test_a_cache_that_cannot_be_used_is_reported_once_and_costs_only_time(
 def test_a_full_disk_is_reported(
     folder: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    def full(*_: object) -> None:
+    def full(*_: object, **__: object) -> None:
         raise ResourceError("head.npz: cannot be written (No space left on device)")
 
     monkeypatch.setattr(built, "save_head", full)
@@ -145,7 +145,7 @@ def contents(folder: Path) -> dict[Path, bytes]:
 
 
 def cheap_builds(monkeypatch: pytest.MonkeyPatch) -> None:
-    def save(kept: Path, head: object, info: HeadInfo) -> None:
+    def save(kept: Path, head: object, info: HeadInfo, *, compressed: bool) -> None:
         kept.mkdir()
         (kept / "head.toml").write_text(f'schema = 2\nsource = "{info.source}"\n')
         (kept / "head.npz").write_bytes(bytes(100))
