@@ -29,6 +29,8 @@ from fapengine.voices.protocol import Speech, Voice
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
+MODELS = {"piper": "piper:PiperVoice", "piper-plus": "piper_plus:PiperPlusVoice", "kokoro": "kokoro:KokoroVoice"}
+"""Voices of models that the user has, and their classes."""
 SERVICE_NAMES = ("elevenlabs", "cartesia", "inworld", "fish")
 """Services, as in :data:`fapengine.voices.services.SERVICES`: here, so that a local voice imports none of them."""
 GROUP = "fapengine.voices"
@@ -68,18 +70,11 @@ class VoiceChoice(Checked):
             If it cannot be loaded.
         """
         kind, colon, rest = self.name.partition(":")
-        if kind == "piper" and colon:
-            from fapengine.voices.piper import PiperVoice
-
-            return PiperVoice.named(self.name, self.rate_wpm, self.ssml, most_s=most_s)
-        if kind == "piper-plus" and colon:
-            from fapengine.voices.piper_plus import PiperPlusVoice
-
-            return PiperPlusVoice.named(self.name, self.rate_wpm, self.ssml, most_s=most_s)
-        if kind == "kokoro" and colon:
-            from fapengine.voices.kokoro import KokoroVoice
-
-            return KokoroVoice.named(self.name, self.rate_wpm, self.ssml, most_s=most_s)
+        if kind in MODELS and colon:
+            module, _, name = MODELS[kind].partition(":")
+            voice = getattr(import_module(f"fapengine.voices.{module}"), name)
+            model: Voice = voice.named(self.name, self.rate_wpm, self.ssml, most_s=most_s)
+            return model
         if kind in SERVICE_NAMES:
             from fapengine.voices.service_client import ServiceVoice
 

@@ -81,10 +81,8 @@ class KokoroVoice:
         marked, model = read_marks(text, ssml=self.ssml), self._load()
         if not any(letter.isalnum() for letter in marked.text):
             raise UsageError(f"text: {text!r:.60} contains nothing to speak")
-        try:
+        with model_speech.library_errors(f"{self.model}: the model failed"):
             sound, rate_hz, timings = model.create_timed(marked.text, self.voice, self.speed, self.language)
-        except Exception as error:  # onnxruntime and phonemizer raise a dozen kinds that share no base
-            raise DataError(f"{self.model}: the model failed ({model_speech.first_line(error)})") from error
         model_speech.check_length(len(sound), rate_hz, self.most_s, text)
         times = ((each.phoneme, each.start, each.end) for each in timings)
         piece = model_speech.spoken(sound, lengths_of(times, rate_hz), where=str(self.model))
@@ -121,11 +119,9 @@ def lengths_of(times: Iterable[tuple[str, float, float]], rate_hz: int) -> list[
 
 @lru_cache(model_speech.KEPT)
 def _loaded(path: Path, voices: Path, *_changed_ns: int) -> Any:
-    try:
+    with model_speech.library_errors(f"{path}: cannot be read as a model of Kokoro"):
         model = kokoro_onnx.Kokoro(str(path), str(voices))
         known = [len(model.get_voice_style(name)) for name in model.get_voices()]
-    except Exception as error:  # of onnxruntime and NumPy, which share no base
-        raise DataError(f"{path}: cannot be read as a model of Kokoro ({model_speech.first_line(error)})") from error
     if not known:
         raise DataError(f"{voices}: contains no voice")
     if not model.has_timings:

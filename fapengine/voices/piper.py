@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fapengine._late import Late
-from fapengine.errors import DataError, FapEngineError, ResourceError
+from fapengine.errors import DataError, ResourceError
 from fapengine.speaking import DEFAULT_RATE_WPM
 from fapengine.speech.formats.synthesizers import piper_entries
 from fapengine.speech.marks import read_marks
@@ -64,17 +64,14 @@ class PiperVoice:
         length_scale = config.length_scale * DEFAULT_RATE_WPM / self.rate_wpm
         options = piper.SynthesisConfig(speaker_id=self._speaker_number(config), length_scale=length_scale)
         pieces: list[model_speech.Spoken] = []
-        try:
-            for chunk in model.synthesize(marked.text, options, include_alignments=True):
-                pieces.append(_spoken(chunk, config.phoneme_id_map, str(self.model)))
-                length = sum(len(each.samples) for each in pieces)
-                model_speech.check_length(length, config.sample_rate, self.most_s, text)
-        except FapEngineError:
-            raise
-        except ImportError as error:
-            raise ResourceError(f"voice: {self.model} needs {error.name}, which is not installed") from error
-        except Exception as error:  # onnxruntime raises a dozen kinds that share no base
-            raise DataError(f"{self.model}: the model failed ({model_speech.first_line(error)})") from error
+        with model_speech.library_errors(f"{self.model}: the model failed"):
+            try:
+                for chunk in model.synthesize(marked.text, options, include_alignments=True):
+                    pieces.append(_spoken(chunk, config.phoneme_id_map, str(self.model)))
+                    length = sum(len(each.samples) for each in pieces)
+                    model_speech.check_length(length, config.sample_rate, self.most_s, text)
+            except ImportError as error:
+                raise ResourceError(f"voice: {self.model} needs {error.name}, which is not installed") from error
         return model_speech.speech_of(pieces, config.sample_rate, marked, piper_entries, "ipa", self.model.name)
 
     def _speaker_number(self, config: Any) -> int | None:
@@ -133,7 +130,5 @@ def _load(path: Path) -> Any:
 
 @lru_cache(model_speech.KEPT)
 def _loaded(path: Path, *_changed_ns: int) -> Any:
-    try:
+    with model_speech.library_errors(f"{path}: cannot be read as a voice of Piper"):
         return piper.PiperVoice.load(path, include_alignments=True)
-    except Exception as error:  # of onnx, onnxruntime and the description, which share no base
-        raise DataError(f"{path}: cannot be read as a voice of Piper ({model_speech.first_line(error)})") from error

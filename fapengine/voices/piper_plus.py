@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine._late import Late
-from fapengine.errors import DataError, FapEngineError, ResourceError, UsageError
+from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.speaking import DEFAULT_RATE_WPM
 from fapengine.speech.alphabets.japanese import OPENJTALK
 from fapengine.speech.formats.synthesizers import piper_entries
@@ -99,17 +99,13 @@ class PiperPlusVoice:
             _check_english()
         pieces: list[model_speech.Spoken] = []
         unknown: dict[str, None] = {}
-        try:
+        with model_speech.library_errors(f"{self.model}: the model failed"):
             for symbols in model.symbols(marked.text, self.language):
                 unknown |= dict.fromkeys(symbol for symbol in symbols if symbol not in (*model.numbers, *_ACCENTS))
                 sound, lengths = model.run(symbols, self.language, model.speaker(self.speaker), self.rate_wpm)
                 pieces.append(model_speech.spoken(sound, lengths, where=str(self.model)))
                 length = sum(len(each.samples) for each in pieces)
                 model_speech.check_length(length, model.rate_hz, self.most_s, text)
-        except FapEngineError:
-            raise
-        except Exception as error:  # onnxruntime and the phonemizers raise a dozen kinds that share no base
-            raise DataError(f"{self.model}: the model failed ({model_speech.first_line(error)})") from error
         speech = model_speech.speech_of(pieces, model.rate_hz, marked, piper_entries, "ipa", self.model.name)
         remarks = [f"text: {self.model.name} has no symbol {symbol!r}, which is not spoken" for symbol in unknown]
         return replace(speech, remarks=(*speech.remarks, *remarks))
@@ -223,7 +219,7 @@ def _load(path: Path) -> _Model:
 
 @lru_cache(model_speech.KEPT)
 def _loaded(path: Path, description: Path, *_changed_ns: int) -> _Model:
-    try:
+    with model_speech.library_errors(f"{path}: cannot be read as a voice of piper-plus"):
         config = json.loads(description.read_text("utf-8"))
         inference, audio = config.get("inference", {}), config["audio"]
         session = onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])
@@ -252,10 +248,6 @@ def _loaded(path: Path, description: Path, *_changed_ns: int) -> _Model:
         )
         lacking = {BEGIN, FILL, END} - set(model.numbers)
         outputs = {each.name for each in session.get_outputs()}
-    except Exception as error:  # of onnxruntime and the description, which share no base
-        raise DataError(
-            f"{path}: cannot be read as a voice of piper-plus ({model_speech.first_line(error)})"
-        ) from error
     if lacking or not model.languages:
         what = "symbol" if lacking else "language"
         expected = ", ".join(sorted(lacking) or LANGUAGES)
