@@ -16,7 +16,7 @@ from fapengine.errors import DataError, UsageError
 from fapengine.files.landmarks import landmarks_of, landmarks_of_pictures
 from fapengine.files.motion import load_motion
 from fapengine.files.moving import is_moving, write_moving
-from fapengine.files.paths import read_bytes
+from fapengine.files.paths import naming, read_bytes
 from fapengine.files.provenance import COMPOSITE
 from fapengine.files.recordings import save_markers
 from fapengine.files.sound import load_sound
@@ -95,20 +95,16 @@ def watch(job: CaptureJob, *, on_frame: Callable[[], None] = lambda: None) -> Ca
         return _seen(times_s, landmarks, "camera")
     if _is_film(job.source):
         times_s, landmarks = landmarks_of(path, model=job.model, on_frame=on_frame)
-        try:
+        with naming(path):
             return _seen(times_s, landmarks, "film")
-        except DataError as error:
-            raise DataError(f"{path}: {error.message}") from error
     data = read_bytes(path)
-    try:
+    with naming(path):
         if is_openface(data):
             table = parse_openface(data)
             lost = np.isnan(table.points_mm).any(axis=(1, 2)).mean()
             return Captured(openface_faps(table), "OpenFace's table", seen=1.0 - float(lost))
         if job.size is not None:
             return _of_landmarks(data, job)
-    except DataError as error:
-        raise type(error)(f"{path}: {error.message}", where=error.where) from error
     if path.suffix.lower() not in LOADED:
         raise UsageError(
             f"{path}: got ending {path.suffix!r}, expected a video, {CAMERA}, or one of {', '.join(LOADED)}"

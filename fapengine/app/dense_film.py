@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from fapengine._arrays import Array, Indices
 from fapengine.app.drawing import on_one_axis
-from fapengine.errors import DataError, UsageError
+from fapengine.errors import UsageError
 from fapengine.files.heads.built import load_built
 from fapengine.files.heads.load import load_head_of_modes
+from fapengine.files.paths import locating
 from fapengine.files.recordings import is_table, load_markers
 from fapengine.geometry.surface import vertex_normals
 from fapengine.mesh.default_head.style import MEASURED
@@ -44,10 +45,8 @@ def drive(path: Path, rig: "ModeRig", way: "Way" = "estimator") -> "DrivenTake":
         If its content is wrong, or it does not show this face; ``where`` is the file.
     """
     recording = load_markers(path)
-    try:
+    with locating(path):
         return rig.driver.follow(recording.markers, way)
-    except DataError as error:
-        raise type(error)(error.message, where=f"{path}, {error.where}" if error.where else str(path)) from error
 
 
 def takes_on_heads(

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.errors import DataError, ResourceError, UsageError
-from fapengine.files.paths import read_bytes, write_bytes
+from fapengine.files.paths import naming, read_bytes, write_bytes
 from fapengine.files.sound import inspect_sound, stream_sound
 from fapengine.speaking import DEFAULT_VOICE
 from fapengine.speech.formats.documents import decode_text
@@ -51,10 +51,8 @@ def is_sound(path: Path) -> bool:
 
 def read_text(path: Path) -> str:
     """Read a text file. Raises ``UsageError`` if it cannot be read and ``DataError`` if it is not text."""
-    try:
+    with naming(path):
         return decode_text(read_bytes(path), "text")
-    except DataError as error:
-        raise type(error)(f"{path}: {error.message}", where=error.where) from error
 
 
 def hear(

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from fapengine._arrays import Array
-from fapengine.errors import DataError, UsageError
+from fapengine.errors import UsageError
 from fapengine.files import usd
 from fapengine.files.gltf.clip import PRESETS, FaceMotion, Reached, add_clip, format_vrma
 from fapengine.files.gltf.head_file import ShapeClip, format_head
 from fapengine.files.heads.built import load_built
 from fapengine.files.heads.load import load_head, load_head_and_modes, load_head_info, load_head_of_modes
-from fapengine.files.paths import read_bytes, write_bytes
+from fapengine.files.paths import naming, read_bytes, write_bytes
 from fapengine.mesh.default_head.style import MEASURED
 from fapengine.mesh.deform import bone_transforms
 from fapengine.models.via_points import STRAIGHT, WAYS
@@ -102,12 +102,10 @@ def save_scene(path: Path, track: FapTrack, into: Into | None, *, shapes: str | 
 
     meanings = load_mapping(into.mapping) if into.mapping else None
     data = read_bytes(into.avatar) if into.is_foreign else exported_head(str(into.avatar))
-    try:
+    with naming(into.avatar):
         written, reached = add_clip(
             data, files_beside(into.avatar), face_motion(track, name), keys=into.keys, meanings=meanings
         )
-    except DataError as error:
-        raise type(error)(f"{into.avatar}: {error.message}", where=error.where) from error
     write_bytes(path, written)
     return _told(reached)
 

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from fapengine._resources import profile_ids
 from fapengine.app.inspection.report import FileKind, Report, Source, Table
-from fapengine.errors import DataError, UsageError
+from fapengine.errors import UsageError
 from fapengine.files.gltf.document import Gltf, parse_gltf, stated_licences
 from fapengine.files.heads.load import DEFAULT_HEAD, load_head, load_head_info
 from fapengine.files.heads.meshes import RIG_ENDINGS, files_beside, load_neutral, load_rig
+from fapengine.files.paths import locating
 from fapengine.files.pictures import Picture, contact_sheet
 from fapengine.files.profiles import load_profile
 from fapengine.files.recordings import MESHES
@@ -243,10 +244,8 @@ def describe_avatar(source: Source) -> dict[str, Any]:
     path = source.path
     if source.ending not in (*RIG_ENDINGS, CLIP_ENDING):
         return _mesh(load_neutral(path), path) | {"format": "mesh", "licence": "", "clips": []}
-    try:
+    with locating(path, ": "):
         gltf = parse_gltf(source.data, files_beside(path), every_extension=False)
-    except DataError as error:
-        raise type(error)(error.message, where=f"{path}: {error.where}" if error.where else str(path)) from error
     facts: dict[str, Any] = {
         "format": f"glTF {gltf.root.item('asset').string('version', '')}", "licence": stated_licences(gltf.root)[0],
         "clips": _clips(gltf), "next": f"move an avatar by it: any program that reads {CLIP_ENDING}",
