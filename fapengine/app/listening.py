@@ -14,7 +14,7 @@ from fapengine.errors import UsageError
 from fapengine.files.motion import load_motion
 from fapengine.files.paths import naming, read_bytes, replacing_folder
 from fapengine.files.sound import load_sound
-from fapengine.scoring.listening import COLUMNS, Preference, parse_answers, preference_of
+from fapengine.scoring.statistics import COLUMNS, Preference, parse_answers, preference_of
 
 PLAYED = (".mp4", ".m4v", ".webm")
 """Films that browsers play."""

@@ -18,9 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.capture.conventions import numbers, rate_of
-from fapengine.capture.marker_track import RawTrack
+from fapengine.capture.marker_track import RATES_HZ, RawTrack, RecordedSound
 from fapengine.capture.matlab import struct_arrays
-from fapengine.capture.sound import RATES_HZ, RecordedSound
 from fapengine.errors import DataError, TruncatedError
 
 FIELDS = 7

@@ -20,9 +20,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fapengine.capture.marker_track import MarkerTrack, RawTrack
-from fapengine.capture.sound import RATES_HZ as SOUND_HZ
-from fapengine.capture.sound import RecordedSound
+from fapengine.capture.marker_track import RATES_HZ as SOUND_HZ
+from fapengine.capture.marker_track import MarkerTrack, RawTrack, RecordedSound
 from fapengine.errors import DataError, TruncatedError
 
 Buffer = bytes | memoryview

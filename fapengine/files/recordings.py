@@ -23,8 +23,7 @@ from fapengine.capture.bvh import parse_bvh
 from fapengine.capture.c3d import Buffer, format_c3d, parse_c3d, parse_c3d_sound
 from fapengine.capture.conventions import UNITS_MM, check_track, understand
 from fapengine.capture.landmarks import Picture, parse_landmarks
-from fapengine.capture.marker_track import MarkerTrack, RawTrack
-from fapengine.capture.sound import RecordedSound
+from fapengine.capture.marker_track import MarkerTrack, RawTrack, RecordedSound
 from fapengine.capture.table import format_table, format_trc, parse_table, parse_trc
 from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.files.paths import MAX_BYTES, locating, naming, open_file, read_bytes, write_bytes

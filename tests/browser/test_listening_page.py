@@ -8,7 +8,7 @@ import pytest
 
 from fapengine.app.listening import analyse_answers, write_listening_test
 from fapengine.files.moving import write_moving
-from fapengine.scoring.listening import parse_answers
+from fapengine.scoring.statistics import parse_answers
 from tests.browser.conftest import Page
 
 ITEMS = ("hello", "bye", "five, six")

@@ -8,8 +8,7 @@ import numpy as np
 
 from fapengine.app.inspection.report import FileKind, Report, Source, Table
 from fapengine.capture.landmarks import COUNTS, Picture, is_openface, parse_landmarks, parse_openface
-from fapengine.capture.marker_track import MarkerTrack
-from fapengine.capture.sound import Synchrony, synchrony
+from fapengine.capture.marker_track import MarkerTrack, Synchrony, synchrony
 from fapengine.errors import DataError
 from fapengine.files.heads.built import load_built
 from fapengine.files.recordings import RECORDINGS, is_table, load_markers, load_recorded_sound, mesh_files

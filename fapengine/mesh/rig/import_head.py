@@ -20,21 +20,11 @@ from fapengine._arrays import Array
 from fapengine.errors import DataError, UsageError
 from fapengine.geometry.surface import unit_vectors
 from fapengine.mesh.face_mesh import Bone, Channel, DeformationBasis, FaceMesh
+from fapengine.mesh.rig import parts
 from fapengine.mesh.rig.blendshape_basis import ROW_FAPU, SHUT, Rig, RowCollector, build_basis
 from fapengine.mesh.rig.blendshape_mesh import BlendshapeMesh
 from fapengine.mesh.rig.bones import EYE_SIDES, Bones, bind_bones
-from fapengine.mesh.rig.parts import (
-    Eyeball,
-    Eyes,
-    baked_light,
-    blank_eyes,
-    choose_colours,
-    choose_materials,
-    find_eyes,
-    fit_point_fields,
-    smooth_normals,
-    texture_coordinates,
-)
+from fapengine.mesh.rig.parts import Eyeball, Eyes, find_eyes, fit_point_fields
 from fapengine.mesh.rig.placed_mesh import PlacedMesh, cut_out, place_mesh
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import Fapu
@@ -100,7 +90,7 @@ def import_head(
     basis, moved = build_basis(rig, fapu)
     bones = bind_bones(placed, rig.fields, rig.eyes, rig.carried_mm, rig.opens_jaw, standard)
     reached = set(moved) | bones.reached(rig.eyes, rig.opens_jaw)
-    blank = blank_eyes(placed, rig.eyes)
+    blank = parts.blank_eyes(placed, rig.eyes)
     head = _make_mesh(placed, rig.eyes, blank, bones, fapu, basis)
     head = replace(head, vertices_mm=(placed.vertices_mm + closing).astype(np.float32))
     return _head(head, placed, reached, [*notes, *closed], chosen)
@@ -190,15 +180,15 @@ def _make_mesh(
     placed: PlacedMesh, eyes: Eyes, blank: Eyes, bones: Bones, fapu: Fapu, basis: DeformationBasis
 ) -> FaceMesh:
     """Assemble the mesh for the renderer; ``blank`` eyes get an iris drawn."""
-    normals = smooth_normals(placed)
-    material = choose_materials(placed, eyes, blank)
+    normals = parts.smooth_normals(placed)
+    material = parts.choose_materials(placed, eyes, blank)
     return FaceMesh(
         vertices_mm=placed.vertices_mm.astype(np.float32),
         normals=normals.astype(np.float32),
-        uv=texture_coordinates(placed, blank).astype(np.float32),
-        albedo=choose_colours(placed, material),
+        uv=parts.texture_coordinates(placed, blank).astype(np.float32),
+        albedo=parts.choose_colours(placed, material),
         material=material,
-        occlusion=baked_light(placed, normals, material),
+        occlusion=parts.baked_light(placed, normals, material),
         bone=bones.bone,
         bone_weight=bones.weight.astype(np.float32),
         head_weight=bones.head_weight.astype(np.float32),

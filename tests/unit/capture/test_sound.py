@@ -7,8 +7,7 @@ import pytest
 
 from fapengine.capture.articulography import parse_mview_sound
 from fapengine.capture.c3d import BLOCK, format_c3d, parse_c3d, parse_c3d_sound
-from fapengine.capture.marker_track import MarkerTrack
-from fapengine.capture.sound import RecordedSound, synchrony
+from fapengine.capture.marker_track import MarkerTrack, RecordedSound, synchrony
 from fapengine.errors import DataError
 from fapengine.files.recordings import load_recorded_sound
 from fapengine.files.sound import load_sound

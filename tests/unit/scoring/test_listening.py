@@ -3,7 +3,7 @@
 import pytest
 
 from fapengine.errors import DataError
-from fapengine.scoring.listening import COLUMNS, parse_answers, preference_of
+from fapengine.scoring.statistics import COLUMNS, parse_answers, preference_of
 
 HEADER = ",".join(COLUMNS)
 
