@@ -3,12 +3,15 @@
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
-from importlib.metadata import Distribution, PackageNotFoundError, distribution
+from typing import TYPE_CHECKING
 
 import typer
 
 from fapengine.cli._doctor_live import LackError
 from fapengine.errors import FapEngineError
+
+if TYPE_CHECKING:
+    from importlib.metadata import Distribution
 
 ESSENTIAL = ("renderer", "video")
 """Parts that rendering needs; without them ``doctor`` exits with 3."""
@@ -208,6 +211,8 @@ class Package:
 
 def used_packages(root: str = "fapengine") -> list[Package]:
     """List the installed packages that a package requires, with all of its extras and theirs, by name."""
+    from importlib.metadata import PackageNotFoundError, distribution
+
     found: dict[str, Package] = {}
     waiting = [root]
     while waiting:
@@ -227,14 +232,14 @@ def _plain(name: str) -> str:
     return re.sub(r"[-_.]+", "-", name).lower()
 
 
-def _required(one: Distribution, *, with_extras: bool) -> Iterator[str]:
+def _required(one: "Distribution", *, with_extras: bool) -> Iterator[str]:
     """Names of what it requires; of its extras only for the first, as nobody knows which of theirs are meant."""
     for line in one.requires or ():
         if with_extras or not re.search(r"\bextra\s*==", line):
             yield re.split(r"[^A-Za-z0-9._-]", line, maxsplit=1)[0]
 
 
-def _licence(name: str, one: Distribution) -> str:
+def _licence(name: str, one: "Distribution") -> str:
     def stated(key: str) -> list[str]:
         return [text for text in one.metadata.get_all(key) or () if text and len(text) < NO_NAME]
 

@@ -27,7 +27,7 @@ from fapengine.errors import NothingToSpeakError, ResourceError, UsageError
 from fapengine.speaking import DEFAULT_RATE_WPM, DEFAULT_VOICE, RATES_WPM
 from fapengine.speech.marks import MarkedText, read_marks
 from fapengine.speech.phone_track import PhoneTrack
-from fapengine.speech.text.normal_form import SpeakableText, speakable
+from fapengine.speech.text.normal_form import SpeakableText, check_ssml, find_tag, speakable
 from fapengine.speech.text.words import (
     Stretch,
     attribute,
@@ -45,7 +45,7 @@ from fapengine.voices.catalogue import Catalogue, VoiceEntry
 from fapengine.voices.espeak_labels import NAME_BYTES, in_context, language_after, read_label
 from fapengine.voices.protocol import Speech
 from fapengine.voices.sounding import Mark, SoundLevel, sounding
-from fapengine.voices.spoken_form import Edit, check_ssml, edited, find_tag, spoken_form
+from fapengine.voices.spoken_form import Edit, edited, spoken_form
 
 # Numbers of speak_lib.h.
 _SYNCHRONOUS, _PHONEME_EVENTS, _IPA_NAMES, _DO_NOT_EXIT = 2, 0x1, 0x2, 0x8000

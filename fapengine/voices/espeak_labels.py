@@ -19,7 +19,6 @@ from html import unescape
 from itertools import accumulate, pairwise
 
 from fapengine.speech import ipa
-from fapengine.speech.alphabets.phone_sets import ESPEAK
 from fapengine.speech.marks import check_sounds
 from fapengine.voices.sounding import Mark, is_addition, is_vowel
 from fapengine.voices.spoken_form import Edit
@@ -234,6 +233,8 @@ _KNOWN: dict[str, dict[str, str]] = {}
 
 def _known(code: str, speak: Speak) -> dict[str, str]:
     if code not in _KNOWN:
+        from fapengine.speech.alphabets.phone_sets import ESPEAK  # rare
+
         asked = [
             (mnemonic, "t" if is_vowel(label) else "ə")
             for mnemonic, label in ESPEAK.table.items()

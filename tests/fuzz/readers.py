@@ -55,9 +55,8 @@ from fapengine.server.config import parse_config
 from fapengine.server.web.messages import SOUND_HEAD, SOUND_KIND, parse_request, parse_sound
 from fapengine.speech.formats.registry import ParseOptions, parse_timings
 from fapengine.speech.formats.table import parse_columns
-from fapengine.speech.text.normal_form import decoded, speakable
+from fapengine.speech.text.normal_form import check_ssml, decoded, find_tag, speakable
 from fapengine.voices.services import SERVICES
-from fapengine.voices.spoken_form import check_ssml, find_tag
 from fapengine.wire import fap_osc, osc
 from fapengine.wire.framing import LengthDecoder, SlipDecoder, encode_length, encode_slip
 from fapengine.wire.rtp import RtpSender

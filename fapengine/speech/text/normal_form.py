@@ -10,6 +10,10 @@ Theory of operation
    reads ``½`` and ``²`` better than ``1⁄2`` and ``2``.
 
 The normal form of a normal form is itself, and every character of the result has its stretch of the original.
+
+SSML
+----
+The subset of the W3C's Speech Synthesis Markup Language 1.1 that espeak-ng speaks is checked here, too.
 """
 
 import re
@@ -17,6 +21,8 @@ import unicodedata
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
+
+from fapengine.errors import UnsupportedError, UsageError
 
 REPLACEMENT = "\N{REPLACEMENT CHARACTER}"
 _JOINER, _NON_JOINER, _ZERO_WIDTH_SPACE = "\u200d", "\u200c", "\u200b"
@@ -147,3 +153,52 @@ def _form(char: str, before: str) -> str:
 def _joins(char: str) -> bool:
     """Return whether a character may be composed with the one before."""
     return unicodedata.category(char)[0] == "M" or _FOLLOWS.match(char) is not None
+
+
+ELEMENTS = frozenset(
+    ("speak", "p", "s", "voice", "prosody", "emphasis", "break", "say-as", "sub", "phoneme", "mark", "metadata", "desc")
+)
+"""Allowed elements. Not ``audio``: it would open files named by the text."""
+_LOOKS = re.compile(r"</?(speak|voice|prosody|emphasis|break|say-as|sub|phoneme|audio)(\s[^<>]*)?/?>")
+
+
+def find_tag(text: str) -> str | None:
+    """Return the first tag of SSML in a text, or None.
+
+    Examples
+    --------
+    >>> find_tag("a < b"), find_tag('Wait <break time="1s"/> here')
+    (None, '<break time="1s"/>')
+    """
+    found = _LOOKS.search(text)
+    return found[0] if found else None
+
+
+def check_ssml(text: str) -> str:
+    """Check a text in SSML and return its words without the tags.
+
+    Parameters
+    ----------
+    text : str
+        With or without its root element ``speak``.
+    """
+    from xml.etree import ElementTree  # for SSML alone
+
+    if "<!" in text or "<?xml-" in text:
+        raise UsageError("text: got a declaration, expected SSML without any")
+    body = re.sub(r"^\s*<\?xml[^>]*\?>", "", text)
+    head = '<all xmlns:tts="tts" xmlns:xlink="xlink">'
+    try:
+        root = ElementTree.fromstring(f"{head}{body}</all>")
+    except ElementTree.ParseError as error:
+        line, column = error.position
+        place = f"line {line}, column {column - len(head) if line == 1 else column}"
+        message = ElementTree.ParseError.__str__(error).partition(":")[0]
+        raise UsageError(f"text: got SSML with an error at {place} ({message}), expected well-formed XML") from error
+    for element in list(root.iter())[1:]:
+        name = element.tag.rpartition("}")[2]
+        if name not in ELEMENTS:
+            raise UnsupportedError(
+                f"text: got the SSML element {name!r}, expected one of {', '.join(sorted(ELEMENTS))}"
+            )
+    return " ".join("".join(root.itertext()).split())

@@ -41,7 +41,7 @@ def test_metadata_of_any_age_are_read(
     folder = tmp_path / "odd-1.0.dist-info"
     folder.mkdir()
     (folder / "METADATA").write_text(f"Metadata-Version: 2.4\nName: odd\nVersion: 1.0\n{written}\n")
-    monkeypatch.setattr("fapengine.cli.doctor.distribution", lambda name: Distribution.at(folder))
+    monkeypatch.setattr("importlib.metadata.distribution", lambda name: Distribution.at(folder))
     assert used_packages("odd") == [Package("odd", "1.0", licence)]
     assert used_packages("odd")[0].is_copyleft is is_copyleft
 

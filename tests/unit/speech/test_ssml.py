@@ -3,7 +3,7 @@
 import pytest
 
 from fapengine.errors import FapEngineError, UnsupportedError, UsageError
-from fapengine.voices.spoken_form import check_ssml, find_tag
+from fapengine.speech.text.normal_form import check_ssml, find_tag
 
 
 @pytest.mark.parametrize(
