@@ -206,7 +206,7 @@ class FapengineVideoService(FrameProcessor):  # type: ignore[misc, unused-ignore
             frame, events = face.frame(time.monotonic())
             await self._tell(events)
             face.show(frame)
-            picture = await face.drawn(face.wait_s(time.monotonic()))
+            picture = await face.drawn(face.image_wait_s(time.monotonic()))
             if cuts != self._cuts:
                 continue  # interrupted while it was rendered
             is_own = picture is not None and picture.due_s == face.plays_s

@@ -91,7 +91,7 @@ class Agent:
         await asyncio.sleep(face.wait_s(time.monotonic()))
         frame, events = face.frame(time.monotonic())
         face.show(frame)
-        picture = await face.drawn(face.wait_s(time.monotonic()))
+        picture = await face.drawn(face.image_wait_s(time.monotonic()))
         return frame.sounds, sum(event.kind == "finished" for event in events), picture
 
 

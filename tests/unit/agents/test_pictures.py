@@ -64,9 +64,10 @@ async def shown(face: AgentFace, length_s: float) -> tuple[list[tuple[float, Str
     frames, images, until_s = [], 0, time_s() + length_s
     while time_s() < until_s:
         await asyncio.sleep(face.wait_s(time_s()))
-        frames.append((time_s(), face.frame(time_s())[0]))
-        face.show(frames[-1][1])
-        images += await face.drawn(face.wait_s(time_s())) is not None
+        frame, _ = face.frame(time_s())
+        face.show(frame)
+        images += await face.drawn(face.image_wait_s(time_s())) is not None
+        frames.append((time_s(), frame))
     face.pictures.close()
     await asyncio.sleep(0)
     return frames, images
