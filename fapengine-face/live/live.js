@@ -2,7 +2,7 @@
 // one's own; needs neither DOM nor WebGL. Nothing is fetched before make, and the recognizer's weights not before hear.
 
 import { bytesOf } from "./bytes.js";
-import { expression, hearing, host_words, phone_track, protocol } from "./constants.js";
+import { expression, hearing, host_words, phone_track, protocol, stream } from "./constants.js";
 import { Gestures } from "./gestures.js";
 import { placeAfter } from "./path.js";
 import { Planner, checkedPhone, isSame } from "./planner.js";
@@ -17,6 +17,7 @@ const { OPEN_S } = host_words;
 const { PAUSE_S } = hearing;
 const { RATE_HZ } = protocol;
 const { SILENCE } = phone_track;
+const { AHEAD_PHONES } = stream;
 const NEUTRAL = "neutral";
 const DELAY_S = 0.25;
 const LOOK_AHEAD_S = 0.3; // age of phones that do not change any more
@@ -275,12 +276,14 @@ export class Live extends EventTarget {
     }
   }
 
-  // Gives the planner the phones of the next seconds: it keeps a limited number.
+  // Gives the planner the phones of the next seconds, and as many as it looks ahead: it keeps a limited number.
   feed(time) {
-    if (!this.coming.length || this.coming[0].start > time + NEXT_S) return;
+    const { phones } = this.planner;
+    const more = AHEAD_PHONES + 1 - (phones.length - placeAfter(phones, time, startOf)); // after the one that is said
+    if (!this.coming.length || (this.coming[0].start > time + NEXT_S && more <= 0)) return;
     // After a time without pictures, what is long over would take the place of what is due.
     const coming = (this.coming = this.coming.filter(({ end }) => end > time - LONG_OVER_S));
-    const count = placeAfter(coming, time + AHEAD_S, startOf);
+    const count = Math.max(placeAfter(coming, time + AHEAD_S, startOf), more);
     this.planner.feed(coming.splice(0, count));
   }
 

@@ -6,7 +6,7 @@ import { heldAt, holdLate, holdOf, holdUntil, settle } from "./closures.js";
 import { layerGain, speechPath } from "./keys.js";
 import { addFading, clamp, emptyJet, jetAt, neutralPath, placeAfter, placeOf, smoothstep, softPositive } from "./path.js";
 
-const { AHEAD_PHONES, BEHIND_PHONES, FADE_S, KEPT_S, KEYS_BEHIND, LATEST_CLOSURE_S, LONG_S, MAX_PULL, MIN_FADE_S, MOMENTUM_S, PLANNED_LETTERS, PLAN_EARLY_S, REACH, SAME_S } = stream;
+const { AHEAD_PHONES, BEHIND_PHONES, FADE_S, KEYS_BEHIND, LATEST_CLOSURE_S, LONG_S, MAX_PULL, MIN_FADE_S, MOMENTUM_S, PLANNED_LETTERS, PLAN_EARLY_S, REACH, SAME_S } = stream;
 const { MIN_HOLD_S, RAMP_S } = closures;
 const { CORNERS, HELD, PUSHED, ROUND, SOFT_FAPU, WIDTH } = phonetics;
 const { LOUDNESS_DB, SILENCE } = phone_track;
@@ -215,8 +215,7 @@ export class Planner {
   toPlan(edge) {
     const { phones } = this;
     let over = this.dropFar(edge);
-    let first = Math.min(Math.max(over - BEHIND_PHONES, 0), placeAfter(phones, edge - LATEST_CLOSURE_S, endOf));
-    while (first < over && phones[first].end <= edge - KEPT_S) ++first;
+    const first = Math.min(Math.max(over - BEHIND_PHONES, 0), placeAfter(phones, edge - LATEST_CLOSURE_S, endOf));
     phones.splice(0, first);
     over -= first;
     let own = Math.max(over - 1, 0);

@@ -66,8 +66,6 @@ PLANNED_LETTERS = 256
 BEHIND_PHONES = REACH + KEYS_BEHIND
 """Number of past phones that a new plan depends on."""
 _START, _END = attrgetter("start_s"), attrgetter("end_s")
-KEPT_S = 2.0
-"""Length of the past that is kept."""
 LATEST_CLOSURE_S = 0.15
 """A bilabial that ended longer ago makes no closure."""
 SAME_S = 1e-3
@@ -275,8 +273,6 @@ class StreamingPlanner:
         edge, phones = self._due[0] if self._due else self.edge_s, self._phones
         over = self._drop_far(edge)
         first = min(max(over - BEHIND_PHONES, 0), bisect_right(phones, edge - LATEST_CLOSURE_S, key=_END))
-        while first < over and phones[first].end_s <= edge - KEPT_S:
-            first += 1
         del phones[:first]
         own, fewest = max(over - first - 1, 0), max(over - first - KEYS_BEHIND, 0)
         while own > fewest and (

@@ -13,7 +13,7 @@ from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.trajectory import hermite
 from fapengine.trajectory.closures import MIN_HOLD_S, OPEN_FAPU, RAMP_S
 from fapengine.trajectory.planner import Style, plan
-from fapengine.trajectory.stream import AHEAD_PHONES
+from fapengine.trajectory.stream import AHEAD_PHONES, BEHIND_PHONES
 from fapengine.trajectory.targets import keys_of
 from tests.english import english
 from tests.single_stream import SingleStream, jet_of_plan
@@ -24,6 +24,14 @@ LABELS = st.lists(
     st.sampled_from(["p", "b", "m", "f", "s", "aɪ", "ɑː", "i", "uː", "w", "ʃ", "n"]), min_size=3, max_size=14
 )
 LENGTHS = st.floats(0.05, 0.22)
+SPANS = st.lists(
+    st.tuples(
+        st.sampled_from("pbmfsiɑuwʃn"), st.sampled_from([0.08, 0.15, 2.5, 6.0]), st.sampled_from([0.0, 0.0, 0.2, 3.0])
+    ),
+    min_size=8,
+    max_size=14,
+)
+"""Label, length and pause before it, s."""
 
 
 def closed() -> float:
@@ -84,6 +92,27 @@ def test_long_vowels_sway_in_a_stream_as_in_a_file():
         planner.feed(spoken[: AHEAD_PHONES + 1 + sum(phone.end_s < time + 0.03 for phone in spoken)])
         path.append(planner.path([time])[0])
         planner.frames([time])
+    np.testing.assert_allclose(path, offline(spoken, times), atol=1e-9)
+
+
+@settings(max_examples=10)
+@given(SPANS)
+def test_long_phones_and_pauses_are_in_a_stream_as_in_a_file(spans):
+    """What ended long ago is a neighbour still, as in a file."""
+    ends = np.cumsum([pause_s + length_s for _, length_s, pause_s in spans]) + 0.4
+    spoken = [
+        Phone(label, float(end_s - length_s), float(end_s))
+        for (label, length_s, _), end_s in zip(spans, ends, strict=True)
+    ]
+    planner, path, times, known = SingleStream(english()), [], np.arange(0, ends[-1] + 0.4, 0.1), AHEAD_PHONES + 1
+    planner.feed(spoken[:known])
+    for time in times:
+        while known < len(spoken) and spoken[known - AHEAD_PHONES].start_s - 0.2 <= time:
+            planner.feed([spoken[known]])
+            known += 1
+        path.append(planner.path([time])[0])
+        planner.frames([time])
+        assert len(planner._phones) <= BEHIND_PHONES + AHEAD_PHONES + 3
     np.testing.assert_allclose(path, offline(spoken, times), atol=1e-9)
 
 
