@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -101,10 +102,8 @@ def project(modules: Path, package: Path, name: str) -> Path:
     """Make a project beside the installed packages, with ours in it; returns its folder."""
     folder = modules.parent / "projects" / name
     own = folder / "node_modules"
-    own.mkdir(parents=True, exist_ok=True)
-    link = own / "fapengine-face"
-    link.unlink(missing_ok=True)
-    link.symlink_to(package.resolve())
+    # A copy, as npm makes it: through a link, TypeScript looks for React beside the package's real folder.
+    shutil.copytree(package, own / "fapengine-face", dirs_exist_ok=True)
     for file, text in {**FILES[name], "vite.config.js": CONFIGURATIONS[name]}.items():
         (folder / file).write_text(text)
     (folder / "package.json").write_text(json.dumps({"name": name, "private": True, "type": "module"}))

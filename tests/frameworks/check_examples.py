@@ -106,9 +106,8 @@ async def _said() -> tuple[Any, list[Any], list[str]]:
     avatar._wait_avatar_join = lambda: asyncio.sleep(0)
     await avatar.start(session, Room())
     session.output.audio.on("playback_finished", events.append)
-    told = []
-    tell = avatar._face.word
-    avatar._face.word = lambda text, *times: (told.append(text.strip()), tell(text, *times))
+    told, act = [], avatar._act
+    avatar._act = lambda name, *given: (told.append(given[0].strip()) if name == "word" else None, act(name, *given))
     await session.start(module.Assistant(avatar))
     handle = session.say(module.answer("plum jam"))
     await asyncio.wait_for(handle.wait_for_playout(), 30)
