@@ -221,7 +221,7 @@ def to_codable(faps: NDArray[np.float64]) -> NDArray[np.int32]:
     FAPs that act in one direction only (3, 14, 41, 42, 47) do not go below 0.
     """
     low, high = _codable_range()
-    return np.rint(np.clip(faps, low, high)).astype(np.int32)
+    return np.rint(np.minimum(np.maximum(faps, low), high)).astype(np.int32)  # np.clip takes three times as long
 
 
 @cache

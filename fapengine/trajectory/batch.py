@@ -234,7 +234,7 @@ class BatchPlanner:
         self._rows.shown_s[:count] = times
         self._load((times >= self._rows.reload_s[:count]).nonzero()[0], times)
         self._renew_segments((times >= self._rows.until_s[:count]).nonzero()[0], times)
-        faps = self._composer.faps(self._weights(times), self._held(times), overlay or Overlay.empty(count))
+        faps = self._composer.faps(self._weights(times), self._held(times), overlay)
         return to_codable(faps)
 
     def _new_planner(self) -> StreamingPlanner:
@@ -323,21 +323,22 @@ class BatchPlanner:
         weights += powers[0]
         since = times_s - state.fade_from_s[:count]
         slow, quick = _share(since * state.fade_rate[:count]), _share(since * state.momentum_rate[:count])
-        shares = hermite.fading(slow)[0], *hermite.fading(quick)[1:]
-        for left, share in zip(state.fade[:count].transpose(1, 2, 0), shares, strict=True):
-            weights += left * share
+        if slow.min(initial=1.0) < 1.0:
+            shares = hermite.fading(slow)[0], *hermite.fading(quick)[1:]
+            for left, share in zip(state.fade[:count].transpose(1, 2, 0), shares, strict=True):
+                weights += left * share
         return weights
 
     def _held(self, times_s: Array) -> Array:
         """(5, S): what :func:`.closures.held` says of each session and contact, 0..1."""
         state, count = self._rows, len(times_s)
         starts, stops = state.hold_start_s[:count], state.hold_stop_s[:count]
-        now = times_s[:, None]
+        now, free = times_s[:, None], np.ones((len(CONTACTS), count))
         rows, slots = ((starts - RAMP_S < now) & (now < stops + RAMP_S)).nonzero()
-        contacts = state.hold_contact[rows, slots]
-        heights = bump(times_s[rows], starts[rows, slots], stops[rows, slots], RAMP_S, RELEASES_S[contacts])
-        free = np.ones((len(CONTACTS), count))
-        np.multiply.at(free, (contacts, rows), 1.0 - heights)
+        if len(rows):
+            contacts = state.hold_contact[rows, slots]
+            heights = bump(times_s[rows], starts[rows, slots], stops[rows, slots], RAMP_S, RELEASES_S[contacts])
+            np.multiply.at(free, (contacts, rows), 1.0 - heights)
         return 1.0 - free
 
 

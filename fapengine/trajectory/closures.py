@@ -135,7 +135,8 @@ def hold_late(hold: Hold, edge_s: float) -> Hold | None:
 
 def hold_until(hold: Hold, end_s: float) -> Hold:
     """End a hold early, with speech or with its phone; a touch lasts :data:`MIN_HOLD_S` nevertheless."""
-    return Hold(hold.start_s, min(hold.stop_s, max(end_s, hold.start_s + MIN_HOLD_S)), hold.contact)
+    stop_s = max(end_s, hold.start_s + MIN_HOLD_S)
+    return Hold(hold.start_s, stop_s, hold.contact) if stop_s < hold.stop_s else hold
 
 
 def holds_of(said: Iterable[tuple[Phone, str]]) -> list[Hold]:
@@ -194,15 +195,18 @@ def settle(faps: Array, held: Array) -> Array:
     columns = settled.transpose(-1, *range(settled.ndim - 1))
     down = columns[fap.column(3), ...]  # a view, also of a single frame
     free = (1.0 - teeth) * (1.0 - vowels)
-    down -= jaw * soft_positive(down + SOFTNESS_FAPU / 2 - SIBILANT_FAPU, SOFTNESS_FAPU)
+    if jaw.any():
+        down -= jaw * soft_positive(down + SOFTNESS_FAPU / 2 - SIBILANT_FAPU, SOFTNESS_FAPU)
     low, high, scale = (part.reshape(*part.shape, *(1,) * lips.ndim) for part in (_LOW, _HIGH, _SCALE))
     wished = columns[_INNER]
     upper, lower = np.minimum(np.maximum(wished, low), high)  # (3, ...): middle, left, right
-    parted = vowels * soft_positive(scale * OPEN_FAPU + SOFTNESS_FAPU / 2 + upper + lower, SOFTNESS_FAPU)
-    upper, lower = upper - (1 - LOWER_SHARE) * parted, lower - LOWER_SHARE * parted
-    short = soft_positive(TEETH_FAPU + SOFTNESS_FAPU / 2 - lower, SOFTNESS_FAPU)
-    beyond = soft_positive(lower + SOFTNESS_FAPU / 2 - BITTEN_FAPU, SOFTNESS_FAPU)
-    lower = lower + teeth * (short - beyond)
+    if vowels.any():
+        parted = vowels * soft_positive(scale * OPEN_FAPU + SOFTNESS_FAPU / 2 + upper + lower, SOFTNESS_FAPU)
+        upper, lower = upper - (1 - LOWER_SHARE) * parted, lower - LOWER_SHARE * parted
+    if teeth.any():
+        short = soft_positive(TEETH_FAPU + SOFTNESS_FAPU / 2 - lower, SOFTNESS_FAPU)
+        beyond = soft_positive(lower + SOFTNESS_FAPU / 2 - BITTEN_FAPU, SOFTNESS_FAPU)
+        lower = lower + teeth * (short - beyond)
     opening = -(upper + lower)
     parting = soft_positive(opening, SOFTNESS_FAPU)
     # as far as nothing holds them open
@@ -211,7 +215,7 @@ def settle(faps: Array, held: Array) -> Array:
     share = LOWER_SHARE * (1.0 - teeth)
     upper, lower = upper + (1.0 - share) * change, lower + share * change
     carried = np.minimum(np.maximum(upper, low[0]), high[0])
-    change_of = np.stack([carried, lower + upper - carried]) - wished
+    change_of = np.array([carried, lower + upper - carried]) - wished
     columns[_INNER] += change_of
     columns[_OUTER] += change_of
     return settled

@@ -74,12 +74,6 @@ class Overlay:
     lips: Array
     """(N,): the same of the lips' part."""
 
-    @classmethod
-    def empty(cls, count: int) -> "Overlay":
-        """Add nothing to speech."""
-        nothing, one = np.zeros((fap.FAP_COUNT, count)), np.ones(count)
-        return cls(nothing, nothing, one, one)
-
 
 class Composer:
     """FAPs of a profile's speech in a style."""
@@ -90,7 +84,7 @@ class Composer:
         self._lift = np.vstack([modes, layer_faps(profile)]).T
         """(68, K + axes) FAPU per weight, and per unit of :mod:`.phonetics`."""
 
-    def faps(self, weights: Array, held: Array, overlay: Overlay) -> Array:
+    def faps(self, weights: Array, held: Array, overlay: Overlay | None) -> Array:
         """Compose N frames: of many sessions at one time, or of one file.
 
         Parameters
@@ -99,21 +93,24 @@ class Composer:
             Places on paths; overwritten.
         held : (5, N) float64
             How far each frame is under a hold of each of :data:`.closures.CONTACTS`, 0 to 1; overwritten.
-        overlay : Overlay
+        overlay : Overlay, optional
 
         Returns
         -------
         (N, 68) float64, FAPU
         """
         modes, layer = weights[: self._modes], weights[self._modes :]
-        jaws = (overlay.jaw - overlay.lips) * (self._jaws @ modes)
-        modes *= overlay.lips
-        modes += jaws
-        layer *= layer_gain(self._style.lips_gain * overlay.lips)
+        jaw, lips = (overlay.jaw, overlay.lips) if overlay else (np.ones(1), np.ones(1))
+        if overlay:
+            jaws = (jaw - lips) * (self._jaws @ modes)
+            modes *= lips
+            modes += jaws
+        layer *= layer_gain(self._style.lips_gain * lips)
         faps = (self._lift @ weights).T
-        if overlay.expression.any():
+        if overlay and overlay.expression.any():
             faps += give_way(overlay.expression, layer[ROUND]).T
-        held[2] *= np.minimum(1.0, self._style.jaw_gain * overlay.jaw)
+        held[2] *= np.minimum(1.0, self._style.jaw_gain * jaw)
         settled = faps if self._style.method == "published" else settle(faps, held)
-        settled += overlay.gestures.T
+        if overlay:
+            settled += overlay.gestures.T
         return settled

@@ -230,6 +230,23 @@ def _wave_sums() -> Array:
 
 _WAVE_SUMS = _wave_sums()
 BREATH_ROW = len(HEAD_AMPLITUDE_RAD)
+_PITCH, _YAW = fap.column(48), fap.column(49)
+_HEAD, _LIDS, _EYES, _BROWS = (
+    slice(fap.column(first), fap.column(last) + 1) for first, last in ((48, 50), (19, 22), (23, 26), (31, 36))
+)
+_HEAD_SIZES = np.array(list(HEAD_AMPLITUDE_RAD.values()))[:, None] / AU_RAD
+_DRIFTING = [fap.column(number) for numbers in DRIFTS_FAPU for number in numbers]
+_DRIFT_SIZES = np.array([fapu for numbers, fapu in DRIFTS_FAPU.items() for _ in numbers])[:, None]
+_DRIFT_ROWS = [BREATH_ROW + 1 + row for row, numbers in enumerate(DRIFTS_FAPU) for _ in numbers]
+_LID_SIZES = np.array([UPPER_LID, UPPER_LID, LOWER_LID, LOWER_LID])[:, None]
+_LIDS_FOLLOW = np.array([per_rad * AU_RAD for numbers, per_rad in LIDS_FOLLOW.items() for _ in numbers])[:, None]
+_STANCE, _TURN, _LOOK, _GLANCE = (
+    slice(first, last + 1)
+    for first, last in (
+        (Channel.STANCE_PITCH, Channel.STANCE_ROLL), (Channel.PITCH, Channel.ROLL),
+        (Channel.LOOK_YAW, Channel.LOOK_PITCH), (Channel.GLANCE_YAW, Channel.GLANCE_PITCH),
+    )
+)  # fmt: skip
 
 
 def _draw_waves(head_rng: np.random.Generator, idle_rng: np.random.Generator) -> Array:
@@ -451,41 +468,19 @@ def gesture_faps(levels: Array, waves: Array, since_s: Array) -> Array:
     moving, idle, nod = levels[Channel.HEAD_MOTION], levels[Channel.IDLE], levels[Channel.NOD]
     if moving.any() or idle.any():
         wander = _WAVE_SUMS @ np.sin(waves[0] * since_s + waves[1])
-        for number, motion in zip(HEAD_AMPLITUDE_RAD, wander, strict=False):
-            faps[fap.column(number)] = HEAD_AMPLITUDE_RAD[number] / AU_RAD * moving * motion
-        for number, channel in ((48, Channel.STANCE_PITCH), (49, Channel.STANCE_YAW), (50, Channel.STANCE_ROLL)):
-            faps[fap.column(number)] += levels[channel] / AU_RAD * moving
-        faps[fap.column(48)] += BREATH_RAD / AU_RAD * idle * wander[BREATH_ROW]
-        for numbers, drift in zip(DRIFTS_FAPU, wander[BREATH_ROW + 1 :], strict=True):
-            _add(faps, numbers, DRIFTS_FAPU[numbers] * idle * drift)
-    faps[fap.column(48)] += NOD_RAD / AU_RAD * nod
-    _add(faps, (31, 32, 33, 34, 35, 36), BROW_FAPU * nod)
+        faps[_HEAD] = _HEAD_SIZES * moving * wander[:BREATH_ROW]
+        faps[_HEAD] += levels[_STANCE] / AU_RAD * moving
+        faps[_PITCH] += BREATH_RAD / AU_RAD * idle * wander[BREATH_ROW]
+        faps[_DRIFTING] += _DRIFT_SIZES * idle * wander[_DRIFT_ROWS]
+    faps[_PITCH] += NOD_RAD / AU_RAD * nod
+    faps[_BROWS] += BROW_FAPU * nod
     shut = np.minimum(np.maximum(levels[Channel.BLINK], 0.0), 1.0)
-    _add(faps, (19, 20), UPPER_LID * shut)
-    _add(faps, (21, 22), LOWER_LID * shut)
-    _move_eyes(faps, levels)
-    for numbers, per_rad in LIDS_FOLLOW.items():
-        _add(faps, numbers, per_rad * AU_RAD * (1.0 - shut) * faps[fap.column(25)])
-    turns = ((48, Channel.PITCH), (49, Channel.YAW), (50, Channel.ROLL))
-    for number, channel in turns:  # the eyes turn with a head that a command turns
-        faps[fap.column(number)] += levels[channel] / AU_RAD
+    faps[_LIDS] += _LID_SIZES * shut
+    countered = levels[Channel.GAZE] * (levels[_GLANCE] / AU_RAD - faps[[_YAW, _PITCH]])
+    faps[_EYES] = (levels[_LOOK] / AU_RAD + countered).repeat(2, axis=0)
+    faps[_LIDS] += _LIDS_FOLLOW * (1.0 - shut) * faps[_EYES][-1]
+    faps[_HEAD] += levels[_TURN] / AU_RAD  # the eyes turn with a head that a command turns
     return faps
-
-
-def _move_eyes(faps: Array, levels: Array) -> None:
-    """Look where commands say, glance, and counter the head's own motion."""
-    eyes = (
-        ((23, 24), Channel.LOOK_YAW, Channel.GLANCE_YAW, 49),
-        ((25, 26), Channel.LOOK_PITCH, Channel.GLANCE_PITCH, 48),
-    )
-    for numbers, look, glance, head in eyes:
-        own = levels[Channel.GAZE] * (levels[glance] / AU_RAD - faps[fap.column(head)])
-        _add(faps, numbers, levels[look] / AU_RAD + own)
-
-
-def _add(faps: Array, numbers: Iterable[int], values: Array) -> None:
-    for number in numbers:
-        faps[fap.column(number)] += values
 
 
 def gestures_of(

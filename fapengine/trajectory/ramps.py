@@ -130,7 +130,7 @@ class _Motion(NamedTuple):
 def _horner(powers: Iterable[Array] | Array, share: Array) -> Array:
     """Evaluate quintics, lowest coefficient first, at shares of their lengths, which are clipped to 0..1."""
     c0, c1, c2, c3, c4, c5 = powers
-    s = np.clip(share, 0.0, 1.0)
+    s = np.minimum(np.maximum(share, 0.0), 1.0)
     value: Array = c5 * s
     for coefficient in (c4, c3, c2, c1):
         value += coefficient
