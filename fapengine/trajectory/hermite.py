@@ -179,16 +179,14 @@ def moments(since_s: Array, length_s: Array) -> Array:
     (S, 3, 6) float64
     """
     s, h = since_s / length_s, length_s
-    one, none = np.ones_like(s), np.zeros_like(s)
     s2, s3, s4, h2 = s * s, s**3, s**4, h * h
-    powers = np.array(
-        [
-            [one, s, s2, s3, s4, s4 * s],
-            [none, one / h, 2 * s / h, 3 * s2 / h, 4 * s3 / h, 5 * s4 / h],
-            [none, none, 2 / h2, 6 * s / h2, 12 * s2 / h2, 20 * s3 / h2],
-        ]
-    )
-    matrices: Array = (np.moveaxis(powers, -1, 0) @ UNITS) * np.array([one, h, h2, one, h, h2]).T[:, None]
+    value, velocity, acceleration = powers = np.zeros((3, 6, len(s)))
+    value[0] = 1.0
+    value[1:] = s, s2, s3, s4, s4 * s
+    velocity[1:] = 1.0 / h, 2 * s / h, 3 * s2 / h, 4 * s3 / h, 5 * s4 / h
+    acceleration[2:] = 2 / h2, 6 * s / h2, 12 * s2 / h2, 20 * s3 / h2
+    lengths = np.array([value[0], h, h2] * 2)
+    matrices: Array = (np.moveaxis(powers, -1, 0) @ UNITS) * lengths.T[:, None]
     return matrices
 
 

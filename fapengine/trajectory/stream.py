@@ -139,7 +139,7 @@ class StreamingPlanner:
     _waits: bool = False
     """Whether phones follow those of the plan."""
     _letters: int = 0
-    """Characters of the labels of phones after the edge, or more if it has moved since they were counted."""
+    """Characters of the labels of phones after the edge, or more: those that have passed it are still counted."""
     sure_s: float = -np.inf
     """Time before which phones that follow those of the plan change nothing."""
     _width: int = field(init=False)
@@ -185,9 +185,9 @@ class StreamingPlanner:
             else:
                 self.counts.late += phone.start_s < edge and is_mine
                 self.counts.unknown += not phone.is_silence and not ipa.letters(phone.label)
+                self._letters += len(phone.label)
                 if self._place(phone) and not self._due and edge < self.sure_s:
                     self._waits = True
-                    self._letters += len(phone.label)
                 else:
                     self._due = edge, FADE_S
         late = self.counts.late + self.counts.dropped - before
@@ -258,20 +258,21 @@ class StreamingPlanner:
         self._kept_holds = [hold_until(hold, edge) for hold in self.holds if hold.start_s - RAMP_S < edge]
         self._holds = {}
 
-    def _drop_far(self, edge: float) -> int:
-        """Drop phones after :data:`PLANNED_LETTERS`; return the place of the first that is not over at the edge."""
+    def _drop_far(self, edge: float) -> None:
+        """Drop phones after :data:`PLANNED_LETTERS`."""
         over = bisect_right(self._phones, edge, key=_END)
         letters = list(accumulate(map(len, [phone.label for phone in self._phones[over:]])))
         fit = bisect_right(letters, PLANNED_LETTERS)
         self.counts.dropped += len(letters) - fit
         self._letters = letters[fit - 1] if fit else 0
         del self._phones[over + fit :]
-        return over
 
     def _to_plan(self) -> tuple[list[Phone], int]:
         """Drop old phones; return those of the new plan, and the index of the first one with keys that it needs."""
         edge, phones = self._due[0] if self._due else self.edge_s, self._phones
-        over = self._drop_far(edge)
+        if self._letters > PLANNED_LETTERS:
+            self._drop_far(edge)
+        over = bisect_right(phones, edge, key=_END)
         first = min(max(over - BEHIND_PHONES, 0), bisect_right(phones, edge - LATEST_CLOSURE_S, key=_END))
         del phones[:first]
         own, fewest = max(over - first - 1, 0), max(over - first - KEYS_BEHIND, 0)
@@ -281,10 +282,13 @@ class StreamingPlanner:
             own -= 1
         return phones[max(own - REACH, 0) :], min(own, REACH)
 
-    def _follow(self, path: hermite.Path, said: Sequence[tuple[Phone, str]], left_over: Array, share: float) -> None:
+    def _follow(
+        self, path: hermite.Path, said: Sequence[tuple[Phone, str]], left_over: Array, share: float, most_pull: float
+    ) -> None:
         """Follow a new path; its difference to what is shown at the edge, ``left_over``, fades.
 
-        A difference that was already fading goes on fading in its time; ``share`` of it, 0 to 1, is new.
+        A difference that was already fading goes on fading in its time; ``share`` of it, 0 to 1, is new. ``most_pull``
+        is its greatest acceleration, weights/s².
         """
         edge, fade_s = self._due or (self.edge_s, FADE_S)
         self._due, self._waits, phones = None, False, self._phones
@@ -297,7 +301,7 @@ class StreamingPlanner:
         left_s = max(last.start_s + last.fade_s - edge, MIN_FADE_S)
         if left_s < fade_s and edge > self._cancelled_s:
             fade_s = left_s + share * (fade_s - left_s)
-        pull_s = sqrt(MAX_PULL / max(float(np.abs(left_over[2]).max()), 1.0))
+        pull_s = sqrt(MAX_PULL / max(most_pull, 1.0))
         momentum_s = min(fade_s, MOMENTUM_S, last.shortest_fade_s(edge), pull_s)
         self._plans.append(StreamPlan(edge, path, fade_s, momentum_s, left_over))
         while self._plans[1].start_s < min(edge, self._shown_s):  # plans that are over
@@ -345,7 +349,7 @@ class StreamingPlanner:
 
     def plan_at(self, time_s: float) -> tuple[StreamPlan, float]:
         """Find the plan that is in force at a time, and when the next one takes over (``inf``: none is known)."""
-        index = max(bisect_right(self._plans, time_s, key=lambda plan: plan.start_s) - 1, 0)
+        index = max(bisect_right(self._plans, time_s, key=_START) - 1, 0)
         until_s = self._plans[index + 1].start_s if index + 1 < len(self._plans) else np.inf
         return self._plans[index], until_s
 
@@ -375,25 +379,34 @@ def plan_together(planners: Sequence[StreamingPlanner]) -> None:
             planner._plans.pop()
     at_s = np.array([edge_s if isfinite(edge_s) else 0.0 for edge_s in edges_s])
     plans = [planner._plans[-1] for planner in planners]
-    new = hermite.jets_at(paths, at_s)
-    changes = hermite.jets_at([plan.path for plan in plans], at_s) - new
-    left_over = jets_at(plans, at_s) - new
+    both = hermite.jets_at([*paths, *(plan.path for plan in plans)], np.concatenate([at_s, at_s]))
+    new, old = both[: len(plans)], both[len(plans) :]
+    changes = old - new
+    _add_fades(old, plans, at_s)
+    left_over = old - new
     sizes = [np.abs(jets[:, :2]).sum(axis=2) @ (1.0, FADE_S) for jets in (changes, left_over - changes)]
     shares = sizes[0] / np.maximum(sizes[0] + sizes[1], 1e-9)
-    for planner, path, said, lacks, share in zip(planners, paths, keys.said, left_over, shares.tolist(), strict=True):
-        planner._follow(path, said, lacks, share)
+    pulls = np.abs(left_over[:, 2]).max(axis=1)
+    for planner, *follows in zip(planners, paths, keys.said, left_over, shares.tolist(), pulls.tolist(), strict=True):
+        planner._follow(*follows)
 
 
 def jets_at(plans: Sequence[StreamPlan], times_s: Array) -> Array:
     """(S, 3, K): value, velocity and acceleration of many plans, each at its own time, (S,) s."""
     jets = hermite.jets_at([plan.path for plan in plans], times_s)
+    _add_fades(jets, plans, times_s)
+    return jets
+
+
+def _add_fades(jets: Array, plans: Sequence[StreamPlan], times_s: Array) -> None:
+    """Add what fades in plans at times, (S,) s, to their paths' (S, 3, K)."""
     timing = np.array([(plan.start_s, plan.fade_s, plan.momentum_s) for plan in plans])
     since_s, fade_s, momentum_s = times_s - timing[:, 0], timing[:, 1], timing[:, 2]
     fading = np.flatnonzero(since_s < fade_s)
     if len(fading):
         since_s, fade_s, momentum_s = since_s[fading], fade_s[fading], momentum_s[fading]
-        shares = hermite.moments(since_s, fade_s)[:, :, :3]
-        shares[:, :, 1:] = hermite.moments(np.minimum(since_s, momentum_s), momentum_s)[:, :, 1:3]
+        both = np.concatenate([since_s, np.minimum(since_s, momentum_s)]), np.concatenate([fade_s, momentum_s])
+        slow, quick = hermite.moments(*both).reshape(2, len(fading), 3, 6)
+        shares = np.concatenate([slow[..., :1], quick[..., 1:3]], axis=-1)
         left_over = np.concatenate([plans[index].left_over for index in fading.tolist()])
         jets[fading] += shares @ left_over.reshape(len(fading), 3, -1)
-    return jets

@@ -175,8 +175,9 @@ def speech_keys(tracks: Sequence[tuple[Sequence[Phone], int]], profile: Profile,
         jaws = 2.0 ** (loudness_db[phone[token]] / DB_PER_DOUBLE_DROP) / lips
     inside_s = np.minimum(ages_s, length_s[token] - ages_s)
     swaying = np.flatnonzero(inside_s > SWAY_FROM_S) if context else np.zeros(0, np.intp)
-    shares = smoothstep((inside_s[swaying] - SWAY_FROM_S) / SWAY_RISE_S)
-    jaws[swaying] *= 1.0 + shares * sway_of(JAW_SWAY, times_s[swaying])
+    sways_s, shares = times_s[swaying], smoothstep((inside_s[swaying] - SWAY_FROM_S) / SWAY_RISE_S)
+    if len(swaying):
+        jaws[swaying] *= 1.0 + shares * sway_of(JAW_SWAY, sways_s)
     changed = np.flatnonzero(jaws != 1.0)
     if len(changed):
         weights[changed] += (jaws[changed] - 1.0)[:, None] * (weights[changed] @ jaw_share(profile))
@@ -191,7 +192,8 @@ def speech_keys(tracks: Sequence[tuple[Sequence[Phone], int]], profile: Profile,
     if row.loud:
         layer *= phonetics.layer_gain(lips)[:, None]
     targets = np.concatenate([weights, layer], axis=1)
-    targets[swaying] *= (1.0 + shares * sway_of(LIPS_SWAY, times_s[swaying]))[:, None]
+    if len(swaying):
+        targets[swaying] *= (1.0 + shares * sway_of(LIPS_SWAY, sways_s))[:, None]
     return SpeechKeys(row.said, own[phone], times_s, targets, row.rests, row.unknown)
 
 
