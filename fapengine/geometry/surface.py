@@ -259,9 +259,12 @@ def average_over_mesh(values: Array, triangles: ArrayLike, rounds: int, weight: 
     links = _links(triangles, len(values))
     degree: Array = links.sum(axis=1)
     share = np.broadcast_to(weight * (degree > 0), len(values))[:, None]
-    average = values.reshape(len(values), math.prod(values.shape[1:]))
+    average = values.reshape(len(values), math.prod(values.shape[1:])).copy()
+    moving = np.flatnonzero(share)
+    links, share, degree = links[moving], share[moving], np.maximum(degree[moving], 1)[:, None]
     for _ in range(rounds):
-        average = average + share * (links @ average / np.maximum(degree, 1)[:, None] - average)
+        mean = np.asarray(links @ average)
+        average[moving] += share * (mean / degree - average[moving])
     return average.reshape(values.shape)
 
 

@@ -327,6 +327,7 @@ def normal_deltas(mesh: FaceMesh) -> NDArray[np.float32]:
     rest = np.zeros((count, 3))
     rest[points_of] = mesh.vertices_mm
     triangles = points_of[mesh.triangles]
+    first_corner, second_corner, third_corner = np.ascontiguousarray(triangles.T)
     at_rest = vertex_normals(rest, triangles)
     deltas = np.zeros((len(point), 3), dtype=np.float32)
     by_channel = np.argsort(basis.entry_channels, kind="stable")
@@ -335,7 +336,7 @@ def normal_deltas(mesh: FaceMesh) -> NDArray[np.float32]:
         mine = by_channel[first:end]
         moved = np.zeros(count, dtype=bool)
         moved[point[mine]] = True
-        around = triangles[moved[triangles].any(axis=1)]
+        around = triangles[moved[first_corner] | moved[second_corner] | moved[third_corner]]
         points, step, before = rest.copy(), PROBE_FAPU, at_rest[point[mine]]
         for earlier in _earlier_pieces(basis, number):
             its = by_channel[ends[earlier] : ends[earlier + 1]]

@@ -116,19 +116,30 @@ def _on_chin(x: Array, y: Array) -> Iterator[Furrow]:
     yield y + 53.0 + 0.009 * x**2, smoothstep((17.0 - np.abs(x)) / 9.0), 1.8, 0.6
 
 
-FURROWS: tuple[tuple[float, float, Callable[[Array, Array], Iterator[Furrow]]], ...] = (
-    (52.0, 114.0, _forehead), (42.0, 67.0, _between_brows), (13.0, 56.0, _crows_feet), (8.0, 48.0, _under_eye),
-    (2.0, 42.0, _on_nose), (-51.0, 4.0, _beside_nose), (-73.0, -36.0, _on_chin),
+FURROWS: tuple[tuple[float, float, float, Callable[[Array, Array], Iterator[Furrow]]], ...] = (
+    (52.0, 114.0, 43.0, _forehead), (42.0, 67.0, 35.0, _between_brows), (13.0, 56.0, 64.0, _crows_feet),
+    (8.0, 48.0, 47.0, _under_eye), (2.0, 42.0, 16.0, _on_nose), (-51.0, 4.0, 75.0, _beside_nose),
+    (-73.0, -36.0, 18.0, _on_chin),
 )  # fmt: skip
-"""Height range of the furrows of a region, mm, and the furrows."""
+"""Height range of the furrows of a region, mm, their greatest distance from the middle of the face, mm, and they."""
 
 
 def _dimples(x: Array, y: Array) -> Array:
     """(...) mm: the skin of a raised chin, like orange peel."""
     peel = gaussian_filter(grain(x.shape, 41), (4.2, 2.9), mode="nearest")
-    peel = np.clip(peel / peel.std(), -1.5, 2.0)
-    here: Array = np.exp(-((x / 13.0) ** 4) - ((y + 64.0) / 9.0) ** 4)
-    return np.asarray(0.15 * peel * here)
+    spread, dimples = peel.std(), np.zeros(x.shape)
+    at = _where(x, y, -112.0, -16.0, 69.0)  # beyond, there is none
+    peel = np.clip(peel[at] / spread, -1.5, 2.0)
+    here: Array = np.exp(-((x[at] / 13.0) ** 4) - ((y[at] + 64.0) / 9.0) ** 4)
+    dimples[at] = 0.15 * peel * here
+    return dimples
+
+
+def _where(x: Array, y: Array, low: float, high: float, reach: float) -> tuple[slice, slice]:
+    """Rows and columns of the texels between two heights, and up to a distance from the middle, mm."""
+    rows = np.flatnonzero((y[:, 0] > low) & (y[:, 0] < high))
+    columns = np.flatnonzero(np.abs(x[rows]).min(axis=0) < reach)
+    return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
 
 
 @lru_cache(maxsize=1)
@@ -145,10 +156,8 @@ def fold_map() -> NDArray[np.uint8]:
     x = away * np.sin(angle)
     front = np.cos(angle) > 0.2
     height, region = np.zeros(y.shape), np.zeros(y.shape)
-    before = np.flatnonzero(front.any(axis=0))  # columns; a furrow is computed only where it can be
-    for low, high, furrows in FURROWS:
-        rows = np.flatnonzero((y[:, 0] > low) & (y[:, 0] < high))
-        at = slice(rows[0], rows[-1] + 1), slice(before[0], before[-1] + 1)
+    for low, high, reach, furrows in FURROWS:
+        at = _where(x, y, low, high, reach)
         for distance, here, half, depth in furrows(x[at], y[at]):
             near = (distance / half) ** 2
             height[at] += depth * here * front[at] * (0.35 * np.exp(-near / 6.0) - np.exp(-near))

@@ -24,24 +24,46 @@ WING_CREASE = 0.2
 """Shade in the crease around a wing of the nose."""
 FADE_MM = (13.0, 16.0)
 """Height over which skin at the hairline takes on the hair's colour; of cropped hair."""
+LARGE = 20.0
+"""Size of spots in texels from which filtering by Fourier transforms takes less time."""
+CUT = 2.5
+"""Where the Gaussian of a filter ends, in standard deviations."""
 COARSE = 4
 """Texel step at which the shape of the head is evaluated."""
 
 
-def grain(shape: tuple[int, int], seed: int) -> Array:
+def grain(shape: tuple[int, int], seed: int) -> NDArray[np.float32]:
     """(H, W): white noise, -1..1, from a hash of the position."""
-    rows, columns = np.indices(shape, dtype=np.uint64)
-    value = rows * np.uint64(0x9E3779B1) + columns * np.uint64(0x85EBCA77) + np.uint64(seed * 0xC2B2AE3D + 1)
-    for shift, factor in ((15, 0x2C1B3C6D), (12, 0x297A2D39)):
-        value = ((value ^ (value >> np.uint64(shift))) * np.uint64(factor)) & np.uint64(0xFFFFFFFF)
+    rows, columns = (np.arange(size, dtype=np.uint64) for size in shape)
+    along = columns * np.uint64(0x85EBCA77) + np.uint64(seed * 0xC2B2AE3D + 1)
+    value = (rows * np.uint64(0x9E3779B1))[:, None] + along
     value ^= value >> np.uint64(15)
-    return (value.astype(np.float64) / 2.0**31 - 1.0).astype(np.float32)
+    short = value.astype(np.uint32)  # the rest of the hash is modulo 2 ** 32
+    short *= np.uint32(0x2C1B3C6D)
+    short ^= short >> np.uint32(12)
+    short *= np.uint32(0x297A2D39)
+    short ^= short >> np.uint32(15)
+    short ^= np.uint32(1 << 31)
+    return short.view(np.int32).astype(np.float32) * np.float32(2.0**-31)
 
 
 def _cloud(shape: tuple[int, int], seed: int, size: float | tuple[float, float]) -> Array:
     """Noise with spots of about ``size`` texels (rows, columns) and a standard deviation of 1."""
-    cloud = gaussian_filter(grain(shape, seed), size, mode="wrap", truncate=2.5)
+    noise = grain(shape, seed)
+    if np.max(size) < LARGE:
+        cloud: Array = gaussian_filter(noise, size, mode="wrap", truncate=CUT)
+    else:
+        down, along = (_spectrum(*each) for each in zip(shape, np.broadcast_to(size, 2), strict=True))
+        cloud = np.fft.irfft2(np.fft.rfft2(noise) * down[:, None] * along[: shape[1] // 2 + 1], shape)
     return cloud / cloud.std()
+
+
+def _spectrum(count: int, sigma: float) -> Array:
+    """(count,): Fourier transform of the Gaussian of a filter, which wraps around."""
+    reach = int(CUT * sigma + 0.5)
+    at = np.arange(-reach, reach + 1)
+    weight = np.bincount(at % count, np.exp(-0.5 * (at / sigma) ** 2), count)
+    return np.fft.fft(weight / weight.sum()).real
 
 
 def _mirrored(cloud: Array) -> Array:
@@ -60,16 +82,24 @@ def paint(style: HeadStyle) -> NDArray[np.uint8]:
         sRGB; see :attr:`fapengine.mesh.face_mesh.FaceMesh.texture`. Read-only.
     """
     height, width = TEXTURE_SIZE
-    linear = np.ones((height, width, 3))
-    skin = _skin(style)
-    linear[:, : skin.shape[1]] = skin
+    image = np.full((height, width, 3), 255, dtype=np.uint8)
+    for channel, light in enumerate(_skin(style)):
+        image[:, : light.shape[1], channel] = _developed(light)
     first, last = (round(u * width) for u in HAIR_U)
     strands = _strands((height, last - first + 8), style)
-    linear[:, first - 4 : last + 4] = strands[..., None]
-    # The shader squares it (developed() in lights.glsl).
-    image = np.round(255 * np.sqrt(np.clip(linear, 0, 1))).astype(np.uint8)
+    image[:, first - 4 : last + 4] = _developed(strands)[..., None]
     image.flags.writeable = False
     return image
+
+
+def _developed(light: Array) -> Array:
+    """(...): light, 0 to 1, as the texture's numbers; the shader squares them (developed() in lights.glsl)."""
+    return np.round(255 * np.sqrt(np.clip(light, 0, 1)))
+
+
+def _of(share: Array, colour: Array) -> Array:
+    """(3, H, W): a share, (H, W), of each component of a colour, (3,). In planes, as steps of 3 take NumPy long."""
+    return share * colour[:, None, None]
 
 
 def _strands(shape: tuple[int, int], style: HeadStyle) -> Array:
@@ -90,28 +120,29 @@ def painted_radius(angle: Array, y: Array, style: HeadStyle, step: int) -> Array
 
 
 def _skin(style: HeadStyle) -> Array:
+    """(3, H, W') light of the skin's texels."""
     angle, y = skin_places()
     x = painted_radius(angle, y, style, COARSE) * np.sin(angle)
     front = np.cos(angle) > 0.2
     shape = (y.shape[0], y.shape[1])
-    light = np.ones((*shape, 3))
+    light = np.ones((3, *shape))
     mottle = 0.014 * _cloud(shape, 1, 2.2) + 0.014 * _cloud(shape, 2, 8.0) + 0.018 * _cloud(shape, 3, 28.0)
     # At the borders the texture continues as one colour.
-    within = smoothstep((y - BOTTOM_MM) / 12.0) * smoothstep((SPAN_RAD - np.abs(angle)) / 0.15)
-    light -= (0.05 + within * mottle)[..., None] * BLOOD
-    light -= (0.022 * within * np.clip(_cloud(shape, 4, 0.7), -2, 2))[..., None]
-    light -= _freckles(x, y, style)[..., None] * PIGMENT
+    within = smoothstep((y[:, :1] - BOTTOM_MM) / 12.0) * smoothstep((SPAN_RAD - np.abs(angle[:1])) / 0.15)
+    light -= _of(0.05 + within * mottle, BLOOD)
+    light -= 0.022 * within * np.clip(_cloud(shape, 4, 0.7), -2, 2)
+    light -= _of(_freckles(x, y, style), PIGMENT)
     for part, low_mm, high_mm, half_rad in ((_lips, -54.0, -18.0, 0.5), (_round_eyes, 18.0, 56.0, 0.9)):
         rows = np.flatnonzero((y[:, 0] > low_mm) & (y[:, 0] < high_mm))
         columns = np.flatnonzero(np.abs(angle[0]) < half_rad)
         here = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
-        light[here] *= part(x[here], y[here], front[here], style)
+        light[:, *here] *= np.moveaxis(part(x[here], y[here], front[here], style), -1, 0)
     light *= _hairs(x, y, angle, front, style)
     hole = nostril(x, y, style.nose_width) * front
     wing = np.hypot((np.abs(x) / style.nose_width - 12.4) / 6.6, (y - 2.0) / 9.0)
     crease = np.exp(-(((wing - 1.0) / 0.16) ** 2)) * smoothstep((np.abs(x) / style.nose_width - 13.5) / 4.0) * front
-    light *= 1 - WING_CREASE * crease[..., None] * BLOOD
-    light *= 1 - 0.5 * hole[..., None]
+    light *= 1 - _of(WING_CREASE * crease, BLOOD)
+    light *= 1 - 0.5 * hole
     return light
 
 
@@ -175,7 +206,7 @@ def _bearded(x: Array, y: Array, angle: Array, style: HeadStyle) -> Array:
 
 
 def _hairs(x: Array, y: Array, angle: Array, front: Mask, style: HeadStyle) -> Array:
-    """Skin under the brows, and hair roots along the hairline."""
+    """(3, H, W') light of the skin under the brows, and of hair roots along the hairline."""
     light_skin = np.array([0.70, 0.435, 0.315])
     hair_tint = np.clip(np.array(HAIR_COLOURS[style.hair_colour]) / light_skin, 0, 1)
     brow_tint = np.clip(brow_colour(style.hair_colour) / light_skin, 0, 1)
@@ -190,14 +221,14 @@ def _hairs(x: Array, y: Array, angle: Array, front: Mask, style: HeadStyle) -> A
         smoothstep((1.25 - np.abs(ragged)) / 0.85) * ends * front * np.interp(share, (0, 0.25, 1), (0.70, 0.90, 0.86))
     )
     brow *= np.clip(0.95 + 0.10 * _mirrored(_cloud(shape, 22, (1.0, 0.8))), 0, 1)
-    light: Array = 1 - brow[..., None] * (1 - brow_tint)
+    light: Array = 1 - _of(brow, 1 - brow_tint)
     if style.beard:
         grown = (
             style.beard * _bearded(x, y, angle, style) * (0.86 + 0.14 * np.clip(_cloud(shape, 24, (2.2, 0.7)), -2, 1))
         )
-        light *= 1 - grown[..., None] * (1 - brow_tint)
+        light *= 1 - _of(grown, 1 - brow_tint)
     if style.hair:
         depth = (y - hairline(angle)) / FADE_MM[style.haircut == "cropped"] + 0.06 * _cloud(shape, 23, (5.0, 0.9))
         root = 0.93 * smoothstep((depth + 0.25) / 1.3)
-        light = np.minimum(light, 1 - root[..., None] * (1 - hair_tint))
+        light = np.minimum(light, 1 - _of(root, 1 - hair_tint))
     return light
