@@ -300,7 +300,7 @@ class BatchPlanner:
             return
         state = self._rows
         knots, last = state.knots_s[rows], state.last[rows]
-        left = np.clip((knots <= times_s[rows, None]).sum(axis=1) - 1, 0, last)
+        left = np.minimum(np.maximum((knots <= times_s[rows, None]).sum(axis=1) - 1, 0), last)
         every = np.arange(len(rows))
         start_s, end_s = knots[every, left], knots[every, left + 1]
         state.from_s[rows], state.rate[rows] = start_s, 1.0 / (end_s - start_s)

@@ -216,6 +216,6 @@ def settle(faps: Array, held: Array) -> Array:
     upper, lower = upper + (1.0 - share) * change, lower + share * change
     carried = np.minimum(np.maximum(upper, low[0]), high[0])
     change_of = np.array([carried, lower + upper - carried]) - wished
-    columns[_INNER] += change_of
+    columns[_INNER] = wished + change_of
     columns[_OUTER] += change_of
     return settled

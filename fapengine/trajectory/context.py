@@ -399,7 +399,7 @@ class ContextTables:
         -------
         (N, keyframes, K) float64
         """
-        lengths = np.log(np.clip(lengths_s, MIN_DURATION_S, MAX_DURATION_S) / TYPICAL_S)
+        lengths = np.log(np.minimum(np.maximum(lengths_s, MIN_DURATION_S), MAX_DURATION_S) / TYPICAL_S)
         found = self._sums(around, lengths, own, range(-REACH, REACH + 1))
         idle = np.flatnonzero(self._idle[around[own]])
         if len(idle):

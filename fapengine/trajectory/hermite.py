@@ -133,7 +133,7 @@ def in_a_row(paths: Sequence[Path], times_s: Array) -> Row:
     first = np.cumsum(counts) - counts
     keys_s = np.concatenate([path.times_s for path in paths])
     passed = np.add.reduceat(keys_s <= np.repeat(times_s, counts), first, dtype=np.intp)
-    return Row(keys_s, first, counts, np.clip(passed - 1, 0, counts - 2))
+    return Row(keys_s, first, counts, np.minimum(np.maximum(passed - 1, 0), counts - 2))
 
 
 def jets_at(paths: Sequence[Path], times_s: Array) -> Array:
@@ -142,7 +142,8 @@ def jets_at(paths: Sequence[Path], times_s: Array) -> Array:
     start_s, end_s = row.times_s[row.first + row.left], row.times_s[row.first + row.left + 1]
     ends = [path.jets[left : left + 2] for path, left in zip(paths, row.left.tolist(), strict=True)]
     both = np.concatenate(ends).reshape(len(paths), 6, -1)
-    return moments(np.clip(times_s, start_s, end_s) - start_s, end_s - start_s) @ both
+    since_s = np.minimum(np.maximum(times_s, start_s), end_s) - start_s
+    return moments(since_s, end_s - start_s) @ both
 
 
 def quintic(length_s: Number, first: Three[Number], last: Three[Number]) -> tuple[Number, ...]:
