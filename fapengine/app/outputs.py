@@ -149,8 +149,10 @@ def find_kind(path: Path) -> OutputKind:
     Raises
     ------
     UsageError
-        If the ending is unknown.
+        If the ending is unknown, or there is no name: images would fill the current folder.
     """
+    if not path.name:
+        raise UsageError(f"path: got {path}, expected the name of a file or folder")
     ending = FOLDER_PATTERN if is_sequence(path) else path.suffix
     exact = [row for row in OUTPUT_KINDS if row.ending == ending]
     found = exact or [row for row in OUTPUT_KINDS if row.takes_avatar and row.ending == ending.lower()]

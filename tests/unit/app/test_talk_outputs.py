@@ -101,6 +101,12 @@ def test_refuses_before_any_work(tmp_path: Path) -> None:
     check_output(tmp_path / "a.fap", SaveOptions(), rate_hz=60.0)
 
 
+@pytest.mark.parametrize("path", ["", "."])
+def test_images_do_not_fill_the_current_folder(path: str) -> None:
+    with pytest.raises(UsageError, match=r"path: got \., expected the name of a file or folder"):
+        find_kind(Path(path))
+
+
 def test_a_users_own_recording_stays_as_it_is(tmp_path: Path) -> None:
     recording = tmp_path / "a.wav"
     recording.write_bytes(b"stereo, 24 bits")
