@@ -103,7 +103,7 @@ def test_round_sounds_that_last_are_a_hole_and_no_slit() -> None:
             -mm[[fap.column(number) for number in pair]].sum() for pair in ((4, 5), (8, 10), (9, 11))
         )
         assert middle > 5.0, label
-        assert -0.1 < min(left, right) <= max(left, right) < 0.6, label
+        assert -0.1 < min(left, right) <= max(left, right) < 0.55, label
     short = pose("u", 0, "still", "neutral", 0.08)
     assert -short[[fap.column(4), fap.column(5)]].sum() < 4.0
 

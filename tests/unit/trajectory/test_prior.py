@@ -60,7 +60,7 @@ def test_vowels_said_alone_open_in_steps_that_are_seen(each_s: float) -> None:
 def test_the_closer_a_front_vowel_the_wider(each_s: float) -> None:
     corners = [fap.column(number) for number in (53, 54)]
     found = [float(pose_mm("{}", vowel, each_s)[corners].sum()) for vowel in "æɛei"]
-    assert np.diff(found)[0] >= 0.15, "captured: 0.3 between at and set"
+    assert np.diff(found)[0] >= 0.3, "as captured between at and set"
     assert np.diff(found)[1:].min() >= 0.6, found
 
 
