@@ -14,9 +14,9 @@ from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import to_codable
 from fapengine.speech import ipa
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
-from fapengine.trajectory.faps import DETERMINED, displacements_to_faps
+from fapengine.trajectory.faps import DETERMINED, UPPER_GAIN, UPPER_LIP, displacements_to_faps, speech_faps
 from fapengine.trajectory.planner import Style, plan, rest_s
-from fapengine.trajectory.targets import REST_MARGIN_S, keys_of, weights_of
+from fapengine.trajectory.targets import MAX_HELD, REST_MARGIN_S, keys_of, weights_of
 from tests.english import english
 
 STILL = Style.speech_only()
@@ -57,6 +57,29 @@ def test_a_long_vowel_is_reached_as_soon_as_a_short_one_held_and_sways() -> None
     assert held.min() > 0.77 * held.max()
     assert 0.3 < np.ptp(held[40:240]) < 2.0
     assert np.abs(np.diff(held, 2))[::4].max() < 0.2  # mm; rounding to FAPU makes 0.04
+
+
+def test_a_long_diphthong_holds_its_first_sound() -> None:
+    def gap(label: str) -> float:
+        return float(opening(values_of(PhoneTrack.from_phones([Phone(label, 0.3, 3.3)])))[150:250].mean())
+
+    assert gap("aɪ") > gap("ɪ") + 0.9 * (gap("a") - gap("ɪ"))
+
+
+def test_the_upper_lip_moves_farther_only_where_the_context_model_plans() -> None:
+    weights = np.eye(english().space.mode_count)
+    means, planned = (speech_faps(english(), weights, context=context) for context in (False, True))
+    space = english().space
+    np.testing.assert_array_equal(
+        means, displacements_to_faps(space.to_points_mm(weights), space.points, english().fapu)
+    )
+    means[:, list(UPPER_LIP)] *= UPPER_GAIN
+    np.testing.assert_allclose(planned, means)
+
+
+def test_keys_of_a_phone_of_any_length_are_limited() -> None:
+    keys = keys_of(PhoneTrack.from_phones([Phone("ɑ", 0.0, 1000.0)]), english())
+    assert len(keys.times_s) == MAX_HELD + len(english().context.fractions)
 
 
 LABELS = st.lists(
