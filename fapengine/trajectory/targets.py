@@ -7,9 +7,9 @@ context model two, at 20 and 70 % (:mod:`.context`). A label that the profile la
 of which gets the targets of the most similar one. After the weights of the space a target has the values of the
 phonetic layer (:mod:`.phonetics`).
 
-With a context model a phone that is longer than any that was recorded has its keyframes as far from its two ends as the
-longest one, and others between them: it is reached in time, held, and left in time. A face that holds a vowel drifts a
-little and breathes, so there a target sways (:func:`sway_of`).
+By the method ``context`` a phone that is longer than any that was recorded has its keyframes as far from its two ends
+as the longest one, and others between them: it is reached in time, held, and left in time. A face that holds a vowel
+drifts a little and breathes, so there a target sways (:func:`sway_of`).
 
 Silence is the neutral face, the origin of the space: a long pause holds it, a short one only passes through it, and one
 of under a tenth of a second is ignored. A C2 path runs through all keyframes (:mod:`.hermite`, or another of
@@ -225,10 +225,11 @@ def _keys_of_long(
     ages_s = (length_s - more_s)[token] * fractions + more_s[token] * (fractions >= 0.5)
     every = np.arange(len(length_s))
     first, last = np.searchsorted(token, every), np.searchsorted(token, every, "right") - 1
-    between_s = ages_s[last] - ages_s[first]
-    counts = np.minimum(between_s / HELD_STEP_S, MAX_HELD).astype(np.intp)
+    is_alone = (first == last) & (more_s > 0)  # a single key is held until it is as far from the end
+    between_s = np.where(is_alone, more_s, ages_s[last] - ages_s[first])
+    counts = np.clip(between_s / HELD_STEP_S, is_alone, MAX_HELD).astype(np.intp)
     part = np.repeat(every, counts)
-    steps = (np.arange(len(part)) - (np.cumsum(counts) - counts)[part] + 1) / (counts[part] + 1)
+    steps = (np.arange(len(part)) - (np.cumsum(counts) - counts)[part] + 1) / (counts + ~is_alone)[part]
     begin, end = first[part], np.where(glides, first, last)[part]
     token = np.concatenate([token, part])
     fractions = np.concatenate([fractions, (fractions[begin] + fractions[end]) / 2])

@@ -79,7 +79,14 @@ def test_the_upper_lip_moves_farther_only_where_the_context_model_plans() -> Non
 
 def test_keys_of_a_phone_of_any_length_are_limited() -> None:
     keys = keys_of(PhoneTrack.from_phones([Phone("ɑ", 0.0, 1000.0)]), english())
-    assert len(keys.times_s) == MAX_HELD + len(english().context.fractions)
+    assert len(keys.times_s) == MAX_HELD + 2
+
+
+def test_a_long_vowel_is_held_without_a_context_model_too() -> None:
+    phones, profile = PhoneTrack.from_phones([Phone("ɑ", 0.3, 3.3)]), replace(english(), context=None)
+    gap = opening(plan(phones, profile, style=STILL, rate_hz=RATE_HZ, rng=np.random.default_rng(1)).track.values)
+    held = gap[60:300]
+    assert held.min() > 0.75 * held.max()
 
 
 LABELS = st.lists(
