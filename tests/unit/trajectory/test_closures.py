@@ -232,6 +232,13 @@ def test_holds_lie_in_their_phones_and_last_40_ms() -> None:
     assert hold_of(Phone("f", 0.0, 1.0), "teeth").start_s == HOLD["teeth"][0] * MAX_DURATION_S
 
 
+@pytest.mark.parametrize("contact", CONTACTS)
+def test_bursts_and_glides_let_go_sooner_than_other_contacts(contact: str) -> None:
+    over_s = 1.1 + (0.03 if contact in ("lips", "glide") else 0.045)
+    before, after = held(np.array([over_s - 0.003, over_s]), [Hold(1.0, 1.1, contact)])[CONTACTS.index(contact)]
+    assert 0 < before < 0.02 and after < 1e-12
+
+
 @pytest.mark.parametrize("label", ["p", "bʱ", "m", "m̩"])
 @pytest.mark.parametrize("each_s", [0.08, 0.12, 0.4])
 def test_lips_stay_shut_until_the_burst_and_are_open_a_frame_of_video_after_it(label: str, each_s: float) -> None:
