@@ -4,6 +4,8 @@ A command's module is imported when it runs or is listed: ``fapengine say`` impo
 ends is in :mod:`fapengine.cli._ending`.
 """
 
+import atexit
+import gc
 from difflib import get_close_matches
 from importlib import import_module
 from typing import Any
@@ -77,4 +79,5 @@ def _options(
 
 def main() -> None:
     """Run the command line."""
+    atexit.register(gc.freeze)  # or Python searches everything for cycles at its end: a seventh of a short command
     run_to_the_end(app)

@@ -249,8 +249,11 @@ def lid_share(mesh: FaceMesh) -> float:
     The radius is that of the eyes drawn by the shader; without any, :data:`EYEBALL_RADIUS_MM`.
     """
     drawn = mesh.vertices_mm[mesh.material == Material.EYE]
-    off_mm = np.linalg.norm(drawn[:, None] - mesh.eye_pivots_mm, axis=-1).min(axis=1)
-    return mesh.fapu.irisd0_mm / 2 / (float(np.median(off_mm)) if len(drawn) else EYEBALL_RADIUS_MM)
+    if not len(drawn):
+        return mesh.fapu.irisd0_mm / 2 / EYEBALL_RADIUS_MM
+    off_mm = np.sort(np.linalg.norm(drawn[:, None] - mesh.eye_pivots_mm, axis=-1).min(axis=1))
+    median_mm = off_mm[(len(off_mm) - 1) // 2 : len(off_mm) // 2 + 1].mean()  # np.median imports numpy.ma
+    return mesh.fapu.irisd0_mm / 2 / float(median_mm)
 
 
 NEGLIGIBLE_MM = 0.08
