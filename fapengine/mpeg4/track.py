@@ -74,12 +74,11 @@ class FapTrack(Rebuilt):
         rate_hz : float
             Frame rate.
         """
-        array: NDArray[Any] = np.asarray(values)
-        count = _rows(array)
+        count = _rows(values)
         mask = np.ones((count, fap.FAP_COUNT), dtype=bool)
         mask[:, : fap.column(3)] = False
         return cls(
-            values=array,
+            values=np.asarray(values),
             mask=mask,
             visemes=np.zeros((count, 4), np.int32),
             expressions=np.zeros((count, 6), np.int32),

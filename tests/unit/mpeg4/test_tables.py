@@ -122,6 +122,8 @@ def test_track_refuses() -> None:
     high_level[0, 0] = 3
     with pytest.raises(UsageError, match="FAP 1 and 2"):
         FapTrack.from_values(high_level, rate_hz=25)
+    with pytest.raises(UsageError, match=r"values: got \[\[0, 0\], \[0\]\], expected \(T, 68\) numbers"):
+        FapTrack.from_values([[0, 0], [0]], rate_hz=25)
     good = FapTrack.from_values(np.zeros((2, 68)), rate_hz=25)
     parts = {name: getattr(good, name) for name in ("values", "mask", "visemes", "expressions")}
     with pytest.raises(UsageError, match="strictly rising"):
