@@ -85,8 +85,9 @@ def resolved(path: Path) -> Path:
     Raises
     ------
     UsageError
-        If a link leads to itself.
+        If a link leads to itself, or a null character is in the name.
     """
+    _check_name(path)
     place = Path(os.path.realpath(path))
     if any(part.is_symlink() for part in (place, *place.parents)):
         raise UsageError(f"path: got {path}, a link that leads to itself; expected another name")
@@ -103,6 +104,7 @@ def open_file(path: Path, most: int | None = None) -> BinaryIO:
     UsageError
         If it does not exist, cannot be read or is larger.
     """
+    _check_name(path)
     try:
         found = path.stat()
         if not (stat.S_ISREG(found.st_mode) or stat.S_ISDIR(found.st_mode) or str(path).startswith(GIVEN)):
@@ -133,6 +135,11 @@ def read_bytes(path: Path, most: int = MAX_BYTES) -> bytes:
                 raise UsageError(f"{path}: cannot be read ({error.strerror})") from error
     _check_size(path, len(data), most)
     return data
+
+
+def _check_name(path: Path) -> None:
+    if "\0" in str(path):
+        raise UsageError(f"path: got {str(path)!r:.60}, expected a name without null characters")
 
 
 def _check_size(path: Path, size: int, most: int | None) -> None:

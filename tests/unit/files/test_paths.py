@@ -308,3 +308,11 @@ def test_an_input_under_a_name_of_other_case_is_not_written_over(tmp_path: Path)
         check_outputs([written], [read])
     os.utime(written, ns=(1, 2))
     assert check_outputs([written], [read]) == (written,)  # another file after all
+
+
+@pytest.mark.parametrize(
+    "use", [read_bytes, lambda path: write_bytes(path, b"new"), lambda path: check_outputs([path])]
+)
+def test_a_null_character_is_in_no_name(use: Callable[[Path], object]) -> None:
+    with pytest.raises(UsageError, match="without null characters"):
+        use(Path("a\0.fap"))
