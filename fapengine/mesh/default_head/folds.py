@@ -152,9 +152,8 @@ def fold_map() -> NDArray[np.uint8]:
         127.5 changes nothing, 255 is the brightest. Read-only.
     """
     angle, y = skin_places()
-    away = painted_radius(angle, y, HeadStyle(), 8)
-    x = away * np.sin(angle)
-    front = np.cos(angle) > 0.2
+    away, angle = painted_radius(angle, y, HeadStyle(), 8), angle[:1]  # all rows have the same angles
+    x, front = away * np.sin(angle), np.broadcast_to(np.cos(angle) > 0.2, y.shape)
     height, region = np.zeros(y.shape), np.zeros(y.shape)
     for low, high, reach, furrows in FURROWS:
         at = _where(x, y, low, high, reach)

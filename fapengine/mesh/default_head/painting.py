@@ -122,13 +122,13 @@ def painted_radius(angle: Array, y: Array, style: HeadStyle, step: int) -> Array
 def _skin(style: HeadStyle) -> Array:
     """(3, H, W') light of the skin's texels."""
     angle, y = skin_places()
-    x = painted_radius(angle, y, style, COARSE) * np.sin(angle)
-    front = np.cos(angle) > 0.2
     shape = (y.shape[0], y.shape[1])
+    distance, angle = painted_radius(angle, y, style, COARSE), angle[:1]  # all rows have the same angles
+    x, front = distance * np.sin(angle), np.broadcast_to(np.cos(angle) > 0.2, shape)
     light = np.ones((3, *shape))
     mottle = 0.014 * _cloud(shape, 1, 2.2) + 0.014 * _cloud(shape, 2, 8.0) + 0.018 * _cloud(shape, 3, 28.0)
     # At the borders the texture continues as one colour.
-    within = smoothstep((y[:, :1] - BOTTOM_MM) / 12.0) * smoothstep((SPAN_RAD - np.abs(angle[:1])) / 0.15)
+    within = smoothstep((y[:, :1] - BOTTOM_MM) / 12.0) * smoothstep((SPAN_RAD - np.abs(angle)) / 0.15)
     light -= _of(0.05 + within * mottle, BLOOD)
     light -= 0.022 * within * np.clip(_cloud(shape, 4, 0.7), -2, 2)
     light -= _of(_freckles(x, y, style), PIGMENT)
@@ -138,11 +138,15 @@ def _skin(style: HeadStyle) -> Array:
         here = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
         light[:, *here] *= np.moveaxis(part(x[here], y[here], front[here], style), -1, 0)
     light *= _hairs(x, y, angle, front, style)
-    hole = nostril(x, y, style.nose_width) * front
-    wing = np.hypot((np.abs(x) / style.nose_width - 12.4) / 6.6, (y - 2.0) / 9.0)
-    crease = np.exp(-(((wing - 1.0) / 0.16) ** 2)) * smoothstep((np.abs(x) / style.nose_width - 13.5) / 4.0) * front
-    light *= 1 - _of(WING_CREASE * crease, BLOOD)
-    light *= 1 - 0.5 * hole
+    rows = np.flatnonzero((y[:, 0] > -50.0) & (y[:, 0] < 54.0))  # beyond, what follows is 0
+    nose = slice(rows[0], rows[-1] + 1)
+    x, y = x[nose], y[nose]
+    hole = nostril(x, y, style.nose_width) * front[nose]
+    across = np.abs(x) / style.nose_width
+    wing = np.hypot((across - 12.4) / 6.6, (y - 2.0) / 9.0)
+    crease = np.exp(-(((wing - 1.0) / 0.16) ** 2)) * smoothstep((across - 13.5) / 4.0) * front[nose]
+    light[:, nose] *= 1 - _of(WING_CREASE * crease, BLOOD)
+    light[:, nose] *= 1 - 0.5 * hole
     return light
 
 
@@ -212,16 +216,19 @@ def _hairs(x: Array, y: Array, angle: Array, front: Mask, style: HeadStyle) -> A
     brow_tint = np.clip(brow_colour(style.hair_colour) / light_skin, 0, 1)
     shape = (y.shape[0], y.shape[1])
     middle, half = parts.brow_line(np.linspace(0, 1, 101), style)
-    across = np.abs(x)
+    reach = 2.0 * max(half.max(), 0.5)  # beyond, a brow has no hairs
+    near = (y[:, 0] > middle[:, 1].min() - reach) & (y[:, 0] < middle[:, 1].max() + reach)
+    across = np.abs(x[near])
     share = np.interp(across, middle[:, 0], np.linspace(0, 1, 101))
-    off = (y - np.interp(across, middle[:, 0], middle[:, 1])) / np.maximum(np.interp(across, middle[:, 0], half), 0.5)
+    off = y[near] - np.interp(across, middle[:, 0], middle[:, 1])
+    off /= np.maximum(np.interp(across, middle[:, 0], half), 0.5)
     ends = smoothstep((across - middle[0, 0] + 1.5) / 9.5) * smoothstep((middle[-1, 0] + 0.5 - across) / 10.0)
-    ragged = off + 0.10 * _mirrored(_cloud(shape, 21, (2.0, 0.9)))
-    brow = (
-        smoothstep((1.25 - np.abs(ragged)) / 0.85) * ends * front * np.interp(share, (0, 0.25, 1), (0.70, 0.90, 0.86))
-    )
-    brow *= np.clip(0.95 + 0.10 * _mirrored(_cloud(shape, 22, (1.0, 0.8))), 0, 1)
-    light: Array = 1 - _of(brow, 1 - brow_tint)
+    ragged = off + 0.10 * _mirrored(_cloud(shape, 21, (2.0, 0.9)))[near]
+    brow = smoothstep((1.25 - np.abs(ragged)) / 0.85) * ends * front[near]
+    brow *= np.interp(share, (0, 0.25, 1), (0.70, 0.90, 0.86))
+    brow *= np.clip(0.95 + 0.10 * _mirrored(_cloud(shape, 22, (1.0, 0.8)))[near], 0, 1)
+    light = np.ones((3, *shape))
+    light[:, near] -= _of(brow, 1 - brow_tint)
     if style.beard:
         grown = (
             style.beard * _bearded(x, y, angle, style) * (0.86 + 0.14 * np.clip(_cloud(shape, 24, (2.2, 0.7)), -2, 1))
