@@ -29,10 +29,10 @@ HAIR_COLOURS: dict[str, tuple[float, float, float]] = {
 """Hair colours by name, linear RGB."""
 
 EYE_COLOURS: dict[str, tuple[float, float, float]] = {
-    "brown": (0.280, 0.148, 0.060),
+    "brown": (0.225, 0.108, 0.044),
     "dark": (0.115, 0.058, 0.028),
     "hazel": (0.250, 0.180, 0.072),
-    "green": (0.150, 0.200, 0.095),
+    "green": (0.140, 0.172, 0.085),
     "blue": (0.150, 0.245, 0.360),
     "grey": (0.215, 0.250, 0.275),
 }
@@ -101,10 +101,10 @@ class Palette:
         colour = np.broadcast_to(self.base, points.shape).copy()
         for centre, size, share in (
             ((45, -2), (21, 18), 0.44), ((0, 0), (15, 11), 0.50), ((0, -66), (15, 9), 0.18), ((20, 0), (5, 10), 0.20),
-            ((0, -22), (30, 7), 0.10), ((78, 10), (12, 34), 0.45), ((31, 25), (15, 4), 0.14), ((31, 45), (17, 4), 0.20),
+            ((0, -22), (30, 7), 0.10), ((78, 10), (12, 34), 0.45), ((31, 25), (15, 4), 0.14), ((31, 45), (17, 4), 0.12),
         ):  # fmt: skip
             colour += share * _spot(points, centre, size) * (self.blush - colour)
-        colour *= 1 - 0.10 * _spot(points, (30, 36), (20, 13)) - 0.06 * _spot(points, (18, 32), (6, 8))
+        colour *= 1 - 0.05 * _spot(points, (30, 36), (20, 13)) - 0.06 * _spot(points, (18, 32), (6, 8))
         colour *= 1 + 0.05 * _spot(points, (0, 72), (36, 18)) + 0.05 * _spot(points, (0, 18), (5, 14))
         return colour
 

@@ -45,14 +45,14 @@ THROAT_FAPU = (340.0, 560.0)
 """FAPU of the jaw over which the throat becomes dark: from the widest vowels on."""
 BACK_BY_STRETCH = dict.fromkeys((6, 7, 53, 54), 0.5)
 """Millimetres that a corner of the lips moves back per millimetre outwards: lips slide around the teeth."""
-PURSE_FAPU, PURSE_MM, PURSE_OUT_MM, PURSE_FORWARD_MM = (200.0, 550.0), 3.6, 2.2, 5.5
+PURSE_FAPU, PURSE_MM, PURSE_OUT_MM, PURSE_FORWARD_MM = (200.0, 550.0), 3.6, 2.2, 4.2
 """FAPU of a lower lip pushed forward over which lips purse, as in u: how far their corners come in, how much thicker
-each lip becomes near them, and how far lips come forward half way. So the outline is round, and closed lips stay
-closed.
+each lip becomes near them, and how far lips come forward, the corners 1.7 times as far. So the outline is round, and
+closed lips stay closed.
 """
 PURSED_CHEEK_MM = np.array([30.0, 24.0])
 """How far beyond and above pursed corners the skin follows them: skin that stayed was a crease beside them."""
-PURSED_LEVEL_MM = 4.2
+PURSED_LEVEL_MM = 5.0
 """How far the skin beside their corners comes forward and that above it moves back."""
 PURSED_TEETH_MM = np.array([0.0, 4.5, -3.0])
 """How far the upper teeth move out of the opening of pursed lips, so that it is dark; the lower ones move down."""
@@ -78,7 +78,7 @@ OWNERS = (18, 39, 40, 41, 42, 61, 62, 63)
 """FAPs with points on the skin that :mod:`.skin` moves."""
 CORRECTION_MM = 16.0
 """Reach of the correction that keeps a feature point to its own FAP."""
-PUSH_SIDE = 0.35, 1.15
+PUSH_SIDE = 0.0, 0.8
 """Distances from the middle, relative to the corners of the lips, between which the motion of skin pushed forward with
 a lip falls to 0. The corners stay, and skin that moved next to them made a fold like a moustache.
 """
@@ -226,7 +226,7 @@ def _pursed(t: Array) -> Array:
         [
             -PURSE_MM * np.sign(t) * np.abs(t) ** 1.2,
             np.zeros_like(t),
-            PURSE_FORWARD_MM * t**2 * (2.7 - 1.9 * t**2),
+            PURSE_FORWARD_MM * t**2 * (2.7 - t**2),
         ],
         axis=-1,
     )

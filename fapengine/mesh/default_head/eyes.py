@@ -26,6 +26,8 @@ RADIUS = 14.2
 CENTRE = np.array([31.4, 36.0, 81.2])
 """Left eyeball; the right one is its mirror image."""
 LID_THICKNESS = 1.15
+OPENED_BY_CHARM_MM = 1.9
+"""Additional lid distance at charm 1; the iris, as high as the opening, grows with it."""
 INNER_CORNER, OUTER_CORNER = np.array([17.9, 32.6]), np.array([45.2, 35.0])
 OUTSIDE = (1.82, 1.66, 1.54, 1.46, 1.40, 1.34, 1.24, 1.12, 1.0)
 CREASE = 1.4
@@ -65,7 +67,7 @@ def margin(t: Array, upper: Mask, style: HeadStyle) -> Array:
     """(N, 2): rim of the opening; t is 1 at the outer corner."""
     share = (1 + t) / 2
     corner_line = INNER_CORNER + share[:, None] * (OUTER_CORNER - INNER_CORNER)
-    half = style.eye_opening_mm / 2
+    half = (style.eye_opening_mm + OPENED_BY_CHARM_MM * style.charm) / 2
     middle_y = (INNER_CORNER[1] + OUTER_CORNER[1]) / 2
     above, below = np.clip(t + 0.06 * (1 - t**2), -1, 1), np.clip(t - 0.16 * (1 - t**2), -1, 1)
     rise = (CENTRE[1] + half - middle_y) * (1 - np.abs(above) ** 2.25) ** 0.92

@@ -35,7 +35,7 @@ from fapengine.mesh.face_mesh import Bone, DeformationBasis, FaceMesh, Folds, Ma
 from fapengine.mpeg4.fap import FapUnit
 from fapengine.mpeg4.fapu import Fapu
 
-LIT_INSIDE = {Material.TEETH: 0.20, Material.GUM: 0.5, Material.TONGUE: 0.52, Material.MOUTH: 0.72}
+LIT_INSIDE = {Material.TEETH: 0.20, Material.GUM: 0.5, Material.TONGUE: 0.54, Material.MOUTH: 0.72}
 """Least light, relative, on parts inside the mouth."""
 THRUST_TONGUE = 45
 TONGUE_LIGHT_PER_MM = 0.05

@@ -126,9 +126,9 @@ def build_tongue(builder: MeshBuilder, detail: float) -> Indices:
 
 
 BROWS: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = {
-    "soft": ((54.0, 56.1, 58.2, 57.1, 52.5), (2.5, 3.2, 2.9, 1.9, 0.35)),
+    "soft": ((54.6, 56.4, 58.3, 58.0, 54.3), (2.5, 3.3, 3.1, 2.2, 0.5)),
     "straight": ((55.4, 56.8, 58.3, 58.0, 54.2), (3.0, 3.3, 3.1, 2.4, 0.7)),
-    "arched": ((53.8, 55.3, 57.2, 57.0, 52.3), (2.3, 2.9, 2.5, 1.6, 0.3)),
+    "arched": ((55.0, 56.5, 58.3, 57.9, 53.8), (2.3, 2.9, 2.6, 1.7, 0.35)),
 }
 """Height of the centre line and half width at five places, mm, from the nose outwards, by shape."""
 BROW_X = (12.5, 21.0, 32.0, 43.0, 53.5)
@@ -154,18 +154,18 @@ def build_brow(builder: MeshBuilder, style: HeadStyle, side: float, detail: floa
     line = np.gradient(middle, axis=0)
     # Hairs rise near the nose, then follow the brow; those above its middle turn down to it, those below up.
     slope = np.rad2deg(np.arctan2(line[:, 1], line[:, 0])) + np.interp(
-        at, (0.0, 0.12, 0.35, 1.0), (62.0, 36.0, 9.0, 0.0)
+        at, (0.0, 0.12, 0.35, 1.0), (52.0, 32.0, 9.0, 0.0)
     )
     slope -= np.interp(at, (0.0, 0.2, 1.0), (4.0, 15.0, 17.0)) * spread - 11.0 * wild
     along = np.stack([np.cos(np.deg2rad(slope)), np.sin(np.deg2rad(slope))], axis=-1)
-    length = (4.6 + 1.0 * wild) * np.interp(at, (0.0, 0.1, 0.7, 1.0), (0.6, 1.0, 1.0, 0.5))
-    half_width = np.interp(at, (0.0, 0.2, 0.7, 1.0), (0.08, 0.16, 0.15, 0.09))[:, None] * [1.0, 0.1]
+    length = (4.0 + 0.8 * wild) * np.interp(at, (0.0, 0.1, 0.7, 1.0), (0.6, 1.0, 1.0, 0.5))
+    half_width = np.interp(at, (0.0, 0.2, 0.7, 1.0), (0.07, 0.12, 0.115, 0.08))[:, None] * [1.0, 0.1]
     tip = root + length[:, None] * along
     flat = np.stack([root, tip], axis=1)
     angle, y = angle_of(flat[..., 0], flat[..., 1], style), flat[..., 1]
     spine = (position(angle, y, style) + np.array([0.30, 0.60])[:, None] * normal(angle, y, style)) * [side, 1, 1]
     aside = side * np.stack([side * along[:, 1], -along[:, 0], 0 * at], axis=-1)
-    tint = palette.brows * (0.6 + 0.35 * golden(number, 3.7))[:, None]
+    tint = palette.brows * (0.8 + 0.5 * golden(number, 3.7))[:, None]
     # Single hairs at the inner end are fine, and let the skin shine through.
     tint += 0.35 * (1 - smoothstep(at / 0.14))[:, None] * (palette.base - tint)
     place = np.stack([side * angle, y], axis=-1)

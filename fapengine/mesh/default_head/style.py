@@ -87,7 +87,9 @@ class HeadStyle:
     nose_width: float = 0.93
     """Width from wing to wing, 0.75..1.3; average 33 mm for women, 35 mm for men."""
     eye_opening_mm: float = 11.2
-    """Lid distance in the middle, 8..13; also the diameter of the iris (the standard's neutral face)."""
+    """Lid distance in the middle, 8..13, without charm; also the diameter of the iris (the
+    standard's neutral face).
+    """
     lip_fullness: float = 0.92
     """Height of the red of the lips, 0.5..1.5."""
     mouth_width: float = 1.0

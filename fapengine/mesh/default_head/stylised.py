@@ -18,11 +18,13 @@ from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh.default_head.eyes import RADIUS, Eye, moved_eye
 from fapengine.mesh.default_head.points import HeadParts
 
-LARGER_EYES, APART_MM = 0.30, 2.6
+LARGER_EYES, APART_MM = 0.36, 1.9
 """Growth of the eyes, and how far each moves outwards, at charm 1."""
+MOST = 0.8
+"""Charm beyond which eyes and nose stay as they are: skin between larger eyes would fold."""
 DEEPER = 0.72
 """Fraction of a ball's growth by which it moves back into the head."""
-NEAR_MM, FAR_MM = 20.0, 47.0
+NEAR_MM, FAR_MM = 20.0, 52.0
 """Distance from an eye up to which skin moves with it fully, and from which not at all."""
 NEAR_LIDS_MM, FAR_LIDS_MM = 15.0, 31.0
 """The same for the way forwards."""
@@ -64,6 +66,7 @@ def _of_ear(points: Array, ear: Indices, head: HeadParts) -> Indices:
 
 def _enlarge(eye: Eye, points: Array, moved: Array, depth: LinearNDInterpolator, charm: float) -> Eye:
     """Enlarge an eye in ``moved``, (V, 3) mm, with the skin around it; ``depth`` is z of the face at x and y."""
+    charm = min(charm, MOST)
     growth, apart = LARGER_EYES * charm, np.array([eye.side * APART_MM * charm, 0.0])
     back = -DEEPER * RADIUS * growth
     centre = eye.centre + np.append(apart, back)
@@ -71,6 +74,7 @@ def _enlarge(eye: Eye, points: Array, moved: Array, depth: LinearNDInterpolator,
     distance = np.linalg.norm(off[:, :2], axis=1)
     ahead = smoothstep((points[:, 2] - 25.0) / 25.0)
     beside = _faded(distance, NEAR_MM, FAR_MM) * ahead * smoothstep((off[:, 0] * eye.side + 31.0) / 14.0)
+    beside *= 1 - np.exp(-((points[:, 0] / 22.0) ** 4) - ((points[:, 1] + 2.0) / 17.0) ** 4)  # but not the nose's wings
     with_lids = _faded(distance, NEAR_LIDS_MM, FAR_LIDS_MM) * ahead
     shift = beside[:, None] * (growth * off[:, :2] + apart)
     moved[:, :2] += shift
@@ -91,18 +95,19 @@ def _with_face(points: Array, charm: float) -> Array:
     moved = points.copy()
     front = smoothstep((z - 70.0) / 15.0)
     nose = np.exp(-((x / 19.0) ** 4) - (y / 26.0) ** 4) * front
-    moved[:, 0] -= charm * 0.20 * nose * x
-    moved[:, 2] -= charm * 0.26 * nose * np.clip(z - 101.0, 0, None)
+    smaller = 0.34 * min(charm, MOST) * nose
+    moved[:, 0] -= smaller * x
+    moved[:, 2] -= smaller * np.clip(z - 101.0, 0, None)
     moved[:, 1] += charm * 2.6 * nose * smoothstep((8.0 - y) / 14.0)  # its tip is turned up
-    jaw = smoothstep((2.0 - y) / 72.0) * smoothstep((y + 110.0) / 20.0)
-    moved[:, 0] *= 1 - charm * 0.13 * jaw
+    jaw = smoothstep((2.0 - y) / 72.0) * smoothstep((y + 112.0) / 40.0)
+    moved[:, 0] *= 1 - charm * 0.20 * jaw
     brows = np.exp(-(((y - 58.0) / 11.0) ** 2) - ((np.abs(x) - 32.0) / 30.0) ** 4) * front
-    moved[:, 1] -= charm * 5.3 * brows  # the larger eyes have moved them up
+    moved[:, 1] -= charm * 6.3 * brows  # the larger eyes have moved them up
     cheeks = np.exp(-(((y + 6.0) / 20.0) ** 2) - ((np.abs(x) - 44.0) / 20.0) ** 2) * front
     moved[:, 0] += charm * 1.2 * cheeks * np.sign(x)
     moved[:, 2] += charm * 2.0 * cheeks
     lower = smoothstep((-6.0 - y) / 70.0) * smoothstep((y + 240.0) / 60.0)
-    moved[:, 1] += charm * 5.5 * lower
+    moved[:, 1] += charm * 8.5 * lower
     skull = smoothstep((y - 38.0) / 60.0)
     moved[:, 0] *= 1 + charm * 0.055 * skull
     moved[:, 1] += charm * 5.0 * skull

@@ -92,9 +92,9 @@ def test_a_round_mouth_has_a_dark_hole() -> None:
         top, bottom = (round(SIZE[1] / 2 - (y - MOUTH[1]) * FRONT.pixels_per_mm(SIZE[1])) for y in (high_mm, low_mm))
         return picture[top:bottom, SIZE[0] // 2 - 5 : SIZE[0] // 2 + 6].mean(axis=1)
 
-    hole, lip = light("u", -35.5, -37.5), light("u", -40.0, -48.0)
+    hole, lip = light("u", -35.0, -36.6), light("u", -40.0, -48.0)
     assert hole.max() < 0.55 * lip.max()
-    assert hole.max() < light("i", -35.5, -37.5).max()
+    assert hole.max() < light("i", -35.0, -36.6).max()
 
 
 @pytest.mark.parametrize("label", ["u", "y", "w", "ʃ"])
