@@ -147,3 +147,14 @@ def test_live_a_shout_is_told_as_one() -> None:
     assert max(usual) < 3
     assert np.median([db for start_s, _, db in spoken_ones if start_s > 2.2 * length_s]) > 5
     assert 3 <= sum(stress for _, stress, _ in spoken_ones) <= 20
+
+
+def test_what_may_still_change_is_told_without_a_final_phone_too() -> None:
+    pieces = np.split(spoken("rms", BABY).samples[:RATE_HZ], 10)
+    head = {"stream": 1, "rate_hz": RATE_HZ, "skips": 0, "is_reduced": False}
+    told = list(answers([(head, piece.astype("<i2").tobytes()) for piece in pieces], SphinxRecognizer()))[1:]
+    recognizer = SphinxRecognizer()
+    for one, piece in zip(told, pieces, strict=True):
+        recognizer.push(piece)
+        times = [(phone["label"], phone["start_s"], phone["end_s"]) for phone in one["partial"]]
+        assert times == [(phone.label, phone.start_s, phone.end_s) for phone in recognizer.partial]
