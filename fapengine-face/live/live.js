@@ -152,7 +152,10 @@ export class Live extends EventTarget {
     if (isStream) run.element = playUnheard(input);
     run.source = isStream ? new MediaStreamAudioSourceNode(context, { mediaStream: input }) : input;
     for (const node of [run.tap, run.delayed]) run.source.connect(node);
-    for (const track of isStream ? input.getAudioTracks() : []) track.addEventListener("ended", () => this.lose(run, context), { signal });
+    for (const track of isStream ? input.getAudioTracks() : []) {
+      if (track.readyState === "ended") this.lose(run, context); // it was unplugged meanwhile
+      else track.addEventListener("ended", () => this.lose(run, context), { signal });
+    }
   }
 
   // A device was unplugged, or a call has ended: silence follows, and the face comes to rest.
@@ -171,8 +174,8 @@ export class Live extends EventTarget {
     run.isLost = false;
     run.stream = stream;
     disconnect(run);
-    this.connect(run, stream, context);
     this.tell("regained");
+    this.connect(run, stream, context);
   }
 
   // Opens the device that is wanted; null where nobody listens any more.

@@ -187,6 +187,24 @@ def test_it_goes_on_with_another_microphone_where_one_was_unplugged(static: Page
     assert static.run("told.filter(([type]) => type === 'error')") == []
 
 
+def test_it_goes_on_where_a_microphone_was_unplugged_before_it_was_heard(static: Page) -> None:
+    static.run(f"{{{DEVICES}}}")
+    static.run("""{
+        const open = navigator.mediaDevices.getUserMedia;
+        navigator.mediaDevices.getUserMedia = async (wanted) => {
+          const stream = await open(wanted);
+          if (opened.length < 3) stream.getAudioTracks()[0].stop();
+          return stream;
+        };
+        face.hear({ audio: true }).then(() => 0);
+    }""")
+    static.until("told.some(([type]) => type === 'phone')")
+    kinds = static.run("told.map(([type]) => type).filter((type) => ['lost', 'regained'].includes(type))")
+    assert kinds == ["lost", "regained", "lost", "regained"]
+    assert static.run("opened.map(({ readyState }) => readyState)") == ["ended", "ended", "live"]
+    static.run("face.remove()")
+
+
 def test_a_page_is_told_that_its_own_stream_has_ended(static: Page) -> None:
     static.run(f"{{{DEVICES}}}")
     static.run("navigator.mediaDevices.getUserMedia({ audio: true }).then((stream) => face.hear(stream)).then(() => 0)")
