@@ -100,7 +100,7 @@ def _with_face(points: Array, charm: float) -> Array:
     moved[:, 2] -= smaller * np.clip(z - 101.0, 0, None)
     moved[:, 1] += charm * 2.6 * nose * smoothstep((8.0 - y) / 14.0)  # its tip is turned up
     jaw = smoothstep((2.0 - y) / 72.0) * smoothstep((y + 112.0) / 40.0)
-    moved[:, 0] *= 1 - charm * 0.20 * jaw
+    moved[:, 0] *= 1 - charm * (0.08 + 0.13 * smoothstep((z - 20.0) / 40.0)) * jaw
     brows = np.exp(-(((y - 58.0) / 11.0) ** 2) - ((np.abs(x) - 32.0) / 30.0) ** 4) * front
     moved[:, 1] -= charm * 6.3 * brows  # the larger eyes have moved them up
     cheeks = np.exp(-(((y + 6.0) / 20.0) ** 2) - ((np.abs(x) - 44.0) / 20.0) ** 2) * front
