@@ -204,7 +204,7 @@ def test_hair_lies_on_the_head(heads: dict[str, FaceMesh]) -> None:
     hairs = head.vertices_mm[(head.material == Material.HAIR) & (head.vertices_mm[:, 1] > 75)].astype(float)
     below, normals = Scalp(HeadStyle()).under(hairs)
     above = ((hairs - below) * normals).sum(axis=1)
-    assert above.max() < 20  # mm
+    assert above.max() < 25  # mm: swept hair has volume
     assert above.min() > -3
     front = hairs[(np.abs(hairs[:, 0]) < 30) & (hairs[:, 2] > 80)]
     assert front[:, 1].min() > 65  # no fringe over brows or eyes

@@ -48,7 +48,7 @@ def test_the_front_edge_covers_the_hairline_and_is_on_the_skin(haircut: str) -> 
         edge = near[[near[:, 1].argmin()]]
         foot, out = Scalp(style).under(edge)
         assert -25.0 < edge[0, 1] - hairline(np.deg2rad(middle)) < 0.0, middle
-        assert -1.5 < ((edge - foot) * out).sum() < 5.5, middle  # mm
+        assert -1.5 < ((edge - foot) * out).sum() < 7.5, middle  # mm; locks of a fringe are lifted
 
 
 @pytest.mark.parametrize("yaw_deg", [0.0, 35.0])

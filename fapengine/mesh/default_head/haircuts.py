@@ -1,0 +1,300 @@
+"""Haircuts: the surface over which hair falls from a side parting, and the layers and locks that lie on it.
+
+Theory of operation
+-------------------
+:class:`Fall` is a smooth surface over two coordinates: ``s`` runs from the right temple (-1) round the back (0) to the
+left temple (1); ``t`` runs from the parting (0) to the ends (1). Short hair ends at the hairline; longer hair is at the
+height of the ears at ``t`` = 0.5 and hangs from there. Below the front edge the surface goes on over the skin, up to
+``s`` of :data:`BEYOND`. :mod:`.strands` covers it with layers of strands and lays locks over them.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.ndimage import gaussian_filter, map_coordinates
+
+from fapengine._arrays import Array
+from fapengine.geometry.smooth import smoothstep
+from fapengine.geometry.surface import unit_vectors
+from fapengine.mesh.default_head.faces import Scalp, hairline, position
+from fapengine.mesh.default_head.style import HeadStyle
+from fapengine.mesh.default_head.surface import AXIS_Z_MM
+
+TOP_MM = 144.0
+"""Height above which the scalp is not measured."""
+EARS_MM = 36.0
+"""Height from which long hair hangs."""
+FRONT_MM, SWEPT = 3.0, 0.19
+"""Additional height of short hair over the forehead; fraction of its height that moves over the parting to the right.
+"""
+LOW_TOP, CLOSE_NAPE = 0.35, 0.75
+"""Fractions of its height that hair loses at the top, and short hair at the nape."""
+ENDS_MM = (0.0, 0.28, 0.42, 0.55, 0.64, 0.76, 0.84, 0.92, 1.0), (7.0, 8.0, 14.0, 16.0, 4.0, -4.0, -12.0, 0.0, -1.0)
+"""Height of the ends of short hair above the hairline over ``u``: higher behind the ears, lower before them."""
+EAR_MM, CLOSE_SIDES = 6.0, 0.84
+"""Additional height of hanging hair over an ear; fraction of its height that short hair loses there."""
+WAVE_MM = 115.0
+"""Wave length of hanging hair."""
+BEYOND, BEYOND_MM = 1.25, 72.0
+"""How far the surface is continued below the front edge, in ``s``, and how low one step of ``s`` is there."""
+Table = tuple[tuple[float, ...], tuple[float, ...]]
+"""Places and values between which is interpolated."""
+
+
+class Layer(NamedTuple):
+    """Strands side by side."""
+
+    strands: int
+    first: float
+    last: float
+    """``t`` where they begin and where the longest ends."""
+    uneven: float
+    """Unevenness of the ends."""
+    tapers_from: float
+    """Share of a strand's length from which it tapers."""
+    up_mm: tuple[float, float]
+    """Height above the surface at first and at the tips."""
+    lead: tuple[tuple[float, float], ...] = ()
+    """``t`` where the strands nearest to the face end, and their widths; others have 0.6 to 1.5."""
+    reach: float = 1.0
+    """Greatest distance from the back of the head."""
+    shade: float = 1.0
+    is_inside: bool = False
+
+
+class Locks(NamedTuple):
+    """Locks side by side, arched and pointed: values of the first and the last, between which the others lie."""
+
+    blades: int
+    root: tuple[tuple[float, float], tuple[float, float]]
+    """``s`` and ``t`` where the first and the last begin."""
+    tip: tuple[tuple[float, float], tuple[float, float]]
+    width_mm: tuple[float, float]
+    up_mm: tuple[float, float, float]
+    """Height above the surface at the root, half way and at the tip."""
+    bow: float = 0.0
+    """How far they bend sideways, in ``s``."""
+    uneven: float = 0.08
+    """Unevenness of the tips, in ``t``."""
+    shade: float = 1.0
+
+
+class Cut(NamedTuple):
+    """What distinguishes a haircut; tables over ``u`` run from the back of the head, 0, to the temple, 1."""
+
+    bend: tuple[tuple[float, ...], tuple[float, ...]]
+    """Angle from the front, degrees, and height, mm, at :data:`BEND_AT`, to which lines bend on their way."""
+    rise: Table
+    """Height of the surface above the scalp, mm, over the share of the way on the head."""
+    front: Table
+    """Depth of the front edge below the hairline, mm, by angle from the front, degrees."""
+    parting_deg: float
+    """Angle at which the parting begins."""
+    rows: int
+    """Rows of a strand from ``t`` = 0 to 1."""
+    layers: tuple[Layer, ...]
+    locks: tuple[Locks, ...] = ()
+    ends_mm: Table | None = None
+    """Height of the ends over ``u``; None if hair ends at the hairline."""
+    outwards_mm: Table = ((0.0,), (0.0,))
+    """Distance outwards, mm, over the distance below the ears."""
+    waves: float = 0.0
+    forward_mm: float = 0.0
+    backward_mm: float = 0.0
+    """Distances of the ends to the front and to the back over the shoulders."""
+
+
+BEND_AT = (0.0, 0.5, 0.8, 1.0)
+HANGING = Cut(
+    bend=((180.0, 112.0, 66.0, 50.0), (112.0, 124.0, 112.0, 88.0)),
+    rise=((0, 0.06, 0.25, 0.6, 1), (2.6, 5.4, 7.8, 8.4, 7.4)),
+    front=((-66, -50, -30, -8, 8, 18, 27, 36, 50, 66), (14.0, 22.0, 22.0, 15.0, 8.0, 5.0, 1.5, 6.0, 15.0, 14.0)),
+    parting_deg=28.0,
+    rows=20,
+    layers=(),
+)
+"""What bob and long hair share."""
+WISPS = ((0.36, 0.14), (0.44, 0.18), (0.54, 0.18), (0.66, 0.24))
+"""Fine strands at the front edge of hanging hair, as in ``lead``."""
+CUTS = {
+    "short": Cut(
+        bend=((180.0, 116.0, 72.0, 48.0), (96.0, 98.0, 100.0, 90.0)),
+        rise=((0, 0.06, 0.2, 0.5, 0.8, 1), (2.6, 6.4, 9.4, 10.0, 5.2, 0.4)),
+        front=(
+            (-66, -50, -34, -16, 0, 16, 28, 36, 44, 54, 66),
+            (0.0, 6.0, 10.0, 10.0, 7.0, 4.0, 1.5, 4.0, 8.0, 8.0, 0.0),
+        ),
+        parting_deg=29.0,
+        rows=16,
+        layers=(Layer(18, 0.0, 0.94, 0.06, 0.84, (0.0, -0.6), lead=((0.84, 0.4), (0.88, 0.6)), shade=0.8),),
+        locks=(
+            # Nape, sides, back of the head; crown; left of the parting; the fringe, and over it.
+            Locks(
+                22,
+                ((-0.87, 0.60), (0.80, 0.60)),
+                ((-0.80, 0.97), (0.73, 0.98)),
+                (14, 14),
+                (-1, 0.6, -0.8),
+                uneven=0.05,
+                shade=0.86,
+            ),
+            Locks(
+                15, ((-0.88, 0.42), (0.88, 0.42)), ((-0.84, 0.86), (0.84, 0.86)), (20, 20), (-0.5, 2, 0.3), shade=0.94
+            ),
+            Locks(12, ((-0.66, 0.20), (0.66, 0.20)), ((-0.66, 0.66), (0.62, 0.66)), (24, 24), (0, 2.4, -0.4)),
+            Locks(8, ((-0.40, 0.0), (0.60, 0.0)), ((-0.44, 0.42), (0.60, 0.46)), (26, 22), (-2.5, 3, 3), bow=0.02),
+            Locks(8, ((0.94, 0.0), (0.58, 0.0)), ((0.98, 0.86), (0.60, 0.66)), (13, 20), (-2.5, 1.8, 0.8), bow=-0.01),
+            Locks(5, ((-0.78, 0.25), (-0.95, 0.30)), ((-0.82, 0.97), (-1.06, 0.78)), (15, 12), (-0.5, 2.5, 0.8)),
+            Locks(
+                7,
+                ((-0.90, 0.0), (-0.88, 0.0)),
+                ((-1.03, 0.50), (-1.08, 0.86)),
+                (10, 16),
+                (-2.5, 4.4, 2.0),
+                bow=0.01,
+                uneven=0.04,
+            ),
+            Locks(7, ((-0.52, 0.0), (-0.94, 0.0)), ((-0.60, 0.84), (-1.06, 0.60)), (25, 17), (-2.5, 4.6, 2), bow=0.03),
+        ),
+    ),
+    "bob": HANGING._replace(
+        layers=(
+            Layer(28, 0.0, 0.96, 0.08, 0.80, (1.2, 0.0), lead=(*WISPS, (0.78, 0.35), (0.86, 0.45), (0.92, 0.5))),
+            Layer(28, 0.40, 0.99, 0.06, 0.88, (-1.2, -1.6), reach=0.97, shade=0.85),
+            Layer(16, 0.42, 0.97, 0.05, 0.88, (-5.0, -5.0), reach=0.95, shade=0.6, is_inside=True),
+        ),
+        ends_mm=((0.0, 0.5, 1.0), (-58.0, -64.0, -76.0)),
+        outwards_mm=((0, 25, 55, 80, 110), (0.0, 4.0, 3.5, -1.0, -9.0)),
+        waves=0.2,
+        forward_mm=20.0,
+    ),
+    "long": HANGING._replace(
+        layers=(
+            Layer(27, 0.0, 0.95, 0.16, 0.72, (1.2, -0.2), lead=(*WISPS, (0.75, 0.35), (0.83, 0.45), (0.90, 0.5))),
+            Layer(24, 0.40, 0.99, 0.09, 0.78, (-1.2, -1.6), reach=0.97, shade=0.9),
+            Layer(14, 0.42, 0.92, 0.08, 0.80, (-5.0, -5.0), reach=0.93, shade=0.6, is_inside=True),
+        ),
+        ends_mm=((0.0, 0.3, 0.55, 0.68, 0.85, 1.0), (-170.0, -166.0, -150.0, -142.0, -158.0, -150.0)),
+        outwards_mm=((0, 25, 60, 100, 140, 180), (0.0, 3.0, 4.0, 2.0, -3.0, -8.0)),
+        waves=1.0,
+        forward_mm=40.0,
+        backward_mm=26.0,
+    ),
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fall:
+    """The surface."""
+
+    points: Array
+    """(S, T, 3) mm: ``s`` from -:data:`BEYOND` to :data:`BEYOND`, ``t`` from 0 to 1."""
+    outs: Array
+    """(S, T, 3): outward unit normals."""
+
+    def at(self, s: Array, t: Array) -> tuple[Array, Array]:
+        """(..., 3) mm and (..., 3): points and outward unit normals at places, (...) each."""
+        rows, columns = self.points.shape[:2]
+        where = np.stack(np.broadcast_arrays((s / BEYOND + 1) / 2 * (rows - 1), t * (columns - 1)))
+        point, out = (
+            np.stack([map_coordinates(field[..., axis], where, order=1, mode="nearest") for axis in range(3)], axis=-1)
+            for field in (self.points, self.outs)
+        )
+        return point, unit_vectors(out, 1e-6)
+
+
+def lay_fall(style: HeadStyle, cut: Cut) -> Fall:
+    """Lay the surface over a person's head."""
+    s, t = np.linspace(-BEYOND, BEYOND, 121), np.linspace(0, 1, 61)
+    if cut.ends_mm is None:
+        points, rough = _on_head(style, cut, s, t)
+    else:
+        on_head, rough = _on_head(style, cut, s, 2 * t[t <= 0.5])
+        flat = unit_vectors(rough[:, -1:] * [1.0, 0.0, 1.0], 1e-6)
+        hanging = _hanging(cut, s, 2 * t[t > 0.5] - 1, on_head[:, -1], flat[:, 0])
+        points = np.concatenate([on_head, hanging], axis=1)
+        rough = np.concatenate([rough, np.broadcast_to(flat, hanging.shape)], axis=1)
+    points[:, 1:] = gaussian_filter(points, (1.5, 1.5, 0), mode="nearest")[:, 1:]
+    normals = unit_vectors(np.cross(np.gradient(points, axis=1), np.gradient(points, axis=0)), 1e-6)
+    normals = np.where(((normals * rough).sum(axis=-1) > 0.3)[..., None], normals, rough)
+    return Fall(points, unit_vectors(gaussian_filter(normals, (2, 2, 0), mode="nearest"), 1e-6))
+
+
+def _on_head(style: HeadStyle, cut: Cut, s: Array, shares: Array) -> tuple[Array, Array]:
+    """Lines of hair on the scalp: (S, T, 3) mm and outward normals at shares of the way from the parting, (T,)."""
+    scalp, u, side = Scalp(style), np.abs(s), np.where(s < 0, -1.0, 1.0)
+
+    def place(degrees: ArrayLike, y: ArrayLike) -> Array:
+        return position(np.deg2rad(degrees), np.asarray(y, dtype=np.float64), style)
+
+    # Each line is a parabola, laid on the scalp.
+    parting = cut.parting_deg
+    first, top = place(parting, hairline(np.deg2rad(parting)) + 0.5), place(1.5 * parting, 132.0)
+    crown = np.array([5.0, TOP_MM, -28.0])
+    along = np.clip((u - 0.22) / 0.78, 0, 1)[:, None]
+    start = (1 - along) ** 2 * crown + 2 * along * (1 - along) * top + along**2 * first
+    bend = place(np.interp(u, BEND_AT, cut.bend[0]) * side, np.interp(u, BEND_AT, cut.bend[1]))
+    if cut.ends_mm is None:
+        last = np.interp(u, (0, 0.5, 0.68, 0.84, 1), (180, 122, 96, 75, 56))
+        end = place(last * side, hairline(np.deg2rad(last)) + np.interp(u, *ENDS_MM))
+    else:
+        end = place(np.interp(u, (0, 0.5, 1), (180, 118, 67)) * side, np.full(len(s), EARS_MM))
+    edge = smoothstep((1 - u) / 0.22)
+    lines, outs = [], []
+    for share in shares:
+        line = (1 - share) ** 2 * start + 2 * share * (1 - share) * bend + share**2 * end
+        foot, out = scalp.under(np.minimum(line, TOP_MM))
+        angle = np.arctan2(foot[:, 0], foot[:, 2] - AXIS_Z_MM)
+        degrees = np.rad2deg(np.abs(angle))
+        # The first line is near the hairline, and none is below it.
+        least = hairline(angle) + 1.0 - np.interp(np.rad2deg(angle), *cut.front)
+        least -= BEYOND_MM * np.clip(u - 1, 0, None)
+        y = np.maximum(least, foot[:, 1] + smoothstep((u - 0.88) / 0.12) * (least - foot[:, 1]))
+        before = smoothstep((68.0 - degrees) / 10.0)[:, None]
+        foot = foot + before * (position(angle, y, style) - foot)
+        rise = np.interp(share, *cut.rise) * (0.2 + 0.8 * edge)
+        rise *= 1 - LOW_TOP * smoothstep((foot[:, 1] - 128.0) / 16.0)
+        rise *= 1 - SWEPT * side * smoothstep((u - 0.1) / 0.4) * smoothstep((1.05 - share) / 0.5)
+        if cut.ends_mm is None:
+            # It is high over the forehead and close at the sides.
+            on_way = np.interp(share, (0, 0.15, 0.5, 0.7), (0, 1, 1, 0))
+            rise *= 1 - CLOSE_NAPE * smoothstep((degrees - 100.0) / 40.0) * smoothstep((16.0 - foot[:, 1]) / 50.0)
+            rise += FRONT_MM * on_way * edge * np.exp(-(((u - 0.82) / 0.15) ** 2))
+            beside = np.exp(-(((degrees - 92.0) / 30.0) ** 2)) * smoothstep((122.0 - foot[:, 1]) / 62.0)
+            rise *= 1 - CLOSE_SIDES * beside
+        else:
+            over_ear = smoothstep((degrees - 58.0) / 18.0) * smoothstep((140.0 - degrees) / 26.0)
+            rise += EAR_MM * over_ear * smoothstep((90.0 - foot[:, 1]) / 50.0) * (0.3 + 0.7 * edge)
+        lines.append(foot + (1.0 + 1.2 * smoothstep((36.0 - degrees) / 20.0) + rise)[:, None] * out)
+        outs.append(out)
+    # Steps are even along each line, so that no chord of a strand cuts into the forehead.
+    fields = np.concatenate([np.stack(lines, axis=1), np.stack(outs, axis=1)], axis=2)
+    way = np.cumsum(np.linalg.norm(np.diff(fields[..., :3], axis=1, prepend=fields[:, :1, :3]), axis=2), axis=1)
+    for line, own in zip(fields, way, strict=True):
+        line[:] = np.stack([np.interp(shares * own[-1], own, column) for column in line.T], axis=1)
+    return fields[..., :3], unit_vectors(fields[..., 3:], 1e-6)
+
+
+def _hanging(cut: Cut, s: Array, shares: Array, ears: Array, flat: Array) -> Array:
+    """(S, T, 3) mm: hair that hangs from (S, 3) mm, with level outward normals, at shares of the way to its ends."""
+    assert cut.ends_mm is not None
+    u, across = np.abs(s), flat[:, ::-1] * [1.0, 0.0, -1.0]
+    before, behind = smoothstep((u - 0.70) / 0.3), smoothstep((0.75 - u) / 0.3)
+    length, lines = ears[:, 1] - np.interp(u, *cut.ends_mm), []
+    for share in shares:
+        down = share * length
+        swing, phase = cut.waves * smoothstep((down - 10.0) / 90.0), 2 * np.pi * down / WAVE_MM + 3.0 * u
+        # It follows the nape.
+        outwards = np.interp(down, *cut.outwards_mm) - 8.0 * behind * np.sin(np.pi * np.clip(down / 130.0, 0, 1))
+        line = ears + (6.0 * swing * np.sin(phase))[:, None] * across
+        line += (outwards + 5.0 * swing * np.cos(phase))[:, None] * flat
+        line[:, 1] = ears[:, 1] - down
+        # The front turns to the cheek.
+        line[:, 0] -= np.sign(s) * 20.0 * before**2 * smoothstep(down / 60.0)
+        line[:, 2] += 6.0 * before * smoothstep(down / 60.0)
+        line[:, 2] += cut.forward_mm * before * smoothstep((down - 50.0) / 140.0)
+        line[:, 2] -= cut.backward_mm * smoothstep((0.62 - u) / 0.4) * smoothstep((down - 60.0) / 90.0)
+        lines.append(line)
+    return np.stack(lines, axis=1)
