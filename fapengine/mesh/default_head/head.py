@@ -56,7 +56,7 @@ EAR_JOINS_MM = 3.5
 """Height above the skin over which an ear takes on its light."""
 SCALP_MM = 52.0
 """Distance from the hairline up to which the scalp is drawn: tips of short hair leave it free."""
-ROOTS, ROOTS_MM = 0.85, (13.0, 18.0)
+ROOTS, ROOTS_MM = 0.85, (30.0, 18.0)
 """Share of the hair's colour in the skin under hair beside and behind the ears, where the painting ends, and the height
 over which it comes; of cropped hair.
 """
@@ -69,7 +69,7 @@ ROWS: tuple[tuple[float, int], ...] = (  # upper end of a stretch, mm, and its r
     (33.0, 5), (51.0, 6), (62.0, 3), (90.0, 5), (115.0, 3), (142.0, 3),
 )  # fmt: skip
 COLUMNS: tuple[tuple[float, int], ...] = (  # outer end of a stretch, degrees, and its columns
-    (6.6, 6), (13.2, 6), (25.5, 7), (35.0, 5), (48.0, 6), (80.0, 6), (180.0, 7),
+    (6.6, 6), (13.2, 6), (25.5, 7), (35.0, 5), (48.0, 6), (80.0, 6), (140.0, 6), (180.0, 3),
 )  # fmt: skip
 
 
@@ -172,7 +172,7 @@ def _build_skin(builder: MeshBuilder, style: HeadStyle, detail: float) -> tuple[
     if style.hair:
         roots = (
             ROOTS
-            * smoothstep((y - faces.hairline(angle) + 3.0) / ROOTS_MM[style.haircut == "cropped"])
+            * smoothstep((y - faces.hairline(angle) + 1.0) / ROOTS_MM[style.haircut == "cropped"])
             * smoothstep((np.abs(angle) - 1.7) / 0.15)
         )
         albedo += roots[..., None] * (0.8 * palette.hair - albedo)

@@ -114,8 +114,9 @@ def _with_face(points: Array, charm: float) -> Array:
     moved[:, 2] = 5.0 + (moved[:, 2] - 5.0) * (1 + charm * 0.035 * skull)
     neck = smoothstep((-44.0 - y) / 60.0) * smoothstep((60.0 - z) / 50.0) * smoothstep((y + 150.0) / 90.0)
     neck *= _faded(np.abs(x), 70.0, 110.0)
-    moved[:, 0] *= 1 - charm * 0.19 * neck
-    moved[:, 2] = -5.0 + (moved[:, 2] + 5.0) * (1 - charm * 0.12 * neck)
+    moved[:, 0] *= 1 - charm * 0.28 * neck
+    moved[:, 2] = -5.0 + (moved[:, 2] + 5.0) * (1 - charm * 0.16 * neck)
+    moved[:, 2] -= charm * 16.0 * smoothstep((-52.0 - y) / 80.0) * smoothstep((y + 210.0) / 70.0)  # it leans forwards
     return moved
 
 
