@@ -20,7 +20,7 @@ from fapengine.mesh.default_head.points import HeadParts
 
 LARGER_EYES, APART_MM = 0.36, 1.9
 """Growth of the eyes, and how far each moves outwards, at charm 1."""
-MOST = 0.8
+MAX_CHARM = 0.8
 """Charm beyond which eyes and nose stay as they are: skin between larger eyes would fold."""
 DEEPER = 0.72
 """Fraction of a ball's growth by which it moves back into the head."""
@@ -66,7 +66,7 @@ def _of_ear(points: Array, ear: Indices, head: HeadParts) -> Indices:
 
 def _enlarge(eye: Eye, points: Array, moved: Array, depth: LinearNDInterpolator, charm: float) -> Eye:
     """Enlarge an eye in ``moved``, (V, 3) mm, with the skin around it; ``depth`` is z of the face at x and y."""
-    charm = min(charm, MOST)
+    charm = min(charm, MAX_CHARM)
     growth, apart = LARGER_EYES * charm, np.array([eye.side * APART_MM * charm, 0.0])
     back = -DEEPER * RADIUS * growth
     centre = eye.centre + np.append(apart, back)
@@ -95,7 +95,7 @@ def _with_face(points: Array, charm: float) -> Array:
     moved = points.copy()
     front = smoothstep((z - 70.0) / 15.0)
     nose = np.exp(-((x / 19.0) ** 4) - (y / 26.0) ** 4) * front
-    smaller = 0.34 * min(charm, MOST) * nose
+    smaller = 0.34 * min(charm, MAX_CHARM) * nose
     moved[:, 0] -= smaller * x
     moved[:, 2] -= smaller * np.clip(z - 101.0, 0, None)
     moved[:, 1] += charm * 2.6 * nose * smoothstep((8.0 - y) / 14.0)  # its tip is turned up
