@@ -111,12 +111,14 @@ def build_basis(
     ]
     skin = np.unique(np.concatenate([part.ravel() for part in of_skin]))
 
-    def linear(number: int, vertices: Indices, weight: Array) -> None:
-        """One FAP, its weight scaled to be 1 at the feature point."""
+    def linear(number: int, vertices: Indices, weight: Array, forward: Array | float = 0.0) -> None:
+        """One FAP, its weight scaled to be 1 at the feature point; ``forward`` mm per mm of its way, (N,)."""
         row = fap.spec(number)
         own = weight[np.flatnonzero(vertices == feature_points[row.point])[0]]
         step = fapu.unit(row.unit) * (np.array(fap.HEAD_AXES[row.positive]) - [0, 0, BACK_BY_STRETCH.get(number, 0.0)])
-        collector.add(Channel(number, -np.inf, np.inf), vertices, (weight / own)[:, None] * step)
+        moves = (weight / own)[:, None] * step
+        moves[:, 2] += weight / own * forward * np.abs(step).max()
+        collector.add(Channel(number, -np.inf, np.inf), vertices, moves)
 
     def around(numbers: tuple[int, ...], vertices: Indices, size_mm: tuple[float, float, float]) -> None:
         for number in numbers:
@@ -326,7 +328,9 @@ def _brows(points: Array, head: HeadParts, skin: Indices, feature_points: dict[s
             linear(number, skin, weight)
         inwards = 1 - 0.8 * smoothstep((along - knots[0]) / (knots[2] - knots[0]))
         inwards *= 1 - smoothstep((off - thick) / SQUEEZE_ABOVE_MM)  # or the forehead would have a ridge
-        linear(37 + side, skin, inwards * midline * temple * vertical)
+        inwards *= midline * temple * vertical
+        bend = np.polyfit(hairs[:, 0] ** 2, hairs[:, 2], 1)[0]  # skin slides along the forehead, not into it
+        linear(37 + side, skin, inwards, -2 * bend * along)
 
 
 def _parabola(x: Array, knots: Array) -> Array:
