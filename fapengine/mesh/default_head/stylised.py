@@ -18,7 +18,7 @@ from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh.default_head.eyes import RADIUS, Eye, moved_eye
 from fapengine.mesh.default_head.points import HeadParts
 
-LARGER_EYES, APART_MM = 0.36, 1.9
+LARGER_EYES, APART_MM = 0.36, 0.6
 """Growth of the eyes, and how far each moves outwards, at charm 1."""
 MAX_CHARM = 0.8
 """Charm beyond which eyes and nose stay as they are: skin between larger eyes would fold."""
@@ -95,21 +95,21 @@ def _with_face(points: Array, charm: float) -> Array:
     moved = points.copy()
     front = smoothstep((z - 70.0) / 15.0)
     nose = np.exp(-((x / 19.0) ** 4) - (y / 26.0) ** 4) * front
-    smaller = 0.34 * min(charm, MAX_CHARM) * nose
+    smaller = 0.26 * min(charm, MAX_CHARM) * nose
     moved[:, 0] -= smaller * x
     moved[:, 2] -= smaller * np.clip(z - 101.0, 0, None)
     moved[:, 1] += charm * 2.6 * nose * smoothstep((8.0 - y) / 14.0)  # its tip is turned up
     jaw = smoothstep((2.0 - y) / 72.0) * smoothstep((y + 112.0) / 40.0)
-    moved[:, 0] *= 1 - charm * (0.08 + 0.13 * smoothstep((z - 20.0) / 40.0)) * jaw
+    moved[:, 0] *= 1 - charm * (0.08 + 0.09 * smoothstep((z - 20.0) / 40.0)) * jaw
     brows = np.exp(-(((y - 58.0) / 11.0) ** 2) - ((np.abs(x) - 32.0) / 30.0) ** 4) * front
     moved[:, 1] -= charm * 6.3 * brows  # the larger eyes have moved them up
     cheeks = np.exp(-(((y + 6.0) / 20.0) ** 2) - ((np.abs(x) - 44.0) / 20.0) ** 2) * front
-    moved[:, 0] += charm * 1.2 * cheeks * np.sign(x)
+    moved[:, 0] -= charm * 1.5 * cheeks * np.sign(x)
     moved[:, 2] += charm * 2.0 * cheeks
     lower = smoothstep((-6.0 - y) / 70.0) * smoothstep((y + 240.0) / 60.0)
     moved[:, 1] += charm * 8.5 * lower
     skull = smoothstep((y - 38.0) / 60.0)
-    moved[:, 0] *= 1 + charm * 0.055 * skull
+    moved[:, 0] *= 1 + charm * 0.04 * skull
     moved[:, 1] += charm * 5.0 * skull
     moved[:, 2] = 5.0 + (moved[:, 2] - 5.0) * (1 + charm * 0.035 * skull)
     neck = smoothstep((-44.0 - y) / 60.0) * smoothstep((60.0 - z) / 50.0) * smoothstep((y + 150.0) / 90.0)
