@@ -47,7 +47,7 @@ BACK_BY_STRETCH = dict.fromkeys((6, 7, 53, 54), 0.5)
 """Millimetres that a corner of the lips moves back per millimetre outwards: lips slide around the teeth."""
 PURSE_FAPU, PURSE_MM, PURSE_OUT_MM, PURSE_FORWARD_MM = (200.0, 550.0), 3.6, 2.2, 4.2
 """FAPU of a lower lip pushed forward over which lips purse, as in u: how far their corners come in, how much thicker
-each lip becomes near them, and how far lips come forward, the corners 1.7 times as far. So the outline is round, and
+each lip becomes near them, and how far lips come forward, the corners 1.2 times as far. So the outline is round, and
 closed lips stay closed.
 """
 PURSED_CHEEK_MM = np.array([30.0, 24.0])
@@ -60,7 +60,7 @@ JAW_FAP = 3
 JAW_PIVOT = np.array([0.0, 2.0, 18.0])
 """Midpoint of the axis through the jaw joints, mm."""
 LIFT_CHEEK, PUFF_CHEEKS = 41, (39, 40)
-SMILE_FAPU, SMILE_CHEEK_MM, SMILE_LID = (200.0, 600.0), 3.5, 140.0
+SMILE_FAPU, SMILE_CHEEK_MM, SMILE_LID = (140.0, 450.0), 3.5, 170.0
 """FAPU of a lip corner over which a smile lifts its cheek, how far, and by how many FAPU it raises the lower lid."""
 PUFF_MM, PUFF_FORWARD, PUFF_CORNER_MM = 40.0, 0.35, 36.0
 """A puffed cheek: its radius; its way forwards per millimetre outwards; and the distance from the corner of the lips
@@ -228,7 +228,7 @@ def _pursed(t: Array) -> Array:
         [
             -PURSE_MM * np.sign(t) * np.abs(t) ** 1.2,
             np.zeros_like(t),
-            PURSE_FORWARD_MM * t**2 * (2.7 - t**2),
+            PURSE_FORWARD_MM * t**2 * (2.7 - 1.5 * t**2),
         ],
         axis=-1,
     )
