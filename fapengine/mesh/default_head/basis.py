@@ -37,6 +37,10 @@ EASE, ROUND_TO_CORNER = 0.35, 0.35
 """Weight along the contour: fraction from middle to half way that is a cosine, the rest being a parabola; fraction from
 there to the corner that is a parabola, the rest being a line. So contours of recorded speech have no kink half way.
 """
+OUTER_WITH_INNER = 0.6
+"""Fraction by which the outer contour beside a corner is lifted by the FAP of the inner corner instead of its own, so
+that neither corner, lifted alone, is a hook; at the outer corner it is 0.
+"""
 SMILE_TEETH_FAPU, TEETH_FALL_MM = (100.0, 330.0), 2.2
 """FAPU of both corners over which the upper teeth come down in front of the lower ones, and how far: a smile shows one
 row, but films of speech show less of the upper and more of the lower teeth.
@@ -163,7 +167,7 @@ def build_basis(
     return jaw_weight, *collector.gathered()
 
 
-Linear = Callable[[int, Indices, Array], None]
+Linear = Callable[..., None]
 
 
 def _along(t: Array, at: float) -> Array:
@@ -205,11 +209,14 @@ def _lips(head: HeadParts, linear: Linear, collector: BasisCollector) -> None:
             add(number, ring * _along(t, at) * lip)
     # Cheeks follow the corners, or their inside would cover the teeth of a wide mouth.
     cheeks = np.where(level < 0, 1 - smoothstep((-level - 0.35) / 0.65), inner)
+    to_corner = np.clip((np.abs(t) - HALF_WAY) / (1 - HALF_WAY), 0, 1)
+    with_inner = OUTER_WITH_INNER * outer * (1 - to_corner**3)
+    shared = dict.fromkeys((12, 13), with_inner) | dict.fromkeys((59, 60), -with_inner)
     for ring, corners in ((cheeks, (6, 7, 12, 13)), (outer, (53, 54, 59, 60))):
         for number, end in zip(corners, (1, -1, 1, -1), strict=True):
             # Stretching draws the whole lip along, most at its corner; lifting lifts the corner alone.
             shape = np.clip(end * t, 0, 1) ** 1.2 if number in (6, 7, 53, 54) else _along(t, end)
-            add(number, ring * shape)
+            add(number, (ring + shared.get(number, 0.0)) * shape)
     forward = 1 - t**2
     add(17, both * forward * on_upper)
     add(16, both * forward * on_lower)
