@@ -28,7 +28,7 @@ LEAN, OVER = 0.25, 0.45
 """How far tips lean to a side at most, and those at the face over their neighbours, in widths of a strand."""
 STEP_MM, ROUND_MM, TIP_ROUND_MM = 2.2, 1.6, 2.2
 """Height of upper strands above lower ones; height of a strand's middle above its edges, and what tips add to it."""
-PARTING_MM = (1.2, 1.5)
+PARTING_MM = (2.0, 1.4)
 """How far hair of either side goes beyond the parting, and its depth there."""
 WANDER = 0.018
 """How far the border between two strands wanders sideways, in ``s``."""
@@ -86,7 +86,8 @@ def _add_layer(builder: MeshBuilder, fall: Fall, cut: Cut, seed: int, palette: P
     raised = smoothstep((t - 0.02) / 0.2)
     points = points + (raised * up * smoothstep((1 - np.abs(s)) / 0.04))[..., None] * out
     if not layer.first:  # both sides of the parting cross in its depth
-        points[:, 0] -= PARTING_MM[1] * out[:, 0] + PARTING_MM[0] * np.sign(s[:, 0, :, None]) * [1.0, 0.0, 0.0]
+        over = np.array([1.0, 0.0, 0.0]) - out[:, 0, :, :1] * out[:, 0]
+        points[:, 0] -= PARTING_MM[1] * out[:, 0] + PARTING_MM[0] * np.sign(s[:, 0, :, None]) * unit_vectors(over, 1e-6)
     own = unit_vectors(np.cross(np.gradient(points, axis=2), np.gradient(points, axis=1)), 1e-6)
     normals = 0.4 * out + LIT_INSIDE if layer.is_inside else own + EVEN_NORMALS * out
 

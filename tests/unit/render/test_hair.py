@@ -66,6 +66,18 @@ def test_no_hole_in_the_hair_shows_what_is_behind_the_head(yaw_deg: float) -> No
     assert not holes.any()  # 7 and 8 pixels while the sides of the parting did not overlap
 
 
+@pytest.mark.parametrize("haircut", ["short", "long"])
+def test_no_skin_shows_in_the_parting(haircut: str) -> None:
+    head = build_head(HeadStyle(haircut=haircut))
+    is_hair = (head.material == Material.HAIR)[:, None]
+    red_skin = replace(head, albedo=np.where(is_hair, (0.02, 0.02, 0.6), (0.6, 0.02, 0.02)).astype(np.float32))
+    camera = Camera(yaw_deg=90.0, target_mm=(30.0, 105.0, 65.0), distance_mm=900.0, field_deg=3.5)
+    with FaceRenderer(red_skin, RenderOptions(size=(500, 500), camera=camera, background=(0, 0, 0))) as renderer:
+        red, _, blue = np.moveaxis(renderer.draw(np.zeros(68))[..., :3].astype(int), -1, 0)
+    assert (blue[:300] > 60).mean() > 0.5
+    assert not (red[:300] > blue[:300]).any()  # above the forehead; 391 and 2574 pixels while the halves moved along x
+
+
 @pytest.mark.parametrize("haircut", ["short", "bob", "long"])
 @pytest.mark.parametrize("seed", [1, 5, 11])
 def test_no_strand_falls_over_the_face(seed: int, haircut: str) -> None:
