@@ -151,7 +151,7 @@ class Resting(NamedTuple):
 
 BROWS, CORNERS = (31, 32, 33, 34, 35, 36), (12, 13, 59, 60, 6, 7, 53, 54)
 RESTING = (
-    *(Resting({number: 90.0}, (number,), 350.0) for number in (19, 20)),
+    *(Resting({number: 100.0}, (number,), 350.0) for number in (19, 20)),
     *(Resting({number: 15.0}, (number,), 350.0) for number in (21, 22)),
     Resting({12: 60.0, 13: 60.0, 59: 80.0, 60: 80.0, 6: 20.0, 7: 20.0, 53: 35.0, 54: 35.0}, (*CORNERS, *BROWS), 250.0),
     Resting({41: 40.0, 42: 40.0}, (41, 42, *CORNERS, *BROWS), 250.0),

@@ -18,7 +18,7 @@ from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh.default_head.eyes import RADIUS, Eye, moved_eye
 from fapengine.mesh.default_head.points import HeadParts
 
-LARGER_EYES, APART_MM = 0.36, 0.6
+LARGER_EYES, APART_MM = 0.36, 1.6
 """Growth of the eyes, and how far each moves outwards, at charm 1."""
 MAX_CHARM = 0.8
 """Charm beyond which eyes and nose stay as they are: skin between larger eyes would fold."""
@@ -102,7 +102,7 @@ def _with_face(points: Array, charm: float) -> Array:
     jaw = smoothstep((2.0 - y) / 72.0) * smoothstep((y + 112.0) / 40.0)
     moved[:, 0] *= 1 - charm * (0.08 + 0.09 * smoothstep((z - 20.0) / 40.0)) * jaw
     brows = np.exp(-(((y - 58.0) / 11.0) ** 2) - ((np.abs(x) - 32.0) / 30.0) ** 4) * front
-    moved[:, 1] -= charm * 6.3 * brows  # the larger eyes have moved them up
+    moved[:, 1] -= charm * 4.6 * brows  # the larger eyes have moved them up
     cheeks = np.exp(-(((y + 6.0) / 20.0) ** 2) - ((np.abs(x) - 44.0) / 20.0) ** 2) * front
     moved[:, 0] -= charm * 1.5 * cheeks * np.sign(x)
     moved[:, 2] += charm * 2.0 * cheeks
