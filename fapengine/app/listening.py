@@ -156,7 +156,7 @@ def format_listen_page(
         "id": name, "systems": list(systems), "checks": checks, "seed": seed, "columns": COLUMNS,
         "items": [{"id": item, "clips": list(clips)} for item, clips in items.items()],
     }  # fmt: skip
-    here = files(__package__)
+    here = files("fapengine") / "files" / "report"
     page = (here / "listen.html").read_text(encoding="utf-8")
     for place, text in (
         ("/*STYLE*/", page_files()[STYLE].decode()),

@@ -47,8 +47,8 @@ LANDMARK_REACH_MM = 20.0
 """Distance in which the landmarks' residual falls to 1/e."""
 TUKEY = 4.685
 MAX_STEPS, LAST_STEP_MM = 40, 1e-4
-SETTLED_MM = 0.01
-"""Longest last step of a fit that has settled. A point at an edge may be paired with either facet in turn: 6 um."""
+SETTLED_MM = 0.02
+"""Longest last step of a fit that has settled. A point at an edge may be paired with either facet in turn: 12 um."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

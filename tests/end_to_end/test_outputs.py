@@ -250,7 +250,7 @@ def test_every_option_that_names_an_input_is_here() -> None:
     for verb in {" ".join(one.command.split()[: 1 + one.command.startswith("head ")]) for one in VERBS.values()}:
         for parameter in commands()[verb].params:
             flag = max(parameter.opts, key=len)
-            is_path = parameter.type_descriptor.annotation is Path and flag.startswith("--")
+            is_path = parameter.type.name == "path" and not parameter.multiple and flag.startswith("--")
             if (is_path or flag in NAMED) and (verb, flag) not in READ_LIVE:
                 word = "OUTPUT" if flag in WRITTEN else "INPUT"
                 words = f"-o {word}" if flag == "--output" else f"{flag} {word}"

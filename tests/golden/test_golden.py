@@ -123,7 +123,7 @@ def test_an_open_mouth_is_darker_inside_and_no_black_hole(head: FaceMesh, pictur
     x, y = np.round(project(VIEWS["open"], head.point_mm("2.3")[None], SIZE)[0]).astype(int)
     rows = slice(y - 1, y + 6)
     green = {name: pictures[name][rows, x - 3 : x + 4, 1] for name in ("open", "neutral")}
-    assert np.median(green["open"]) < np.median(green["neutral"]) - 5  # lips are rosy, teeth ivory
+    assert np.median(green["open"]) < np.median(green["neutral"]) - 3  # lips are rosy, teeth and tongue light
     assert pictures["open"][rows, x - 3 : x + 4].mean(axis=-1).min() > 45
 
 

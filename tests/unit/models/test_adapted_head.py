@@ -99,7 +99,9 @@ def test_it_is_a_head_of_ours_with_all_faps(adapted):
     head, told, folder = adapted
     ours = build_head(MEASURED)
     assert len(head.vertices_mm) == len(ours.vertices_mm)
-    assert head.feature_points == ours.feature_points
+    assert head.feature_points.keys() == ours.feature_points.keys()
+    steps = {name: abs(vertex - ours.feature_points[name]) for name, vertex in head.feature_points.items()}
+    assert max(steps.values()) <= 1, steps  # the middle of another person's lids may lie at the next vertex
     assert tuple(told["faps"]["still"]) == still_faps(ours) == still_faps(head)
     assert head.fapu != ours.fapu
     for number in (4, 5, 31, 53):  # each moves its point by its own unit
