@@ -66,9 +66,9 @@ test:
 	@$(MAKE) --no-print-directory -j 2 $(VENV)/.ready-dev detector
 	@$(MAKE) --no-print-directory -j 2 tests check conformance fuzz-replay
 
-# Of three processes one takes files that compute, the others files that wait, the long ones first: tests/queues.py.
+# Of four processes two take files that compute, the others files that wait, the long ones first: tests/queues.py.
 # One thread each for linear algebra: three processes with two threads each on two cores wait for each other.
-PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 3 --dist loadfile -q
+PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 4 --dist loadfile -q
 tests: $(VENV)/.ready-dev detector
 	$(PYTEST) -m "not nightly" --at-least $(TESTS_AT_LEAST)
 
