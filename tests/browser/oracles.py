@@ -13,14 +13,15 @@ from pathlib import Path
 
 from design import face_package
 from tests.browser import live_sound
-from tests.browser.bundlers import check_bundlers
+from tests.browser.bundlers import check_bundlers, opened
 from tests.browser.chromium import Browser
 from tests.browser.conftest import SIZE, Server
 from tests.browser.demo_pages import check_demo
 from tests.browser.firefox import Firefox, find_firefox
 from tests.browser.test_face_package import PAGE, open_site, packed
+from tests.unit.recognition.speech import BABY, spoken_by_espeak
 
-TRIES = 5
+TRIES, FIREFOXES = 5, 3
 ROOT = Path(__file__).resolve().parents[2]
 ORACLES = ROOT / "out" / "oracles" / "node_modules"
 AXE = ORACLES / "axe-core" / "axe.min.js"
@@ -167,6 +168,61 @@ async def firefox_live(_: Server) -> None:
     await live_sound.follow(Firefox())
 
 
+DEVICES = """(() => {
+  window.isThere = true;
+  window.sounds = [];
+  navigator.mediaDevices.getUserMedia = async () => {
+    if (!isThere) throw new DOMException("none", "NotFoundError");
+    const sound = new Audio("baby.wav");
+    sounds.push(sound);
+    await sound.play();
+    return sound.mozCaptureStream();
+  };
+})()"""
+"""Microphones that are unplugged after a sentence: Firefox gives a track no event that a page made."""
+AT_REST = """(() => {
+  const last = (kind) => told.findLastIndex(([type]) => type === kind);
+  return last("lost") > last("regained") && last("finished") > last("started");
+})()"""
+"""The last device is lost and its speech is over, in whatever order."""
+
+
+async def firefox_devices(_: Server) -> None:
+    """A face in Firefox goes on with the next microphone, and comes to rest where there is none.
+
+    Firefox itself may stand still when tracks end (``firefox.PREFERENCES``), so another one is tried then.
+    """
+    for left in reversed(range(FIREFOXES)):
+        try:
+            await _lose_devices()
+        except AssertionError as error:
+            print(f"Firefox, microphones: {error}")
+            if not left:
+                raise
+        else:
+            print("Firefox, without a server: it goes on with another microphone")
+            return
+
+
+async def _lose_devices() -> None:
+    regained = "told.filter(([type]) => type === 'regained').length"
+    with tempfile.TemporaryDirectory() as folder:
+        live_sound.make_site(Path(folder), {"baby": spoken_by_espeak("en-us", BABY)})
+        with opened(Path(folder)) as url:
+            async with Firefox() as browser:
+                await browser.open(url)
+                await browser.until("window.isReady")
+                await browser.run(DEVICES)
+                await browser.run("face.hear({ audio: true }).then(() => 0)")
+                await browser.until(f"{regained} > 1")
+                await browser.run("isThere = false")
+                await browser.until(f"{AT_REST} && face.faps.every((value) => value === 0)")
+                await browser.run("told.length = 0, isThere = true")
+                await browser.run("navigator.mediaDevices.dispatchEvent(new Event('devicechange'))")
+                await browser.until(f"{regained} === 1 && told.some(([type]) => type === 'phone')")
+                assert browser.complaints == [], browser.complaints
+
+
 def typescript(folder: Path) -> None:
     """What TypeScript is told of the package holds together, and refuses what is wrong."""
     (folder / "node_modules").mkdir()
@@ -189,7 +245,7 @@ async def main() -> int:
         judges: dict[str, Callable[[Server], Awaitable[None]]] = {"axe-core": axe, "the demo": demo}
         if find_firefox():
             judges |= {"Firefox": firefox_page, "Firefox, package": firefox_package, "Firefox, a call": firefox_call}
-            judges |= {"Firefox, without a server": firefox_live}
+            judges |= {"Firefox, without a server": firefox_live, "Firefox, microphones": firefox_devices}
         else:
             print("Nothing was tried in Firefox: it, or Xvfb, is absent; Debian has them as firefox-esr and xvfb")
         failed = 0
