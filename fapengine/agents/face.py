@@ -249,9 +249,9 @@ class AgentFace:
         early_s = min(self._ahead_s, ahead_s) if self.host.is_ready(self.dt_s) else 0.0
         return max(self._due_s - early_s - now_s, 0.0)
 
-    def image_wait_s(self, now_s: float, ahead_s: float = AHEAD_S) -> float:
+    def image_wait_s(self, now_s: float) -> float:
         """Return the time to wait for the image, s: until the next frame is due, or this one's audio is to be heard."""
-        wait_s = self.wait_s(now_s, ahead_s)
+        wait_s = self.wait_s(now_s)
         return min(wait_s, self.plays_s - now_s) if self.plays_s > now_s else wait_s
 
     def frame(self, now_s: float) -> tuple[StreamFrame, list[StreamEvent]]:

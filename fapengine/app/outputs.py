@@ -149,7 +149,7 @@ def find_kind(path: Path) -> OutputKind:
     Raises
     ------
     UsageError
-        If the ending is unknown, or there is no name: images would fill the current folder.
+        If the ending is unknown, or the path has no file name.
     """
     if not path.name:
         raise UsageError(f"path: got {path}, expected the name of a file or folder")

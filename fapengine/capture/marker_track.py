@@ -201,7 +201,7 @@ class RecordedSound:
         Raises
         ------
         DataError
-            If the rate is none of sound.
+            If audio cannot have this sample rate.
         """
         if not RATES_HZ[0] <= rate_hz <= RATES_HZ[1]:
             raise DataError(f"sound {label!r}: must have {RATES_HZ[0]} to {RATES_HZ[1]} Hz, got {rate_hz:g} Hz")

@@ -103,7 +103,7 @@ BEFORE, AFTER = 6, 10
 
 
 class TerminalScreen:
-    """A line of the terminal; nothing where there is none. Stateful.
+    """A line of the terminal; without a terminal, nothing is written. Stateful.
 
     ``phones`` are those that will be said; None if they are unknown: ``doing`` then says what is done.
     """

@@ -460,7 +460,7 @@ PLANE_CODE_BITS = np.unpackbits(np.array([0, 0, 1, PLANE_START], np.uint8))
 def find_intact_intra(
     bits: Bits, start: int, state: PlaneState, last: IntraHeader | None, *, bodies: bool, final: bool
 ) -> int | None:
-    """Return the first bit of the next I plane that can be trusted; None if there is none yet.
+    """Return the first bit of the next I plane that can be trusted; None if it has not come yet.
 
     Parameters
     ----------

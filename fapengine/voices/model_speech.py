@@ -46,7 +46,7 @@ def changed_ns(files: Sequence[Path], hint: str) -> tuple[int, ...]:
 
 
 @contextmanager
-def library_errors(message: str) -> Iterator[None]:
+def model_errors(message: str) -> Iterator[None]:
     """Raise DataError for what the libraries of a model raise: a dozen kinds of errors that share no base."""
     try:
         yield

@@ -165,7 +165,7 @@ OPEN_PERMISSIONS: Row = {
     "avatarPermission": "everyone", "commercialUsage": "corporation", "allowPoliticalOrReligiousUsage": True,
     "creditNotation": "required", "allowRedistribution": True, "modification": "allowModificationRedistribution",
 }  # fmt: skip
-"""Nothing is said about violent, sexual and hateful content: VRM's default is no, and a head may be a child's."""
+"""Violent, sexual and hateful use is left unset: VRM's default forbids it, and a head may be a child's."""
 LOOK_DEG = 30.0
 """Turn of the eyes up to which the gaze of a program is followed."""
 
