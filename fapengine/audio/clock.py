@@ -96,11 +96,6 @@ class PlaybackClock:
         if not (np.isfinite(self.sample_rate_hz) and self.sample_rate_hz > 0):
             raise UsageError(f"sample_rate_hz: got {self.sample_rate_hz}, expected a positive number")
 
-    @property
-    def drift_ppm(self) -> float:
-        """Rate of the device minus that of the monotonic clock."""
-        return float(self._place[1]) * 1e6
-
     def position_s(self, now_s: float) -> float:
         """Position that is heard at ``now_s``; 0 before anything was fetched."""
         at_s, position_s, rate = self._line

@@ -100,10 +100,8 @@ def scan_surface(scan: PlacedMesh) -> Surface:
     return Surface(scan.vertices_mm[first], scan.node[scan.triangles[on_large_parts(scan)]])
 
 
-def adapt_head(
-    scan: Surface, points_mm: Mapping[str, Array], style: HeadStyle | None = None
-) -> tuple[FaceMesh, Nearness]:
-    """Fit the built-in head to a scan.
+def adapt_head(scan: Surface, points_mm: Mapping[str, Array]) -> tuple[FaceMesh, Nearness]:
+    """Fit the average built-in head to a scan.
 
     Parameters
     ----------
@@ -111,8 +109,6 @@ def adapt_head(
         In head space, laid onto the standard's face. The mouth may be closed; holes are allowed.
     points_mm : mapping of str to (3,), mm
         Its feature points; those of eyeballs, teeth, tongue, ears and hair are not used.
-    style : HeadStyle, optional
-        Hair and colours of the head.
     """
     nearness: list[Nearness] = []
 
@@ -129,7 +125,7 @@ def adapt_head(
         return _with_parts(points, moved, head, fit.skin)
 
     try:
-        mesh = build_reshaped(style or HeadStyle(), reshape)
+        mesh = build_reshaped(HeadStyle(), reshape)
     except UsageError as error:
         raise DataError(f"feature points: {error}") from error
     return mesh, nearness[0]

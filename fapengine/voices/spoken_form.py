@@ -76,8 +76,8 @@ def spoken_form(text: str, code: str, given: Sequence[Edit] = ()) -> SpeakableTe
     >>> spoken = spoken_form("Dr. Lee paid $3.50.", "en-us")
     >>> spoken.text
     'Doctor Lee paid 3 dollars 50.'
-    >>> spoken.original(spoken.text.index("dollars"), spoken.text.index("50"))
-    (13, 18)
+    >>> spoken.starts[spoken.text.index("dollars")]
+    13
     """
     language = code.partition("-")[0]
     edits = list(given)

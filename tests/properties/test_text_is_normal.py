@@ -41,11 +41,10 @@ def test_every_position_maps_back(text: str) -> None:
     assert len(formed.starts) == len(formed.stops) == len(formed.text)
     assert list(formed.starts) == sorted(formed.starts)
     assert list(formed.stops) == sorted(formed.stops)
-    for index, char in enumerate(formed.text):
-        start, stop = formed.original(index, index + 1)
+    for char, start, stop in zip(formed.text, formed.starts, formed.stops, strict=True):
         assert 0 <= start < stop <= len(text)
         stretch = speakable(text[start:stop]).text
-        assert char in stretch or char in "\u200c\u200d \ufffd"  # which depend on what stands before
+        assert char in stretch or char in "\u200c\u200d \ufffd\uff9e\uff9f"  # which depend on what stands before
 
 
 @given(

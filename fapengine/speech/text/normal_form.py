@@ -42,8 +42,11 @@ _PLAIN = re.compile(
 )
 """Forms that are made plain. Not full-width punctuation: voices pause at it without a space after it, and the plain
 ``& < >`` would be markup."""
-_NOT_PLAIN = re.compile("[\u2104-\u2108\u210f\u2114\u2116-\u2118\u211e-\u2123\u2125\u2127\u212e]")
-"""Signs between the letters of one of these blocks, such as ``№``."""
+_NOT_PLAIN = re.compile(
+    "[\u2104-\u2108\u210f\u2114\u2116-\u2118\u211e-\u2123\u2125\u2127\u212e"
+    "\uff01-\uff03\uff06-\uff0a\uff0c-\uff0f\uff1a-\uff1f\uff3b-\uff40\uff5b-\uff60]"
+)
+"""Signs between the letters of these blocks, such as ``№``; full-width punctuation, also before a voicing mark."""
 _FOLLOWS = re.compile("[\u1161-\u1175\u11a8-\u11c2\uff9e\uff9f]")
 """Letters that join the character before: Korean vowels and finals, half-width kana's voicing."""
 
@@ -60,10 +63,6 @@ class SpeakableText:
     replaced: int = 0
     """Halves of surrogate pairs that are U+FFFD now: bytes that were no text."""
 
-    def original(self, start: int, stop: int) -> tuple[int, int]:
-        """Return where a stretch of the normal text, which has at least one character, stood in the original."""
-        return self.starts[start], self.stops[stop - 1]
-
 
 def speakable(text: str) -> SpeakableText:
     """Bring a text into the normal form for voices.
@@ -77,8 +76,8 @@ def speakable(text: str) -> SpeakableText:
     --------
     >>> speakable("cafe\u0301 wor\u00adld \uff11").text
     'café world 1'
-    >>> speakable("cafe\u0301!").original(3, 4)
-    (3, 5)
+    >>> speakable("cafe\u0301!").stops
+    (1, 2, 3, 5, 6)
     """
     kept = _kept(text)
     cuts = [index for index, (char, _, _) in enumerate(kept) if not index or not _joins(char)]

@@ -68,8 +68,6 @@ class OscReceiver:
         For the answer to a ``hello``.
     instance : int
         An int32, different for each run of the server: senders then know that they must begin again.
-    simple_session : str
-        The session that the simple mode drives.
     proof : Proof, optional
         How peers prove their addresses; by default all are believed.
     elsewhere : callable, optional
@@ -88,7 +86,6 @@ class OscReceiver:
         limits: WireLimits | None = None,
         engine_limits: Limits | None = None,
         instance: int = 0,
-        simple_session: str = SIMPLE_SESSION,
         proof: Proof | None = None,
         elsewhere: Callable[[str], int | None] = lambda session: None,
     ) -> None:
@@ -97,8 +94,7 @@ class OscReceiver:
         self._engine, self._token, self._instance = engine, token, instance
         self._limits, self._engine_limits = limits or WireLimits(), engine_limits or Limits()
         self._numbers = count()
-        name = schema.check_session(simple_session)
-        self._simple = one_shot.SimpleMode(name, engine, self._numbers, self._engine_limits.queued_s)
+        self._simple = one_shot.SimpleMode(SIMPLE_SESSION, engine, self._numbers, self._engine_limits.queued_s)
         self._joined: OrderedDict[Hashable, Peer] = OrderedDict()
         self._strangers: OrderedDict[Hashable, Peer] = OrderedDict()
         self._sessions: dict[str, WireSession] = {}

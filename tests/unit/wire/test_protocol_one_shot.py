@@ -347,13 +347,13 @@ def test_surplus_arguments_are_counted():
 
 
 def test_gestures_without_a_session_are_of_the_simple_one():
-    one = Wire(simple_session="berta")
+    one = Wire()
     one.say("/expr", "sf", "joy", 0.5)
     one.say("/gaze", "ff", 10.0, 5.0)
     one.say("/blink")
     one.say("/head", "fff", 1.0, 2.0, 3.0)
     one.say("/param", "sf", "jaw", 1.2)
-    assert [type(command) for command in one.faces.commands(session="berta")] == [
+    assert [type(command) for command in one.faces.commands(session="face")] == [
         Express,
         Look,
         Blink,
