@@ -5,15 +5,18 @@ import subprocess
 import sys
 from collections.abc import Awaitable, Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from mcp.client import Client
-from mcp.client.stdio import StdioServerParameters
+if TYPE_CHECKING:
+    from mcp.client import Client
 
 Call = Callable[..., Awaitable[tuple[bool, Any]]]
 
 
-def talk(folder: Path, conversation: Callable[[Client, Call], Awaitable[None]]) -> None:
+def talk(folder: Path, conversation: Callable[["Client", Call], Awaitable[None]]) -> None:
+    from mcp.client import Client  # slow, and every process of tests reads this file
+    from mcp.client.stdio import StdioServerParameters
+
     command = StdioServerParameters(command=sys.executable, args=["-m", "fapengine", "mcp", "--folder", str(folder)])
 
     async def run() -> None:
@@ -34,7 +37,7 @@ def test_tools_write_files_and_errors_say_what_to_change(tmp_path: Path) -> None
     folder.mkdir()
     (folder / "mam.pho").write_text("m 80\na 120\nm 80\n_ 100\n")
 
-    async def conversation(client: Client, call: Call) -> None:
+    async def conversation(client: "Client", call: Call) -> None:
         tools = {tool.name: tool for tool in (await client.list_tools()).tools}
         assert set(tools) == {"say", "animate", "convert", "score", "inspect"}
         assert all(len(tool.description or "") > 60 for tool in tools.values())
