@@ -116,10 +116,11 @@ def build_lids(
     reach_mm = np.linalg.norm(at_border[:, :2] - rim_flat, axis=1)
     middle = (1 - t**2) ** 0.8
     grids, levels = [border], [2.0]
-    for level in resampled(OUTSIDE, detail):
-        flat = _around_eye(rim_flat, at_border[:, :2], t, level)
-        angle = angle_of(flat[:, 0], flat[:, 1], style)
-        face, out = position(angle, flat[:, 1], style), normal(angle, flat[:, 1], style)
+    outside = resampled(OUTSIDE, detail)
+    flats = np.stack([_around_eye(rim_flat, at_border[:, :2], t, level) for level in outside])
+    around = angle_of(flats[..., 0], flats[..., 1], style)  # all rings at once, which takes a third of the time
+    faces, outs = position(around, flats[..., 1], style), normal(around, flats[..., 1], style)
+    for level, flat, angle, face, out in zip(outside, flats, around, faces, outs, strict=True):
         on_ball = _on_sphere(flat, centre, RADIUS + LID_THICKNESS + 1.2 * (level - 1))
         on_ball[:, 2] += _forward(t, level)
         towards_face = smoothstep(((level - 1) * reach_mm - 0.6) / (7.0 + 0.5 * middle))

@@ -89,14 +89,17 @@ def build_mouth(builder: MeshBuilder, border: Indices, block: Block, style: Head
     inner = np.stack([style.mouth_width * INNER_HALF_WIDTH * t, line(t)], axis=-1)
 
     grids, levels = [border], [2.0]
-    for level in (*resampled(OUTSIDE, detail), *resampled(LIP, detail)[1:]):
-        share = max(level - 1.0, 0.0)
-        flat = outer + share * (at_border[:, :2] - outer) if level >= 1 else inner + level * (outer - inner)
-        angle = angle_of(flat[:, 0], flat[:, 1], style)
-        points = position(angle, flat[:, 1], style)
-        points += bulge(np.full_like(t, level), t, upper, style.lip_fullness)[:, None] * normal(
-            angle, flat[:, 1], style
-        )
+    across = (*resampled(OUTSIDE, detail), *resampled(LIP, detail)[1:])
+    flats = np.stack(
+        [
+            outer + (level - 1.0) * (at_border[:, :2] - outer) if level >= 1 else inner + level * (outer - inner)
+            for level in across
+        ]
+    )
+    angles = angle_of(flats[..., 0], flats[..., 1], style)
+    above = bulge(np.array(across)[:, None], t, upper, style.lip_fullness)
+    laid = position(angles, flats[..., 1], style) + above[..., None] * normal(angles, flats[..., 1], style)
+    for level, flat, angle, points in zip(across, flats, angles, laid, strict=True):
         on_lip = smoothstep((1.08 - level) / 0.14)
         albedo = palette.skin(points) + on_lip * (palette.lip(points, t, level) - palette.skin(points))
         kind, uv = Material.LIP if level <= 1 else Material.SKIN, skin_uv(angle, flat[:, 1])
