@@ -9,6 +9,7 @@ from fapengine.errors import UsageError
 from fapengine.speaking import RATES_WPM
 from fapengine.speech import ipa
 from fapengine.speech.phone_track import SILENCE
+from fapengine.voices import espeak
 from fapengine.voices.choice import VoiceChoice
 from fapengine.voices.espeak import EspeakVoice, catalogue, voices
 from fapengine.voices.protocol import Speech
@@ -90,6 +91,25 @@ def test_a_voice_speaks_its_own_language_whoever_spoke_before() -> None:
     assert "ʁ" in alone["fr-fr"]
     assert "ɑːɹ" in alone["en-us"]
     assert "ɑːɹ" not in alone["en-gb"]  # no r in park
+
+
+def test_a_text_has_the_same_sound_whoever_spoke_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    voice, text = EspeakVoice("vi"), "Xin chào, cái cầu này đẹp quá, tôi đi học."
+
+    def sounds() -> list[bytes]:
+        found = [voice.speak(text).samples.tobytes()]
+        EspeakVoice("ru").speak("Google")  # with the dictionary of a second language
+        return [*found, voice.speak(text).samples.tobytes()]
+
+    monkeypatch.setattr(espeak, "_second_dictionaries", [])
+    assert len(set(sounds() + sounds())) == 1
+    assert espeak._second_dictionaries == [b"(en)"] * 2
+    monkeypatch.setattr(espeak, "_second_dictionaries", [b"(en)"] * espeak.MOST_SECOND_DICTIONARIES)
+    assert len(set(sounds() + sounds())) > 1  # stays loaded
+
+
+def test_a_phoneme_that_a_voice_lacks_is_spoken() -> None:
+    assert spoken("kl", "Åland") == ["ɒ", "l", "a", "n", "d"]  # the process died where Greenlandic spoke first
 
 
 def test_a_voice_without_its_dictionary_is_none() -> None:
