@@ -94,6 +94,10 @@ def resolved(path: Path) -> Path:
     return place
 
 
+LFS_POINTER, MAX_POINTER = b"version https://git-lfs", 1024
+"""What stands in a clone for a large file, and the most bytes that it has."""
+
+
 def open_file(path: Path, most: int | None = None) -> BinaryIO:
     """Open a file for reading that has at most ``most`` bytes.
 
@@ -103,6 +107,8 @@ def open_file(path: Path, most: int | None = None) -> BinaryIO:
     ------
     UsageError
         If it does not exist, cannot be read or is larger.
+    DataError
+        If it is a pointer of Git LFS.
     """
     _check_name(path)
     try:
@@ -110,7 +116,11 @@ def open_file(path: Path, most: int | None = None) -> BinaryIO:
         if not (stat.S_ISREG(found.st_mode) or stat.S_ISDIR(found.st_mode) or str(path).startswith(GIVEN)):
             raise UsageError(f"{path}: cannot be read (a device or a pipe); expected a file, or - for standard input")
         _check_size(path, found.st_size, most)
-        return path.open("rb")
+        file = path.open("rb")
+        if found.st_size < MAX_POINTER and file.peek(len(LFS_POINTER)).startswith(LFS_POINTER):
+            file.close()
+            raise DataError(f"{path}: got a pointer of Git LFS, expected the file itself (git lfs pull)")
+        return file
     except OSError as error:
         raise UsageError(f"{path}: cannot be read ({error.strerror})") from error
 

@@ -7,6 +7,7 @@ import io
 import logging
 import mmap
 import re
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -232,15 +233,40 @@ def load_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64], Any]:
         _check_indices(read_bytes(path), path)
     logging.getLogger("trimesh").addHandler(logging.NullHandler())  # else it prints tracebacks before our message
     try:
-        mesh = trimesh.load_mesh(path, process=False, maintain_order=True)
-        if isinstance(mesh, trimesh.Scene):
-            mesh = mesh.to_mesh()
-        vertices, triangles = np.array(mesh.vertices, np.float64), np.array(mesh.faces, np.int64)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # of NumPy, for a part without texture coordinates
+            mesh: Any = trimesh.load(path, process=False, maintain_order=True)
+            if isinstance(mesh, trimesh.Scene):
+                mesh = _one_mesh(mesh, trimesh) if path.suffix.lower() == ".obj" else mesh.to_mesh()
+        vertices, triangles = np.array(mesh.vertices, np.float64), np.array(getattr(mesh, "faces", ()), np.int64)
     except Exception as error:  # whatever the library fails with, the file is at fault
         raise DataError(f"mesh: cannot be understood ({type(error).__name__}: {error})", where=str(path)) from error
     if vertices.ndim != 2 or vertices.shape[1:] != (3,) or not len(vertices) or not np.isfinite(vertices).all():
         raise DataError(f"mesh: got vertices of shape {vertices.shape}, expected finite (V, 3)", where=str(path))
+    if not len(triangles):
+        raise DataError("mesh: contains no triangles", where=str(path))
     return vertices, triangles, mesh.visual
+
+
+def _one_mesh(scene: Any, trimesh: Any) -> Any:
+    """Join the parts of an OBJ file, one a material; without texture coordinates each has the vertices of the file.
+
+    Those are kept once: else there would be as many copies as materials, and cuts between these.
+    """
+    parts = list(scene.geometry.values())
+    vertices = max((part.vertices for part in parts), key=len, default=np.zeros((0, 3)))
+    for part in parts:
+        if getattr(part.visual, "uv", None) is not None or not np.array_equal(
+            part.vertices, vertices[: len(part.vertices)]
+        ):
+            return scene.to_mesh()
+    colours = np.full((len(vertices), 4), 255, np.uint8)
+    for part in parts:
+        used = np.unique(part.faces)
+        material = getattr(part.visual, "material", None)
+        colours[used] = part.visual.vertex_colors[used] if material is None else material.main_color
+    faces = np.concatenate([part.faces for part in parts])
+    return trimesh.Trimesh(vertices, faces, vertex_colors=colours, process=False)
 
 
 def _check_indices(data: bytes, path: Path) -> None:

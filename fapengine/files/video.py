@@ -192,9 +192,17 @@ def inspect_film(path: Path) -> FilmInfo | None:
         return None
 
 
+ATTACHED_PICTURE = 0x400
+"""FFmpeg's mark of a cover."""
+
+
 def decodable(container: Any) -> list[Any]:
-    """Streams of images whose codec FFmpeg has; the others lack most attributes."""
-    return [stream for stream in container.streams.video if stream.codec_context is not None]
+    """Streams of moving images whose codec FFmpeg has; the others lack most attributes, or are covers of sound."""
+    return [
+        stream
+        for stream in container.streams.video
+        if stream.codec_context is not None and not getattr(stream, "disposition", 0) & ATTACHED_PICTURE
+    ]
 
 
 def count_pictures(path: Path) -> int:

@@ -6,6 +6,7 @@ To add a kind, write how it is found and described in a module here, and add its
 from fapengine.app.inspection import faces, media, motion, tracked
 from fapengine.app.inspection.report import FileKind, Source
 from fapengine.errors import UnsupportedError
+from fapengine.files.gltf.document import find_other
 
 FILE_KINDS: tuple[FileKind, ...] = (
     faces.PROFILE,
@@ -40,6 +41,8 @@ def find_kind(source: Source) -> FileKind:
         raise UnsupportedError(
             f"{source.path}: got body animation parameters (.bap), which move a body, expected what moves a face (.fap)"
         )
+    if other := find_other(source.data):
+        raise UnsupportedError(f"{source.path}: got {other}")
     raise UnsupportedError(
         f"{source.path}: got {source.data[:4].hex(' ')}, expected {', '.join(kind.name for kind in FILE_KINDS)}",
         where="byte 0",

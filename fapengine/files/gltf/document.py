@@ -28,11 +28,18 @@ MAX_NUMBER = 1e30
 OTHER_FILES = {
     b"version https://git-lfs": "a pointer of Git LFS, expected the file itself (git lfs pull)",
     b"Kaydara FBX": "FBX, expected a file that was exported as .glb, by Blender for example",
+    b"; FBX": "FBX, expected a file that was exported as .glb, by Blender for example",
     b"BLENDER": "a project of Blender, expected a file that it exported as .glb",
     b"PK\x03\x04": "a ZIP archive, expected the file in it",
     b"<": "a web page or XML, expected the file that a link leads to",
 }
-"""What is found in files with the ending of glTF, by its first bytes."""
+"""What is found where a file of another kind was expected, by its first bytes."""
+
+
+def find_other(data: bytes) -> str | None:
+    """Say what a file of :data:`OTHER_FILES` is, and what was expected; None for others."""
+    beginning = data[:64].lstrip()
+    return next((told for bytes_, told in OTHER_FILES.items() if beginning.startswith(bytes_)), None)
 
 
 def parse_json(data: bytes, where: str) -> "Item":
@@ -400,9 +407,8 @@ def parse_gltf(data: bytes, fetch: Fetch, *, every_extension: bool = True) -> Gl
     """
     if not data:
         raise DataError("glTF: is empty", where="byte 0")
-    for beginning, kind in OTHER_FILES.items():
-        if data[:64].lstrip().startswith(beginning):
-            raise DataError(f"glTF: got {kind}", where="byte 0")
+    if other := find_other(data):
+        raise DataError(f"glTF: got {other}", where="byte 0")
     text, binary = _unpack(data) if data[:4] == MAGIC else (data, b"")
     root = parse_json(text, "glTF")
     version = root.item("asset").string("version", "")

@@ -1,9 +1,11 @@
 """``inspect`` of the project's own files: motion, sound, film, picture, avatar, head."""
 
 import json
+import struct
 from pathlib import Path
 from typing import Any
 
+import av
 import numpy as np
 import pytest
 from PIL import Image
@@ -16,7 +18,7 @@ from fapengine.errors import DataError, FapEngineError
 from fapengine.files.heads.load import load_head
 from fapengine.files.motion import save_fap
 from fapengine.files.moving import write_moving
-from fapengine.files.pictures import load_picture
+from fapengine.files.pictures import load_picture, save_png
 from fapengine.files.sound import save_wav
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fap import FEATURE_POINT_NAMES
@@ -82,6 +84,30 @@ def test_a_sound(tone: Path, tmp_path: Path) -> None:
     inked = (load_picture(tmp_path / "plot.png").astype(int).min(axis=-1) < 200).sum(axis=0)
     left, right = np.array_split(inked, 2)
     assert left.sum() > 3 * right.sum()  # the second half is silent
+
+
+def box(kind: bytes, *content: bytes) -> bytes:
+    body = b"".join(content)
+    return struct.pack(">I4s", 8 + len(body), kind) + body
+
+
+def test_a_cover_is_no_film(tone: Path, tmp_path: Path) -> None:
+    with av.open(str(tone)) as source, av.open(str(tmp_path / "plain.m4a"), "w") as out:
+        stream = out.add_stream("aac", rate=RATE_HZ)
+        for frame in source.decode(audio=0):
+            out.mux(stream.encode(frame))
+        out.mux(stream.encode(None))
+    save_png(tmp_path / "cover.png", np.zeros((8, 8, 3), np.uint8))
+    cover = box(b"data", struct.pack(">II", 14, 0), (tmp_path / "cover.png").read_bytes())
+    handler = box(b"hdlr", bytes(8), b"mdirappl", bytes(9))
+    tags = box(b"udta", box(b"meta", bytes(4), handler, box(b"ilst", box(b"covr", cover))))
+    data = (tmp_path / "plain.m4a").read_bytes()
+    last = data.rindex(b"moov") - 4
+    assert last + int.from_bytes(data[last : last + 4], "big") == len(data)
+    (tmp_path / "cover.m4a").write_bytes(data[:last] + box(b"moov", data[last + 8 :], tags))
+    with av.open(str(tmp_path / "cover.m4a")) as container:
+        assert len(container.streams.video) == 1
+    assert as_json(tmp_path / "cover.m4a") == as_json(tmp_path / "plain.m4a")
 
 
 def test_a_film_with_and_without_sound(tmp_path: Path) -> None:
@@ -217,3 +243,20 @@ def test_what_is_none_of_them_is_refused(tmp_path: Path) -> None:
     path.write_text("not a sound")
     done = CliRunner().invoke(app, ["inspect", str(path)])
     assert done.exit_code != 0
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "message"),
+    [
+        ("talk.wav", b"version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9\n", "a pointer of Git LFS"),
+        ("face.fbx", b"Kaydara FBX Binary  \0\x1a\0", "FBX, expected a file that was exported as .glb"),
+        (
+            "face.fbx",
+            b"; FBX 7.4.0 project file\nFBXHeaderExtension:  {\n}\n",
+            "FBX, expected a file that was exported as .glb",
+        ),
+    ],
+)
+def test_well_known_files_of_other_kinds_are_named(tmp_path: Path, name: str, data: bytes, message: str) -> None:
+    (tmp_path / name).write_bytes(data)
+    assert message in refused(tmp_path / name)

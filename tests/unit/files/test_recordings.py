@@ -8,7 +8,7 @@ import pytest
 from fapengine.capture.landmarks import Picture
 from fapengine.capture.marker_track import MarkerTrack
 from fapengine.errors import DataError, ResourceError, UsageError
-from fapengine.files.recordings import load_markers, load_surface, save_markers
+from fapengine.files.recordings import load_markers, load_mesh, load_painted, load_surface, save_markers
 
 TRIANGLE = "v 0 0 90\nv 60 0 90\nv 0 {y} 90\nv 60 60 80\nf 1 2 3\nf 2 4 3\n"
 
@@ -102,8 +102,38 @@ def test_scans(tmp_path, monkeypatch):
         load_surface(tmp_path / "scan.obj")
 
 
+MATERIALS = "newmtl red\nKd 1 0 0\nnewmtl blue\nKd 0 0 1\n"
+TWO_MATERIALS = """mtllib scan.mtl
+v 0 0 0
+v 1 0 0
+v 1 1 0
+v 0 1 0
+v 0 2 0
+usemtl red
+f 2 3 4
+usemtl blue
+f 1 2 4
+f 4 3 5
+"""
+
+
+def test_an_obj_of_several_materials_has_its_vertices_once(tmp_path):
+    (tmp_path / "scan.obj").write_text(TWO_MATERIALS)
+    vertices, triangles, _ = load_mesh(tmp_path / "scan.obj")
+    assert vertices.tolist() == [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 2, 0]]
+    assert sorted(map(sorted, triangles.tolist())) == [[0, 1, 3], [1, 2, 3], [2, 3, 4]]
+    (tmp_path / "scan.mtl").write_text(MATERIALS)
+    surface, paint = load_painted(tmp_path / "scan.obj")
+    assert surface.vertices_mm.shape == (5, 3)
+    assert paint is not None
+    assert paint.albedo[[0, 4]].tolist() == [[0, 0, 1], [0, 0, 1]]
+    (tmp_path / "points.obj").write_text("v 1 2 3\nv 2 3 4\n")
+    with pytest.raises(DataError, match="contains no triangles"):
+        load_surface(tmp_path / "points.obj")
+
+
 def test_an_index_beyond_all_vertices_is_refused_before_it_costs_memory(tmp_path, monkeypatch):
-    monkeypatch.setattr("trimesh.load_mesh", lambda *_, **__: pytest.fail("trimesh allocates 8 GB"))
+    monkeypatch.setattr("trimesh.load", lambda *_, **__: pytest.fail("trimesh allocates 8 GB"))
     (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1111111111/1/1 2/1/1 3/1/1\n")
     with pytest.raises(DataError, match="mesh: got index 1111111111 in 53 bytes"):
         load_surface(tmp_path / "a.obj")
