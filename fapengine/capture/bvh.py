@@ -49,6 +49,7 @@ def parse_bvh(data: bytes) -> RawTrack:
         if words[at].upper() != "MOTION" or words[at + 1].lower() != "frames:":
             raise DataError(f"BVH: got {words[at]!r:.20}, expected MOTION and Frames:", where=f"word {at + 1}")
         count, step_s = int(words[at + 2]), float(words[at + 5])
+        rate_hz = _rate_hz(step_s, words[at + 5])
     except IndexError as error:
         raise TruncatedError("BVH: ends within its header", where=f"word {len(words)}") from error
     except ValueError as error:
@@ -65,9 +66,19 @@ def parse_bvh(data: bytes) -> RawTrack:
     return RawTrack(
         positions=_places(joints, frames),
         labels=tuple(joint.name for joint in joints),
-        rate_hz=1 / step_s if math.isfinite(step_s) and step_s > 1e-6 else None,
+        rate_hz=rate_hz,
         notes=("every joint counts as a marker; BVH does not state its unit",),
     )
+
+
+def _rate_hz(step_s: float, text: str) -> float | None:
+    """Frame rate of a step that is rounded or cut: the whole rate, or NTSC's, that may be written like that."""
+    if not math.isfinite(step_s) or step_s <= 1e-6:
+        return None
+    digits = len(text.partition(".")[2])
+    whole = round(1 / step_s)
+    near = (rate for rate in (whole, whole / 1.001) if rate and abs(1 / rate - step_s) < 10.0**-digits)
+    return float(next(near, 1 / step_s))
 
 
 def _hierarchy(words: list[str]) -> tuple[list[_Joint], int]:

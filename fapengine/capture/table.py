@@ -270,8 +270,12 @@ def parse_trc(data: bytes) -> RawTrack:
         raise TruncatedError(
             f"TRC: must have a header of 5 lines and frames, got {len(lines)} lines", where=f"line {len(lines)}"
         )
-    rows = [[cell.strip() for cell in (line.split("\t") if "\t" in line else line.split())] for line in lines]
-    fields = dict(zip((key.lower() for key in rows[1]), rows[2], strict=False))
+    sign = max("\t,", key=lines[3].count)
+    rows = [[cell.strip() for cell in (line.split(sign) if sign in line else line.split())] for line in lines]
+    names, values = ([cell for cell in row if cell] for row in rows[1:3])  # some write two TABs between them
+    if len(names) != len(values):
+        names, values = rows[1:3]
+    fields = dict(zip((name.lower() for name in names), values, strict=False))
     labels, columns = _trc_names(rows[3][FIRST_COLUMNS:])
     if not labels:
         raise DataError("TRC: contains no marker names", where="line 4")

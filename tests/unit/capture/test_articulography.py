@@ -126,6 +126,15 @@ def test_damaged_mat_files_are_refused(data, kind, message):
         parse_mview(data)
 
 
+@pytest.mark.parametrize(
+    ("step", "rate_hz"),
+    [("0.0333333", 30.0), ("0.008333", 120.0), ("0.016666", 60.0), ("0.033367", 30 / 1.001), ("0.0301234", 33.196784)],
+)
+def test_a_rounded_step_is_the_whole_rate_that_was_written(step, rate_hz):
+    found = parse_bvh(BVH.replace(b"Frame Time: 0.04", f"Frame Time: {step}".encode())).rate_hz
+    assert found == pytest.approx(rate_hz, rel=1e-6)
+
+
 def test_joints_follow_their_parents():
     raw = parse_bvh(BVH)
     assert raw.labels == ("hip", "knee", "knee end")

@@ -150,6 +150,16 @@ def test_trc_header_quirks(track):
     assert parse_trc(text.replace("\tmm\t", "\tm\t").encode()).units == "m"
 
 
+def test_trc_with_commas_or_two_tabs_in_its_header(track):
+    """As pyomeca writes it, and as files that come with OpenSim have it."""
+    text = format_trc(track).decode()
+    assert understand(parse_trc(text.replace("\t", ",").encode()))[0].equals(track, atol_mm=1e-5)
+    lines = text.replace("\tmm\t", "\tcm\t").splitlines()
+    lines[2] = " " + lines[2].replace("\t", "\t\t ", 2)
+    found = parse_trc("\n".join(lines).encode())
+    assert (found.units, found.rate_hz, found.labels) == ("cm", track.rate_hz, track.labels)
+
+
 def archive(**arrays) -> bytes:
     buffer = io.BytesIO()
     np.savez(buffer, **arrays)
