@@ -41,6 +41,8 @@ MAX_SAMPLES = 1_000_000
 """Largest whole number that is too small for HTK's units: 0.1 s."""
 _STATE = re.compile(r"(.+)\[(\d{1,2})\]")
 _FULL_CONTEXT = re.compile(r"^[^-]*\^?[^-]*-([^+]+)\+")
+_OPEN_JTALK = re.compile(r"/A:(xx|-?\d+)(\+(xx|\d+)){2}/B:")
+"""Accents in a full-context label, which no other language's have in this form."""
 
 
 def rows_of(data: bytes, what: str, fields: int) -> list[tuple[str, list[str]]]:
@@ -122,6 +124,8 @@ def parse_htk(data: bytes, *, alphabet: str | None = None, columns: str | None =
             replace(entry, label=" ".join(row[2:])) if row[3:] and not re.match(NUMBER, row[3]) else entry
             for entry, (_, row) in zip(entries, rows, strict=True)
         ]
+    if alphabet is None and any(_OPEN_JTALK.search(entry.label) for entry in entries):
+        alphabet = "openjtalk"
     entries = [
         replace(entry, label=context[1] if (context := _FULL_CONTEXT.match(entry.label)) else entry.label)
         for entry in joined_states(entries)

@@ -95,7 +95,8 @@ def is_pho(sample: Sample) -> bool:
     for row in sample.rows:
         name, *numbers = row.split(";", 1)[0].split() or [""]
         points = [float(number.replace(",", ".")) for number in numbers[1::2] if re.fullmatch(NUMBER, number)]
-        if len(name) > MAX_PHO_LABEL or (len(points) > 1 and points != sorted(points)):
+        is_text = any(re.search("[^\\W\\d_]", number) for number in numbers)
+        if len(name) > MAX_PHO_LABEL or is_text or (len(points) > 1 and points != sorted(points)):
             return False
     return True
 

@@ -19,8 +19,8 @@ MAX_TIME_S = 86_400.0
 """A day: later times are a mistake of unit, not speech."""
 EMPTY_S, A_PHONE_S = 600.0, 60.0
 """Longest timings without a label, and more for each label: a short file must not give a day of frames."""
-OVERLAP_S = 1e-3
-"""Longest overlap that counts as rounding."""
+OVERLAP_S = 1.5e-3
+"""Longest overlap that counts as rounding: start, length and next start, each rounded to 1 ms."""
 LAST_S = 0.1
 """Duration of the last phone in a format that gives no end, s."""
 _BURSTS = {"bcl": ("b",), "dcl": ("d", "jh"), "gcl": ("g",), "pcl": ("p",), "tcl": ("t", "ch"), "kcl": ("k",)}

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 from fapengine.errors import DataError, UsageError
 from fapengine.speech.alphabets.phone_sets import PHONE_SETS
-from fapengine.speech.formats.documents import Node, decode_text, parse_document
+from fapengine.speech.formats.documents import NUMBER, Node, decode_text, parse_document
 from fapengine.speech.formats.entries import LAST_S, Entry, track_of
 from fapengine.speech.formats.word_lists import labelled_track, words_track
 from fapengine.speech.phone_track import PhoneTrack
@@ -142,6 +142,8 @@ def parse_table(data: bytes, *, columns: str | None = None, alphabet: str | None
     names = list(dict.fromkeys(name for row in rows.values() for name in row))
     found = _found(names, said)
     if not {"start", "label"} <= found.keys():
+        if not is_json and (not names or any(re.fullmatch(NUMBER, name.strip()) for name in names)):
+            raise DataError("table: got no names of columns; say their numbers: columns='start=1,end=2,label=3'")
         raise DataError(
             f"table: got the columns {names[:12]}, expected start and label; name them with"
             " columns='start=NAME,end=NAME,label=NAME'"

@@ -130,6 +130,8 @@ def test_columns_that_are_none(text: str) -> None:
     ("text", "columns", "message"),
     [
         ("a,b\n1,2\n", "", r"table: got the columns \['a', 'b'\], expected start and label"),
+        ("hello,0.5,1.0\nthere,1.0,1.5\n", "", "no names of columns; say their numbers"),
+        ("hello,0.5,1.0\n", "", "no names of columns; say their numbers"),
         ("start,end,phone\n0.0,x,m\n", "", "end: got 'x', expected a time.*row 1"),
         ("start,end,phone\n0.0,0.5,m\n", "end=stop", "columns: got end=stop, but the file has"),
         ("starts,ends,phone\n0,100,m\n100,200,a\n", "", "got whole numbers for times"),
@@ -179,6 +181,25 @@ def test_kaldi_frames_are_no_phones_of_mbrola() -> None:
     with pytest.raises(DataError, match="expected a known format"):
         read("utterance_1 1 1 1 1 3 3 3 7 7 7 7 7 2 2\n")
     assert read("m 100 0 120 50 130\na 100\n").phones[0].label == "m"
+
+
+def test_a_ctm_of_many_columns_is_no_list_of_pitches() -> None:
+    alternatives = "REC_1 1 0.5 0.2 hello 0.9 lex me\nREC_1 1 * * <ALT_BEGIN>\n"
+    with pytest.raises(DataError, match=r"time: got '\*', expected a number.*line 2"):
+        read(alternatives, ending=".ctm")
+
+
+def test_times_that_are_rounded_to_milliseconds_overlap_by_one() -> None:
+    track = read("file 1 11.851 0.204 m 0.5\nfile 1 12.054 0.407 ay 0.5\n")
+    assert told(track)[-2:] == [("m", 11.851, 12.055), ("aɪ", 12.055, 12.461)]
+
+
+def test_a_context_of_open_jtalk_says_its_alphabet() -> None:
+    contexts = "/A:-5+1+7/B:xx-xx_xx/C:02_xx+xx/D:xx+xx_xx"
+    labels = "".join(f"{n}000000 {n + 1}000000 x^x-{phone}+x=x{contexts}\n" for n, phone in enumerate("daNka"))
+    assert [phone for phone, *_ in told(read(labels))] == ["d", "a", "ɴ", "k", "a"]
+    assert not read(labels).reading.guessed
+    assert read(labels.replace("+1+7", "_1_7")).reading.guessed  # an English context
 
 
 def test_songs() -> None:
