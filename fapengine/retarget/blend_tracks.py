@@ -99,6 +99,9 @@ TIME_KEYS = {"time": 1.0, "time_s": 1.0, "timestamp": 1e3, "timestamp_ms": 1e3, 
 HEAD = {"headyaw": 49, "headpitch": 48, "headroll": 50}
 """Columns of head rotation that Live Link adds, in rad, and the FAP of each."""
 MAX_FRAMES = 10_000_000
+MAX_SHAPES_HZ = 1000.0
+LATE = 0.5
+"""Largest distance in frames from regular ones that is no lost or late frame."""
 MIN_NAMES = 8
 MAX_WEIGHT, MAX_PER_CENT = 2.0, 200.0
 """Largest weight, and largest one in per cent; programs overdrive shapes."""
@@ -115,10 +118,19 @@ def parse_blend_track(data: bytes) -> FapTrack:
         If it is neither JSON events nor CSV with shape names, or a value is not a number; ``where`` is its place.
     """
     text = _decode(data)
-    shapes, weights, head, rate_hz = _json(text) if text.lstrip()[:1] in ("[", "{") else _csv(text)
+    shapes, weights, head, clock = _json(text) if text.lstrip()[:1] in ("[", "{") else _csv(text)
     if not len(weights):
         raise TruncatedError("blend shapes: contains no frame")
     largest, remarks = float(weights.max(initial=0.0)), []
+    if isinstance(clock, float):
+        rate_hz = clock
+    else:
+        table, rate_hz = _evened(np.column_stack([weights, *head.values()]), clock)
+        weights, head = table[:, : weights.shape[1]], dict(zip(head, table[:, weights.shape[1] :].T, strict=True))
+        longest_s = float(np.diff(clock).max())
+        remarks.append(
+            f"blend shapes: frames are up to {longest_s:.3g} s apart; filled at {rate_hz:g} frames per second"
+        )
     if largest > MAX_PER_CENT:
         raise DataError(f"blend shapes: got a weight of {largest:g}, expected 0..1, or 0..100 per cent")
     if largest > MAX_WEIGHT:
@@ -151,8 +163,8 @@ def _decode(data: bytes) -> str:
         raise DataError(f"blend shapes: is not UTF-8 text: {error.reason}", where=f"byte {error.start}") from error
 
 
-Found = tuple[ShapeSet, Array, dict[int, Array], float]
-"""Set, weights (T, B), rotations of the head in rad by FAP, and frame rate."""
+Found = tuple[ShapeSet, Array, dict[int, Array], float | Array]
+"""Set, weights (T, B), rotations of the head in rad by FAP, and frame rate, or the time of each frame in s."""
 
 
 def _json(text: str) -> Found:
@@ -217,10 +229,10 @@ def _scores(events: list[Any]) -> Found:
                 where=f"event {number + 1}",
             ) from error
     shapes, weights = named_weights(frames, list(dict.fromkeys(name for frame in frames for name in frame)), "event 1")
-    rate_hz = SCORES_HZ
+    clock: float | Array = SCORES_HZ
     if len(times_s) == len(frames) and len(frames) > 1 and times_s[-1] > times_s[0]:
-        rate_hz = _rate(len(frames), times_s[0], times_s[-1], "")
-    return shapes, weights, {}, rate_hz
+        clock = _clock(np.array(times_s), "")
+    return shapes, weights, {}, clock
 
 
 def named_weights(frames: Sequence[Mapping[str, float]], names: list[str], where: str) -> tuple[ShapeSet, Array]:
@@ -305,25 +317,25 @@ def _csv(text: str) -> Found:
     weights = np.zeros((len(table), len(shapes.names)))
     weights[:, [shapes.names.index(name) for name in columns]] = table[:, : len(columns)]
     turns = {HEAD[name]: table[:, len(columns) + n] for n, name in enumerate(list(wanted)[len(columns) :])}
-    rate_hz = RATE_HZ
+    clock: float | Array = RATE_HZ
     if "time" in header and len(rows) > 2:
         column = header.index("time")
         where = f"column {column + 1}"
         try:
-            first_s, last_s = float(rows[1][column]), float(rows[-1][column])
+            times_s = np.array([float(row[column]) for row in rows[1:]])
         except (IndexError, ValueError) as error:
             raise DataError("time: is not a number of seconds", where=where) from error
-        if not (np.isfinite(first_s) and np.isfinite(last_s) and last_s > first_s):
-            raise DataError(f"time: got {first_s:g} to {last_s:g} s, expected rising times", where=where)
-        rate_hz = _rate(len(rows) - 1, first_s, last_s, where)
+        if not (np.isfinite(times_s).all() and times_s[-1] > times_s[0]):
+            raise DataError(f"time: got {times_s[0]:g} to {times_s[-1]:g} s, expected rising times", where=where)
+        clock = _clock(times_s, where)
     elif "timecode" in header:
         column = header.index("timecode")
-        rate_hz = _timecode_rate([row[column] if column < len(row) else "" for row in rows[1:]])
-    return shapes, weights, turns, rate_hz
+        clock = _timecodes([row[column] if column < len(row) else "" for row in rows[1:]])
+    return shapes, weights, turns, clock
 
 
-def _timecode_rate(cells: Sequence[str]) -> float:
-    """Mean frame rate by Live Link Face's timecodes, ``HH:MM:SS:FF.fraction``; :data:`RATE_HZ` if they do not tell.
+def _timecodes(cells: Sequence[str]) -> float | Array:
+    """Rate or times by Live Link Face's timecodes, ``HH:MM:SS:FF.fraction``; :data:`RATE_HZ` if they do not tell.
 
     FF counts at a rate that the file does not state: the lowest usual one above its largest value, once a second is
     complete.
@@ -339,7 +351,9 @@ def _timecode_rate(cells: Sequence[str]) -> float:
     times_s = np.unwrap(seconds_s + frames / base_hz, period=86_400.0)
     if times_s[-1] <= times_s[0]:
         return RATE_HZ
-    return _rate(len(cells), times_s[0], times_s[-1], "Timecode")
+    if not np.ptp(frames):
+        raise DataError("Timecode: got whole seconds, expected the frame in the last field; rename it to Time if it is")
+    return _clock(times_s, "Timecode")
 
 
 def find_set(header: list[str], *, where: str) -> tuple[ShapeSet, dict[str, int]]:
@@ -368,9 +382,27 @@ def find_set(header: list[str], *, where: str) -> tuple[ShapeSet, dict[str, int]
 def _rate(count: int, first_s: float, last_s: float, where: str) -> float:
     """Frame rate of ``count`` frames."""
     rate_hz = float(f"{(count - 1) / (last_s - first_s):.5g}")
-    if not 1 <= rate_hz <= 1000:
+    if not 1 <= rate_hz <= MAX_SHAPES_HZ:
         raise DataError(f"time: frames per second must be 1 to 1000, got {rate_hz:g}", where=where)
     return rate_hz
+
+
+def _clock(times_s: Array, where: str) -> float | Array:
+    """Mean frame rate of times, (T,) s, from which no frame is further than half a frame; otherwise the times."""
+    rate_hz = _rate(len(times_s), times_s[0], times_s[-1], where)
+    steps_s = np.diff(times_s)
+    even = np.abs(times_s - np.linspace(times_s[0], times_s[-1], len(times_s))).max() * rate_hz <= LATE
+    return rate_hz if even or steps_s.min() <= 0 else times_s
+
+
+def _evened(table: Array, times_s: Array) -> tuple[Array, float]:
+    """Interpolate frames, (T, N), at regular times, the median step apart. Returns them and their rate."""
+    rate_hz = float(f"{1 / np.median(np.diff(times_s)):.5g}")
+    count = round((times_s[-1] - times_s[0]) * rate_hz) + 1
+    if count > MAX_FILLED * len(table) or not 1 <= rate_hz <= MAX_SHAPES_HZ:
+        raise DataError(f"time: got {len(table)} frames, expected most of {count:g} at {rate_hz:g} frames per second")
+    regular_s = times_s[0] + np.arange(count) / rate_hz
+    return np.stack([np.interp(regular_s, times_s, column) for column in table.T], axis=1), rate_hz
 
 
 def format_blend_csv(track: FapTrack, shapes: str = "arkit") -> bytes:

@@ -134,10 +134,33 @@ def test_the_rate_is_that_of_the_timecodes(codes: list[str], rate_hz: float) -> 
     assert parse_blend_track(text.encode()).rate_hz == pytest.approx(rate_hz, rel=1e-3)
 
 
+def test_lost_frames_are_filled_so_that_the_others_keep_their_times() -> None:
+    """A phone that is hot sends 30 frames a second instead of 60, and loses some."""
+    ticks = [*range(120), *range(120, 400, 2), *range(410, 500)]
+    jaw = [f"{tick % 100 / 200:.3f}," for tick in ticks]
+    codes = _timecodes(60, 500)
+    rows = [f"{codes[tick]}," + ("0," * 17 + opened + "0," * 33 + "0") for tick, opened in zip(ticks, jaw, strict=True)]
+    track = parse_blend_track("\n".join([HEADER.replace("time,", "Timecode,"), *rows]).encode())
+    assert HEADER.split(",")[18] == "jawOpen"
+    assert (len(track), track.rate_hz) == (500, 60.0)
+    assert "up to 0.2 s apart; filled at 60 frames" in track.remarks[0]
+    opened = np.array([tick % 100 / 200 for tick in range(500)]) * shape_rows(["jawOpen"])[0, fap.column(3)]
+    assert track.values[ticks, fap.column(3)] == pytest.approx(opened[ticks], abs=1)
+    assert track.values[405, fap.column(3)] == pytest.approx((opened[398] + opened[410]) / 2, rel=0.3)
+    scores = [{"timestampMs": 1000 * tick / 60, "scores": dict.fromkeys(ARKIT_NAMES, 0.5)} for tick in ticks]
+    assert len(parse_blend_track(json.dumps(scores).encode())) == 500
+
+
 @pytest.mark.parametrize(
     ("text", "error", "message"),
     [
         ("", DataError, "got 0 names of arkit"),
+        (
+            "\n".join([HEADER.replace("time,", "Timecode,"), *(f"00:00:{n:02}:00.000,{ROW}" for n in range(20))]),
+            DataError,
+            "got whole seconds",
+        ),
+        ("\n".join([HEADER, *(f"{n / 1e4},{ROW}" for n in range(20)), f"9,{ROW}"]), DataError, "expected most of"),
         ("time,jawOpen\n0,1\n", DataError, "got 1 names of arkit"),
         (HEADER + "\n", TruncatedError, "no frame"),
         (f"{HEADER}\n0,{ROW[:-1]}x\n", DataError, "got 'x', expected a number .at line 2, column 53"),
