@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bench.growth import CROWDS, crowded, utterance
+from bench.growth import CROWDS, FRAME_HZ, crowded, utterance
 from fapengine.engine.commands import Append, Begin, Seek
 from fapengine.engine.engine import Engine
 from fapengine.engine.utterance import Utterance
@@ -49,7 +49,7 @@ def frames_of(name: str, seconds: float, monkeypatch: pytest.MonkeyPatch) -> tup
             sys.setprofile(before)
         calls.append(counted["call"] + counted["c_call"])
 
-    crowded(name, Engine.frame, english(), 0.1)  # what is known of labels is computed once
+    crowded(name, Engine.frame, english(), 1 / FRAME_HZ)  # what is known of labels is computed once
     monkeypatch.setattr(stream, "speech_keys", counted_keys)
     crowded(name, frame, english(), seconds)
     return calls, keys
@@ -57,7 +57,7 @@ def frames_of(name: str, seconds: float, monkeypatch: pytest.MonkeyPatch) -> tup
 
 @pytest.mark.parametrize("name", CROWDS)
 def test_no_frame_works_more_than_it_may(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    calls, keys = frames_of(name, 8.5 if name == "32 x 400 phones of 20 ms" else 0.5, monkeypatch)
+    calls, keys = frames_of(name, 8.5 if name == "32 x 400 phones of 20 ms" else 0.25, monkeypatch)
     assert max(calls) <= MOST_CALLS
     assert max(keys, default=0) <= MOST_KEYS
 
