@@ -9,11 +9,14 @@ the caller's text: ``$3.50`` is one word with the phones of "three dollars fifty
 replaced at once (``3,50 €``), they share the spoken ones in order.
 
 A table has ``[words]`` (abbreviations), ``[units]`` and ``[currencies]`` beside a number, each with one form, two
-(one, other) or three (one, few, many: Russian), ``[cents]`` of currencies, ``[fractions]``, and ``[[rules]]``: a
-regular expression and what is said, in which ``{1}`` is its first group and ``{0}`` its group ``n`` in words. Its group
-``x`` is replaced, or all. ``scales`` are words between a number and its currency, ``of`` what stands after one,
-``[short_scales]`` letters for them (``$5k``). ``starters`` begin a sentence after an abbreviation, whose point is then
-a full stop too.
+(one, other), three (one, few, many: Russian) or four (and part: Polish), ``[cents]`` of currencies, ``[fractions]``,
+and ``[[rules]]``: a regular expression and what is said, in which ``{1}`` is its first group and ``{0}`` its group
+``n`` in words. Its group ``x`` is replaced, or all. ``scales`` are words between a number and its currency, ``of`` what
+stands after one, ``[short_scales]`` letters for them (``$5k``). ``starters`` begin a sentence after an abbreviation,
+whose point is then a full stop too. ``minus`` is said before a number, ``share`` between a fraction and its unit.
+``[date]`` has ``months``, what is ``said``, and forms of ``year`` and of ``day``, by what stands before the date.
+``phones`` is a pattern of telephone numbers beside the usual one. ``joined`` is the greatest number of digits before a
+space in a number that the voice would read in parts.
 
 Tags of SSML stay, what stands in ``say-as``, ``sub`` and ``phoneme``, and addresses of the web and of mail.
 """
@@ -22,7 +25,7 @@ import re
 import tomllib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from importlib.resources import files
 from itertools import chain
 from typing import Any
@@ -30,10 +33,13 @@ from typing import Any
 from fapengine._late import needed
 from fapengine.speech.text.normal_form import SpeakableText
 
-LANGUAGES = ("ar", "bn", "cmn", "de", "en", "es", "fr", "hi", "id", "ja", "pt", "ru", "sw")
+LANGUAGES = ("ar", "bn", "cmn", "de", "en", "es", "fr", "hi", "id", "it", "ja", "pl", "pt", "ru", "sw", "tr")
 """Languages with a table."""
-_OCCASION = re.compile(r"\d|\b\w{1,4}\.|[^\W\d_]\.\s*\w|[^\w\s.,;:!?'’\"<>/=-]|\bng['’]|\b[дг]-")
-"""What a text contains that has an entry of a table: a digit, a sign, a point after four letters or within."""
+_OCCASION = re.compile(
+    r"\d|\b\w{1,4}\.|[^\W\d_]\.\s*\w|[^\w\s.,;:!?'’\"<>/=-]|\bng['’]|\b[ДдГг]-|\b[IVX]{2}|[а-я] [IVX]\b"
+)
+"""What a text contains that has an entry of a table: a digit, also a Roman one, a sign, a point after four letters or
+within."""
 _NUMBER = r"(?P<n>(?>\d+(?:[.,\u00a0\u202f]\d{3}(?!\d))*(?:[.,]\d+)?))"
 _SPACED_NUMBER = _NUMBER.replace("[.,", "[., ", 1)
 _NUMBER_BEFORE = re.compile(r"\d[ \u00a0\u202f]?$")
@@ -131,7 +137,91 @@ def _rules(language: str) -> tuple[_Rule, ...]:
     table = tomllib.loads((files(__package__) / "spoken" / f"{language}.toml").read_text("utf-8"))
     words, units = _words(table), _units(table, language)
     last = (units, words) if table.get("spaced", True) else (words, units)  # 1人 has a word of its own
-    return tuple(chain(_prices(table, language), _fractions(table), _listed(table, language), *last))
+    first = _dates(table, language), _phones(table), _prices(table, language)
+    return tuple(chain(*first, _numbers(table, language), _fractions(table), _listed(table, language), *last))
+
+
+_DATE = re.compile(
+    r"(?<![\w.,/:-])(?:(?P<d>\d{1,2})(?P<s>[./-])(?P<m>\d{1,2})(?P=s)(?P<y>\d{4})"
+    r"|(?P<year>\d{4})-(?P<month>\d\d)-(?P<day>\d\d))(?![\w/-]|[.,:]\d)"
+)
+
+
+def _dates(table: dict[str, Any], language: str) -> Iterator[_Rule]:
+    if not (date := table.get("date")):
+        return
+
+    def in_form(number: str, form: str) -> str:
+        kind, _, ending = form.partition(" ")
+        return _FORMS[kind](number, language) + ending if form else str(int(number))
+
+    def edits(match: re.Match[str]) -> list[Edit]:
+        day, month, year = (match[name] or match[name[0]] for name in ("day", "month", "year"))
+        if not (1 <= int(day) <= 31 and 1 <= int(month) <= 12):
+            return []
+        before = match.string[: match.start()]
+        forms = date.get("day", {}).items()
+        form = next((form for words, form in forms if not words or re.search(rf"\b(?:{words}) \Z", before)), "")
+        said_day = date["first"] if int(day) == 1 and "first" in date else in_form(day, form)
+        month, year = date["months"][int(month) - 1], in_form(year, date.get("year", ""))
+        return [(*match.span(), date["said"].format(day=said_day, month=month, year=year))]
+
+    yield _Rule(_DATE, edits)
+
+
+_PHONE = r"(?:\+\d{1,3}|\(?0\d{1,5}\)?)(?:[ /-]\(?\d{2,}\)?)+"
+_MIN_DIGITS = 7
+"""Of a telephone number."""
+
+
+def _phones(table: dict[str, Any]) -> Iterator[_Rule]:
+    if "phones" not in table:
+        return
+
+    def edits(match: re.Match[str]) -> list[Edit]:
+        start, groups = match.start(), list(re.finditer(r"\d+|[/-]", match[0]))
+        if sum(len(group[0]) for group in groups if group[0].isdigit()) < _MIN_DIGITS:
+            return []
+        return [(start + group.start(), start + group.end(), " ".join(group[0]).strip("/-") or " ") for group in groups]
+
+    before = r"(?<![\w.,/-])" if table.get("spaced", True) else r"(?<![\d.,/-])"
+    yield _Rule(re.compile(rf"{before}(?:{table['phones'] or _PHONE}|{_PHONE})(?!\d|[.,/:-]\d)"), edits)
+
+
+def _numbers(table: dict[str, Any], language: str) -> Iterator[_Rule]:
+    """Signs that a voice leaves out, and numbers that it reads in parts."""
+    if minus := table.get("minus"):
+        before, gap = (r"(?<![^\s(])(?<!\d\s)", " ") if table.get("spaced", True) else (r"(?<![\dA-Za-z])", "")
+        yield _Rule(re.compile(rf"{before}[-−](?=\d)"), lambda match: [(*match.span(), minus + gap)])
+    if joined := table.get("joined"):
+        pattern = rf"(?<![\w.,+(-])(?<!\d )\d{{1,{joined}}}(?:[ \u00a0\u202f]\d{{3}})+(?!\w| \d|-\d)"
+        yield _Rule(re.compile(pattern), lambda match: [(*match.span(), _whole(match[0], language))])
+    if language == "cmn":
+
+        def by_myriads(match: re.Match[str]) -> list[Edit]:
+            said = _whole(match[0], language)
+            return [(*match.span(), said)] if said != match[0] else []
+
+        yield _Rule(re.compile(r"(?<![A-Za-z0-9.,:-])(?:\d{5,}|\d{1,3}(?:,\d{3})+)(?![\d.:-])"), by_myriads)
+
+
+def _whole(number: str, language: str) -> str:
+    """Number as its voice can read it: without spaces; in Chinese by ten thousands.
+
+    Examples
+    --------
+    >>> _whole("1 250 000", "ru"), _whole("57,050", "cmn"), _whole("3.5", "cmn")
+    ('1250000', '5万7050', '3.5')
+    """
+    if language != "cmn":
+        return re.sub(r"\s", "", number)
+    digits = number.replace(",", "")
+    if not re.fullmatch(r"\d{5,12}", digits):
+        return number
+    many, rest = divmod(int(digits), 10_000)
+    above = f"{_whole(str(many // 10_000), language)}亿" if many >= 10_000 else ""
+    myriads = f"{many % 10_000}万" if many % 10_000 else ""
+    return f"{above}{myriads}{'零' if 0 < rest < 1000 else ''}{rest or ''}"
 
 
 def _edges(table: dict[str, Any]) -> tuple[str, str]:
@@ -164,6 +254,8 @@ def _prices(table: dict[str, Any], language: str) -> Iterator[_Rule]:
         if cents and cents[1] in ("0", "٠") and symbol in table.get("cents", {}):
             return f"{int(cents[2])} {_form(table['cents'][symbol], str(int(cents[2])), language)}"
         whole = cents[1] if cents else number
+        if language == "cmn" or "joined" in table:
+            whole = _whole(whole, language)
         unit = _form(currencies[symbol], whole, language)
         if cents and int(cents[2]):
             return str(table["price"].format(whole=whole, unit=unit, cents=int(cents[2])))
@@ -201,16 +293,22 @@ def _fractions(table: dict[str, Any]) -> Iterator[_Rule]:
 
 
 def _units(table: dict[str, Any], language: str) -> Iterator[_Rule]:
-    units, spaced = table.get("units", {}), table.get("spaced", True)
+    units, spaced, share = table.get("units", {}), table.get("spaced", True), table.get("share")
     if not units:
         return
 
     def edits(match: re.Match[str]) -> list[Edit]:
-        gap = " " if spaced and match.end("n") == match.start("x") else ""
-        return [(*match.span("x"), gap + _form(units[match["x"]], match["n"], language) + _full_stop(match))]
+        number = match["n"]
+        said = " " if spaced and match.end("n") == match.start("x") else ""
+        if "/" in number:
+            said += f"{share} " if share and number != "1/2" else ""
+            number = "0.5"
+        return [(*match.span("x"), said + _form(units[match["x"]], number, language) + _full_stop(match))]
 
-    edge, end = _edges(table)
-    yield _Rule(re.compile(rf"{edge}{_number(language)}{_GAP}(?P<x>{_any_of(units)}){end}{_sentence(table)}"), edits)
+    number, (edge, end) = _number(language), _edges(table)
+    if share is not None:
+        number = number.replace("(?P<n>", f"(?P<n>{_any_of(table['fractions'])}|")
+    yield _Rule(re.compile(rf"{edge}{number}{_GAP}(?P<x>{_any_of(units)}){end}{_sentence(table)}"), edits)
 
 
 def _words(table: dict[str, Any]) -> Iterator[_Rule]:
@@ -236,32 +334,37 @@ def _listed(table: dict[str, Any], language: str) -> Iterator[_Rule]:
         group = "x" if "x" in pattern.groupindex else 0
 
         def edits(match: re.Match[str], each: dict[str, Any] = each, group: str | int = group) -> list[Edit]:
-            number = _FORMS[each["form"]](match["n"], language) if "form" in each else ""
+            kind = each.get("form", "")
+            if kind in _COUNTED and not (int(match["n"]) if match["n"].isdigit() else _ROMAN.fullmatch(match["n"])):
+                return []  # no number has such an ordinal
+            number = _FORMS[kind](match["n"], language) if kind else ""
             return [(*match.span(group), each["say"].format(number, *match.groups()) + _full_stop(match, group))]
 
         yield _Rule(pattern, edits)
 
 
 def _form(forms: str, number: str, language: str) -> str:
-    """Form of a word after a number: the only one; one or other; one, few or many."""
+    """Form of a word after a number: the only one; one or other; one, few or many; one, few, many or part."""
     one, *more = forms.split("|")
     if not more:
         return one
     whole, _, part = re.sub(r"[.,\s](?=\d{3}(?!\d))", "", number).replace(",", ".").partition(".")
     if len(more) == 1:
-        return one if (whole == "1" and not part) or (language in ("fr", "pt") and whole in ("0", "1")) else more[0]
+        if part:
+            return one if (language in ("fr", "pt") and whole in ("0", "1")) or number == "0.5" else more[0]
+        return one if whole == "1" or (language in ("fr", "pt") and whole == "0") else more[0]
     if part:
-        return more[0]  # 2,5 километра
+        return more[2] if len(more) == 3 else more[0]  # 2,5 километра
     last_two = int(whole[-2:])
-    if last_two % 10 == 1 and last_two != 11:
+    if whole == "1" or (language == "ru" and last_two % 10 == 1 and last_two != 11):
         return one
     return more[0] if 2 <= last_two % 10 <= 4 and not 12 <= last_two <= 14 else more[1]
 
 
 def _counted(number: str, language: str, kind: str) -> str:
-    """Number in words, by num2words (LGPL-2.1)."""
+    """Number, also a Roman one, in words, by num2words (LGPL-2.1)."""
     num2words = needed("num2words", "num2words", "voice")
-    return str(num2words.num2words(int(number), lang=language, to=kind))
+    return str(num2words.num2words(int(number if number.isdigit() else _roman(number)), lang=language, to=kind))
 
 
 def _year(number: str, language: str) -> str:
@@ -277,15 +380,27 @@ def _ordinal(number: str, language: str) -> str:
     return _counted(number, language, "ordinal")
 
 
-def _feminine(number: str, language: str) -> str:
-    return re.sub(r"o\b", "a", _ordinal(number, language))
+_ENDINGS = {
+    "feminine": {"o": "a", "ый": "ая", "ой": "ая", "ий": "ья"}, "neuter": {"ый": "ое", "ой": "ое", "ий": "ье"},
+    "genitive": {"ый": "ого", "ой": "ого", "ий": "ьего", "y": "ego", "i": "iego"},
+    "prepositional": {"ый": "ом", "ой": "ом", "ий": "ьем", "y": "ym", "i": "im"},
+}  # fmt: skip
+"""What the ends of ordinals become, in all languages that ask for it."""
 
 
-def _roman(number: str, _: str) -> str:
+def _declined(number: str, language: str, kind: str) -> str:
+    endings = _ENDINGS[kind]
+    return re.sub(rf"(?:{'|'.join(endings)})\b", lambda match: endings[match[0]], _ordinal(number, language))
+
+
+def _roman(number: str, _: str = "") -> str:
     values = [{"I": 1, "V": 5, "X": 10}[letter] for letter in number]
     return str(sum(-value if value < max(values[index:]) else value for index, value in enumerate(values)))
 
 
+_ROMAN = re.compile("X{0,3}(?:IX|IV|V?I{0,3})")
+_COUNTED = ("ordinal", *_ENDINGS)
 _FORMS: dict[str, Callable[[str, str], str]] = {
-    "year": _year, "decade": _decade, "ordinal": _ordinal, "feminine": _feminine, "roman": _roman,
+    "year": _year, "decade": _decade, "ordinal": _ordinal, "roman": _roman,
+    **{kind: partial(_declined, kind=kind) for kind in _ENDINGS},
 }  # fmt: skip
