@@ -1,6 +1,10 @@
 """The command line: one module per command. Exit codes: 0 success, 1 data, 2 usage, 3 resource."""
 
+import os
 from importlib.util import find_spec
+
+# Matrices are small here: threads of a product wait for each other for longer than they work. NumPy reads it once.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 if find_spec("typer") and find_spec("rich"):
     from fapengine.cli.main import main
