@@ -113,7 +113,7 @@ class Solver {
 // Moods are kept while a blink shuts the eyes and opens them.
 class MoodHold {
   constructor() {
-    this.lid = this.open = 0;
+    this.lid = this.open = this.frames = 0;
     this.moods = null;
     this.held = false;
   }
@@ -123,8 +123,13 @@ class MoodHold {
     const step = lid - this.lid;
     this.lid = lid;
     if (this.moods === null) this.moods = moods;
-    else if (!this.held && step > ARKIT.blinkStep) [this.held, this.open] = [true, lid - step];
-    else if (this.held && step > -ARKIT.blinkStep && lid < this.open + ARKIT.openAgain) this.held = false;
+    else if (!this.held && step > ARKIT.blinkStep) {
+      [this.held, this.frames, this.open] = [true, 0, Math.max(lid - step, 0)]; // wide eyes may close to normal ones
+    } else if (this.held) {
+      this.frames++;
+      const isOpen = step > -ARKIT.blinkStep && lid < this.open + ARKIT.openAgain;
+      this.held = !isOpen && this.frames < ARKIT.longestBlink;
+    }
     if (!this.held) this.moods = moods;
     return this.moods;
   }

@@ -46,6 +46,8 @@ BLINK_STEP, OPEN_AGAIN = 25.0, 150.0
 """Step of the upper lids per frame from which it belongs to a blink, and distance from their position before at which
 they are open again; FAPU. A blink at 60 frames per second begins with 45, a growing sadness has 5.
 """
+LONGEST_BLINK = 30
+"""Frames after which lids that are not open again are no blink: eyes that stay shut, or look down."""
 FAINT = (0.1, 0.2)
 """Weight up to which a mood is ignored, and from which it is shown unchanged."""
 
@@ -86,7 +88,7 @@ class MoodHold:
     def __init__(self) -> None:
         self._lid, self._open = 0.0, 0.0
         self._moods: Array | None = None
-        self._held = False
+        self._held, self._frames = False, 0
 
     def follow(self, moods: Array, faps: Array) -> Array:
         """Process the next frame's moods, (M,), and FAPs, (68,); return the moods to show."""
@@ -95,9 +97,11 @@ class MoodHold:
         if self._moods is None:
             self._moods = moods
         elif not self._held and step > BLINK_STEP:
-            self._held, self._open = True, lid - step
-        elif self._held and step > -BLINK_STEP and lid < self._open + OPEN_AGAIN:
-            self._held = False
+            self._held, self._frames, self._open = True, 0, max(lid - step, 0.0)  # wide eyes may close to normal ones
+        elif self._held:
+            self._frames += 1
+            is_open = step > -BLINK_STEP and lid < self._open + OPEN_AGAIN
+            self._held = not is_open and self._frames < LONGEST_BLINK
         if not self._held:
             self._moods = moods
         return self._moods

@@ -11,7 +11,7 @@ from fapengine.host.listeners import HubFrames
 from fapengine.mpeg4 import fap
 from fapengine.retarget.arkit import OPENERS, OPPOSITES, approximate_arkit, arkit_map
 from fapengine.retarget.blend import ALL_MOODS, ARKIT_NAMES, weights_mm
-from fapengine.retarget.moods import LIDS_PER_RAD, MOODS, find_moods
+from fapengine.retarget.moods import LIDS_PER_RAD, LONGEST_BLINK, MOODS, MoodHold, find_moods
 from fapengine.retarget.visemes import (
     SHOWN,
     VOWELS,
@@ -128,6 +128,21 @@ def test_moods_keep_their_size_and_life_adds_none() -> None:
         expected = np.where(np.array(ALL_MOODS) == mood, 0.6, 0.0)
         np.testing.assert_allclose(found.mean(axis=0), expected, atol=0.1, err_msg=mood)
         assert found[:, ALL_MOODS.index(mood)].min() > 0.3, mood  # a blink does not end it
+
+
+@pytest.mark.parametrize("lids", [[-400.0] * 10, [0.0] * 10])
+@pytest.mark.parametrize("after", [0.0, 500.0])
+def test_a_mood_does_not_stay_after_a_blink_from_wide_eyes_or_to_lowered_ones(lids: list[float], after: float) -> None:
+    """Surprise that ends while the eyes blink; a look down after a blink."""
+    lids = [*lids, 300.0, 700.0, 1000.0, 1000.0, 700.0, *[after] * 40]
+    hold = MoodHold()
+    shown = []
+    for at, lid in enumerate(lids):
+        faps = np.zeros(68)
+        faps[[fap.column(19), fap.column(20)]] = lid
+        shown.append(float(hold.follow(np.array([1.0 if at <= 12 else 0.0]), faps)[0]))
+    assert shown[:14] == [1.0] * 14  # held while the lids are shut
+    assert shown[16 if after == 0.0 else 10 + LONGEST_BLINK] == 0.0
 
 
 def test_lids_follow_the_gaze_here_as_in_the_planner() -> None:
