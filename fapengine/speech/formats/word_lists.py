@@ -245,6 +245,8 @@ def labelled_track(
     ``alphabet``; by default it is guessed. ``row`` is what the file has for each word.
     """
     if alphabet is None and guess(entry.label for entry in entries).words:
+        if all(re.fullmatch(r"[-+]?\d*\.\d+([eE][-+]?\d+)?", entry.label) for entry in entries):
+            raise DataError(f"{what}: got numbers, expected phones or words", where=entries[0].where)
         return words_track(entries, what, f"one word a {row}")
     return track_of(entries, what, alphabet=alphabet or default)
 
