@@ -324,8 +324,7 @@ class BatchPlanner:
         since = times_s - state.fade_from_s[:count]
         slow, quick = _share(since * state.fade_rate[:count]), _share(since * state.momentum_rate[:count])
         if slow.min(initial=1.0) < 1.0:
-            shares = hermite.fading(slow)[0], *hermite.fading(quick)[1:]
-            for left, share in zip(state.fade[:count].transpose(1, 2, 0), shares, strict=True):
+            for left, share in zip(state.fade[:count].transpose(1, 2, 0), hermite.fading(slow, quick), strict=True):
                 weights += left * share
         return weights
 

@@ -79,7 +79,8 @@ class Composer:
     """FAPs of a profile's speech in a style."""
 
     def __init__(self, profile: Profile, style: Style) -> None:
-        self._style, self._modes, self._jaws = style, profile.space.mode_count, jaw_share(profile).T
+        self._modes, self._jaws = profile.space.mode_count, jaw_share(profile).T
+        self._jaw_gain, self._lips_gain, self._settles = style.jaw_gain, style.lips_gain, style.method != "published"
         modes = speech_faps(profile, style.gains(profile), context=style.context)
         self._lift = np.vstack([modes, layer_faps(profile)]).T
         """(68, K + axes) FAPU per weight, and per unit of :mod:`.phonetics`."""
@@ -105,12 +106,12 @@ class Composer:
             jaws = (jaw - lips) * (self._jaws @ modes)
             modes *= lips
             modes += jaws
-        layer *= layer_gain(self._style.lips_gain * lips)
+        layer *= layer_gain(self._lips_gain * lips)
         faps = (self._lift @ weights).T
         if overlay and overlay.expression.any():
             faps += give_way(overlay.expression, layer[ROUND]).T
-        held[2] *= np.minimum(1.0, self._style.jaw_gain * jaw)
-        settled = faps if self._style.method == "published" else settle(faps, held)
+        held[2] *= np.minimum(1.0, self._jaw_gain * jaw)
+        settled = settle(faps, held) if self._settles else faps
         if overlay:
             settled += overlay.gestures.T
         return settled

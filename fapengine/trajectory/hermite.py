@@ -191,13 +191,14 @@ def moments(since_s: Array, length_s: Array) -> Array:
     return matrices
 
 
-def fading(s: Array) -> tuple[Array, Array, Array]:
-    """Share of a value, a velocity and an acceleration that is left at ``s``, (T,) 0..1, of a fade: nothing at 1.
+def fading(of_value: Array, s: Array) -> tuple[Array, Array, Array]:
+    """Share of a value, a velocity and an acceleration that is left, (T,) each, of a fade: nothing at 1.
 
-    Velocity and acceleration count per fade and per fade squared.
+    The value's fade is at ``of_value``, (T,) 0..1, theirs, which is shorter, at ``s``. They count per fade and per fade
+    squared.
     """
+    value: Array = 1 + of_value * of_value * of_value * (-10 + of_value * (15 - 6 * of_value))
     s3 = s * s * s
-    value: Array = 1 + s3 * (-10 + s * (15 - 6 * s))
     velocity: Array = s + s3 * (-6 + s * (8 - 3 * s))
     acceleration: Array = s * s / 2 + s3 * (-1.5 + s * (1.5 - s / 2))
     return value, velocity, acceleration

@@ -211,7 +211,7 @@ def test_a_fade_is_a_quintic_to_rest():
     still = np.zeros(4)
     s = np.linspace(0, 1, 9)
     wanted = hermite.jet_of(hermite.quintic(length, tuple(left_over), (still, still, still)), s[:, None], length)[0]
-    parts = hermite.fading(s)
+    parts = hermite.fading(s, s)
     found = sum(part[:, None] * left * length**n for n, (part, left) in enumerate(zip(parts, left_over, strict=True)))
     np.testing.assert_allclose(found, wanted, atol=1e-12)
 
