@@ -175,7 +175,10 @@ class Speaker:
         nothing: NothingToSpeakError | None = None
         left_s = self._most_s
         marked = MarkedText(text) if choice.ssml else read_marks(text)  # before the text is cut
-        for piece in [text] if choice.ssml else pieces_of(marked.with_sounds):
+        pieces = [text] if choice.ssml else pieces_of(marked.with_sounds)
+        if not pieces:
+            raise NothingToSpeakError(f"text: {text!r:.60} contains nothing to speak")
+        for piece in pieces:
             async with self._turn:
                 if asked.is_cancelled:
                     return None

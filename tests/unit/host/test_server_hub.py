@@ -372,6 +372,16 @@ def test_pieces_become_one_sound_and_the_sound_has_a_limit() -> None:
         asyncio.run(hub.speak("a", "..."))
 
 
+@pytest.mark.parametrize("text", ["", "\N{GRINNING FACE}"])
+def test_a_text_of_faces_alone_has_nothing_to_speak(text: str) -> None:
+    voice = ReadVoice()
+    hub, _ = hub_of(voice)
+    hub.open("a")
+    with pytest.raises(NothingToSpeakError, match=f"text: '{text}' contains nothing to speak"):
+        asyncio.run(hub.speak("a", text))
+    assert voice.asked == []
+
+
 def test_a_session_may_have_few_texts_waiting() -> None:
     hub, _ = hub_of(ReadVoice())
     hub.open("a")
