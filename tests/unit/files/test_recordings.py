@@ -80,6 +80,14 @@ def test_meshes_of_a_sequence_have_the_same_vertices(tmp_path):
         load_markers(tmp_path / "sub")
 
 
+def test_a_recording_that_is_not_there_has_no_wrong_ending(tmp_path):
+    with pytest.raises(UsageError, match="S03: cannot be read"):
+        load_markers(tmp_path / "S03")
+    (tmp_path / "S03").write_text("")
+    with pytest.raises(UsageError, match="got ending ''"):
+        load_markers(tmp_path / "S03")
+
+
 def test_scans(tmp_path, monkeypatch):
     (tmp_path / "scan.obj").write_text(TRIANGLE.format(y=50))
     surface = load_surface(tmp_path / "scan.obj", units="cm")
