@@ -123,7 +123,8 @@ def _parse(path: Path, picture: Picture | None) -> RawTrack:
             )
         return parse_landmarks(read_bytes(path), picture)
     if ending not in PARSERS:
-        open_file(path).close()  # raises UsageError for a file that does not exist
+        if not ending:
+            open_file(path).close()  # raises UsageError for a folder that does not exist
         raise UsageError(f"{path}: got ending {ending!r}, expected one of {', '.join(RECORDINGS)}")
     return PARSERS[ending](read_bytes(path))
 
