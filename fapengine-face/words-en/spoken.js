@@ -7,7 +7,7 @@ const NUMBER_BEFORE = /\d[ \u00a0\u202f]?$/;
 const CENTS = /^(.*)[.,](\d\d)$/;
 const ADDRESSES = /\b(?:https?:\/\/|www\.)\S+|\b[\w.+-]{1,64}@[\w-]{1,64}\.\w\S*/g;
 const FORMS = { year: (found) => year(Number(found)), decade: (found) => decade(Number(found)), roman };
-const { currencies, cents, short_scales: shortScales, price, units, words, fractions } = SPOKEN;
+const { currencies, cents, short_scales: shortScales, price, units, words, fractions, share } = SPOKEN;
 
 // Form of a word after a number: the only one; one or other.
 function formOf(forms, number) {
@@ -45,7 +45,8 @@ function symbolAfter({ groups, indices }) {
 function unit({ groups, indices }) {
   const { n, x } = groups;
   const gap = indices.groups.n[1] === indices.groups.x[0] ? " " : "";
-  return [[...indices.groups.x, gap + formOf(units[x], n)]];
+  if (!n.includes("/")) return [[...indices.groups.x, gap + formOf(units[x], n)]];
+  return [[...indices.groups.x, `${gap}${n === "1/2" ? "" : `${share} `}${formOf(units[x], "1")}`]];
 }
 
 const listed = ({ say, form }) => (match) => {
@@ -53,7 +54,13 @@ const listed = ({ say, form }) => (match) => {
   return [[...(match.indices.groups?.x ?? match.indices[0]), say.replace("{0}", number)]];
 };
 
+function phone({ 0: found, index }) {
+  const parts = [...found.matchAll(/\d+|[/.-]/g)];
+  return parts.map(({ 0: part, index: at }) => [index + at, index + at + part.length, /\d/.test(part) ? [...part].join(" ") : " "]);
+}
+
 const edits = {
+  phone,
   before: symbolBefore, after: symbolAfter, unit,
   fraction: ({ 0: found, indices }) => [[...indices[0], fractions[found]]],
   word: ({ 0: found, indices }) => [[...indices[0], words[found]]],

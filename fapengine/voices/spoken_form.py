@@ -170,8 +170,6 @@ def _dates(table: dict[str, Any], language: str) -> Iterator[_Rule]:
 
 
 _PHONE = r"(?:\+\d{1,3}|\(?0\d{1,5}\)?)(?:[ /-]\(?\d{2,}\)?)+"
-_MIN_DIGITS = 7
-"""Of a telephone number."""
 
 
 def _phones(table: dict[str, Any]) -> Iterator[_Rule]:
@@ -179,13 +177,12 @@ def _phones(table: dict[str, Any]) -> Iterator[_Rule]:
         return
 
     def edits(match: re.Match[str]) -> list[Edit]:
-        start, groups = match.start(), list(re.finditer(r"\d+|[/-]", match[0]))
-        if sum(len(group[0]) for group in groups if group[0].isdigit()) < _MIN_DIGITS:
-            return []
-        return [(start + group.start(), start + group.end(), " ".join(group[0]).strip("/-") or " ") for group in groups]
+        parts = ((match.start() + part.start(), part[0]) for part in re.finditer(r"\d+|[/.-]", match[0]))
+        return [(start, start + len(part), " ".join(part) if part.isdigit() else " ") for start, part in parts]
 
     before = r"(?<![\w.,/-])" if table.get("spaced", True) else r"(?<![\d.,/-])"
-    yield _Rule(re.compile(rf"{before}(?:{table['phones'] or _PHONE}|{_PHONE})(?!\d|[.,/:-]\d)"), edits)
+    pattern = f"{table['phones']}|{_PHONE}" if table["phones"] else _PHONE
+    yield _Rule(re.compile(rf"{before}(?=(?:[ ()/.+-]*\d){{7}})(?:{pattern})(?!\d|[.,/:-]\d)"), edits)
 
 
 def _numbers(table: dict[str, Any], language: str) -> Iterator[_Rule]:
@@ -307,7 +304,7 @@ def _units(table: dict[str, Any], language: str) -> Iterator[_Rule]:
 
     number, (edge, end) = _number(language), _edges(table)
     if share is not None:
-        number = number.replace("(?P<n>", f"(?P<n>{_any_of(table['fractions'])}|")
+        number = number.replace("(?>", f"(?>{_any_of(table['fractions'])}|", 1)
     yield _Rule(re.compile(rf"{edge}{number}{_GAP}(?P<x>{_any_of(units)}){end}{_sentence(table)}"), edits)
 
 

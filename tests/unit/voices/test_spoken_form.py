@@ -30,7 +30,7 @@ CASES = [
      "To Saint Petersburg on Elm Street. The fig. It is the part I like. Is he? No. I am."),
     ("de", "Am 1. und 2. Mai, in der 2. Klasse um 8:00 Uhr. 5 Min. Dann 5 € 50, 0,50 CHF.",
      "Am ersten und zweiten Mai, in der zweiten Klasse um 8 Uhr. 5 Minuten. Dann 5 Euro 50, 50 Rappen."),
-    ("de", "10-20 €, 1990 Leute, 1.2.3", "10-20 Euro, 1990 Leute, 1.2.3"),
+    ("de", "10-20 €, 1990 Leute, 1.2.3", "10 bis 20 Euro, 1990 Leute, 1.2.3"),
     ("fr-fr", "Mon vol. Il part à 8h00, vol. 3, $5-6, 100 av. J.-C., 06 12 34 56 78.",
      "Mon vol. Il part à 8 heures, volume 3, 5-6 dollars, 100 avant Jésus-Christ, 06 12 34 56 78."),
     ("fr-fr", "M. et Mme Roy", "monsieur et Mme Roy"),
@@ -75,6 +75,8 @@ CASES = [
      "в восемнадцатом веке, 1250000 квадратных метров, 85000 рублей, три четверти килограмма, минус "
      "5 градусов Цельсия"),
     ("ru", "Екатерина II правила", "Екатерина вторая правила"),
+    ("ru", "Пётр I правил", "Пётр первый правил"),
+    ("ru", "21-е место", "двадцать первое место"),
     ("it", "Il Sig. Rossi, 2024-05-01, 1/2 l, 3/4 kg, 1 km/h, 850 €/mese, 21º piano, 3ª porta, tel. 06 1234567, -5 °C",
      "Il signor Rossi, primo maggio 2024, mezzo litro, tre quarti di chilo, 1 chilometro all'ora, 850 euro al mese, "
      "ventunesimo piano, terza porta, telefono 0 6 1 2 3 4 5 6 7, meno 5 gradi"),
@@ -90,6 +92,12 @@ CASES = [
     ("cmn", "57,000人，¥1250050，-5℃，3:1，8:00-18:00，"
      "13812345678", "5万7000人，125万零50元，负5摄氏度，3比1，8点到18点，"
      "1 3 8 1 2 3 4 5 6 7 8"),
+    ("en-us", "Mon. at 8:00, 9:00 a.m., 8:00-18:00, 2-3 hrs, £850/month, 45 m², 3/4 kg, 1/2 lb, call 555-0199.",
+     "Monday at 8 o'clock, 9 a.m., 8 o'clock to 18 o'clock, 2 to 3 hours, 850 pounds per month, 45 square metres, "
+     "three quarters of a kilogram, one half pound, call 5 5 5 0 1 9 9."),
+    ("en-gb", "Henry VIII, Louis XIV, Elizabeth II, Rocky II, +44 20 7946 0958, (212) 555-0199, 1-2-3",
+     "Henry the 8th, Louis the 14th, Elizabeth the second, Rocky II, +4 4 2 0 7 9 4 6 0 9 5 8, (2 1 2) 5 5 5 0 1 9 9, "
+     "1-2-3"),
     ("nl", "3,50 €, 5 km", "3,50 €, 5 km"),  # has no table
 ]  # fmt: skip
 
