@@ -20,6 +20,11 @@ from tests.unit.recognition.speech import BABY, spoken
 SIZE = (900, 620)
 MICROPHONE = ("--use-fake-ui-for-media-stream", "--use-fake-device-for-media-stream")
 """Flags of a browser whose microphone is a file, over and over, and which asks nobody for leave."""
+FEW_TURNS = """
+    window.requestAnimationFrame = (turn) => setTimeout(() => turn(performance.now()), 50);
+    window.cancelAnimationFrame = clearTimeout;
+"""
+"""The screen turns 20 times a second: drawn by software, 60 would take two processors from all other tests."""
 PROGRAM, ROOT = "tests.browser.serve_page", Path(__file__).resolve().parents[2]
 
 
@@ -123,6 +128,7 @@ def _browser(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
     with asyncio.Runner() as runner:
         browser = Browser(SIZE, *MICROPHONE, f"--use-file-for-fake-audio-capture={sound}")
         runner.run(browser.__aenter__())
+        runner.run(browser.call("Page.addScriptToEvaluateOnNewDocument", source=FEW_TURNS))
         try:
             yield Page(runner, browser, request.getfixturevalue("server"))
         finally:
