@@ -130,7 +130,8 @@ def _dimples(x: Array, y: Array) -> Array:
     spread, dimples = peel.std(), np.zeros(x.shape)
     at = _where(x, y, -112.0, -16.0, 69.0)  # beyond, there is none
     peel = np.clip(peel[at] / spread, -1.5, 2.0)
-    here: Array = np.exp(-((x[at] / 13.0) ** 4) - ((y[at] + 64.0) / 9.0) ** 4)
+    # Squared twice: NumPy takes a hundred times as long for the fourth power of a negative number.
+    here: Array = np.exp(-(((x[at] / 13.0) ** 2) ** 2) - (((y[at] + 64.0) / 9.0) ** 2) ** 2)
     dimples[at] = 0.15 * peel * here
     return dimples
 
