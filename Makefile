@@ -69,12 +69,19 @@ test:
 # Of four processes two take files that compute, the others files that wait, the long ones first: tests/queues.py.
 # One thread each for linear algebra: three processes with two threads each on two cores wait for each other.
 PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 4 --dist loadfile -q
-tests: $(VENV)/.ready-dev detector
+tests: $(VENV)/.read-tests detector
 	$(PYTEST) -m "not nightly" --at-least $(TESTS_AT_LEAST)
 
 # What takes too long for every change; the hosted CI runs it every night.
-nightly: $(VENV)/.ready-dev detector
+nightly: $(VENV)/.read-tests detector
 	$(PYTEST) -m nightly --at-least $(NIGHTLY_AT_LEAST)
+	@mkdir -p out/fuzz-replay/readers
+	$(BIN)/python -m tests.fuzz.fuzz_readers out/fuzz-replay/readers -runs=0 > out/fuzz.log 2>&1 || { tail -n 40 out/fuzz.log; exit 1; }
+
+# In a new clone pytest rewrites the assertions of every test and keeps them: once, or each of four processes does it.
+$(VENV)/.read-tests: $(VENV)/.ready-dev
+	$(BIN)/python -m pytest --collect-only -qq > /dev/null
+	@touch $@
 
 # As in a clone with nothing beside it: the measurement data are hidden. Only files that have such tests are read.
 conformance: $(VENV)/.ready-dev
@@ -117,9 +124,8 @@ soak: $(VENV)/.ready-dev
 # The part of make fuzz that make test runs: the same inputs and commands every time, so that the gate judges the change
 # and not the luck of a search.
 fuzz-replay: $(VENV)/.ready-dev
-	@mkdir -p out/fuzz-replay/readers
+	@mkdir -p out/fuzz-replay
 	$(BIN)/python -m tests.fuzz.fuzz_decoder out/fuzz-replay tests/fuzz/corpus -runs=0 > out/fuzz.log 2>&1 || { tail -n 40 out/fuzz.log; exit 1; }
-	$(BIN)/python -m tests.fuzz.fuzz_readers out/fuzz-replay/readers -runs=0 > out/fuzz.log 2>&1 || { tail -n 40 out/fuzz.log; exit 1; }
 	$(BIN)/python -m tests.fuzz.verbs --seconds inf --count 30
 	$(BIN)/python -m tests.fuzz.mutated --seconds inf --each 40 > out/fuzz.log 2>&1 || { tail -n 60 out/fuzz.log; exit 1; }
 	@tail -n 1 out/fuzz.log
