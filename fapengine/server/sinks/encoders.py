@@ -15,7 +15,7 @@ from fapengine.errors import UsageError
 from fapengine.host.listeners import HubFrames
 from fapengine.mpeg4 import fap
 from fapengine.retarget.blend import ARKIT_NAMES
-from fapengine.wire import fap_osc, livelink, rtp, vmc, vrchat, vts
+from fapengine.wire import fap_osc, livelink, osc, rtp, vmc, vrchat, vts
 from fapengine.wire.fap_osc import FapFrame, SessionFrames
 from fapengine.wire.shapes import ArkitFollower, PresetFollower, VisemeFollower, encode_weights
 
@@ -159,7 +159,14 @@ def vmc_face(
 
 
 def vrchat_face(session: str | None = None, *, prefix: str = "", rate_hz: float = 60.0) -> SingleFaceEncoder:
-    """Return an encoder of VRChat's parameters: those that changed, and all once per second."""
+    """Return an encoder of VRChat's parameters: those that changed, and all once per second.
+
+    Raises
+    ------
+    UsageError
+        If no OSC address may contain the prefix.
+    """
+    osc.head(f"/{prefix}", "f")
     follower = ArkitFollower()
     every = max(1, round(REFRESH_S * rate_hz))
     last: dict[int, bytes] = {}

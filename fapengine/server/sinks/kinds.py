@@ -229,7 +229,14 @@ def parse_sink(url: str) -> SinkAddress:
     port = kind.port if port is None else port
     if port is None:
         raise UsageError(f"sink: got {url!r:.100} without a port, expected {kind.name}://{parts.hostname}:PORT")
+    if port == 0 and kind.medium == "datagrams":
+        raise UsageError(f"sink: got {url!r:.100} with port 0, expected 1 to 65535")
     session = query.pop("session", None)
+    if session is not None:
+        from fapengine.wire.fap_osc import MAX_SESSION_BYTES  # the help needs no NumPy
+
+        if not 1 <= (size := len(session.encode(errors="replace"))) <= MAX_SESSION_BYTES:
+            raise UsageError(f"sink: got a session of {size} bytes, expected 1 to {MAX_SESSION_BYTES}")
     unknown = [name for name in query if name not in kind.options]
     if unknown:
         allowed = ", ".join(("session", *kind.options))

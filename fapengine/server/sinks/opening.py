@@ -190,7 +190,11 @@ def encoder_of(address: SinkAddress, rate_hz: float, epochs: Epochs = None) -> e
             f"sinks: got {str(address)!r}, expected one that sends datagrams; `fapengine serve` has the others"
         )
     encode: Encoding = opener(kind)
-    return encode(address, rate_hz, epochs)
+    try:
+        return encode(address, rate_hz, epochs)
+    except UsageError as error:
+        told = str(error).removeprefix(f"sink {kind.name}: ")
+        raise UsageError(f"sink {kind.name}: {told}") from error
 
 
 def datagram_sink(hub: Hub, address: SinkAddress, epochs: Epochs = None) -> DatagramSink:

@@ -487,6 +487,9 @@ def test_nothing_is_sent_of_sessions_that_are_not_there(ear: Ear) -> None:
         ("osc://127.0.0.1:1?x=1", "got 'x', expected one of session"),
         ("vmc://127.0.0.1?prefix=1", "expected one of session, names"),
         ("osc://127.0.0.1:1?x", "bad query field"),
+        ("vmc://127.0.0.1:0", "with port 0, expected 1 to 65535"),
+        ("osc://127.0.0.1:1?session=", "a session of 0 bytes, expected 1 to 32"),
+        ("osc://127.0.0.1:1?session=" + "x" * 33, "a session of 33 bytes, expected 1 to 32"),
     ],
 )
 def test_urls_that_are_no_sinks(url: str, what: str) -> None:
@@ -499,6 +502,21 @@ def test_urls_are_spelled_back() -> None:
         assert str(parse_sink(url)) == url
     assert parse_sink("vrchat://localhost").port == 9000
     assert parse_sink("livelink://localhost").port == 11111
+
+
+@pytest.mark.parametrize(
+    ("url", "what"),
+    [
+        ("livelink://127.0.0.1?device=x", "sink livelink: device: got 'x'"),
+        ("livelink://127.0.0.1?name=%00", "sink livelink: name: got"),
+        ("vrchat://127.0.0.1?prefix=%00", "sink vrchat: OSC address: got"),
+        ("vmc://127.0.0.1?names=klingon", "sink vmc: "),
+        ("fba://127.0.0.1:1?intra=nan", "sink fba: intra: got"),
+    ],
+)
+def test_options_are_checked_before_the_first_frame(url: str, what: str) -> None:
+    with pytest.raises(UsageError, match=f"^{re.escape(what)}"):
+        encoder_for(url)
 
 
 def test_intra_must_be_seconds() -> None:
