@@ -82,7 +82,7 @@ def arkit_table() -> dict[str, object]:
         "moodShapes": _short(arkit._mood_weights()),
         "blinkStep": moods.BLINK_STEP,
         "openAgain": moods.OPEN_AGAIN,
-        "longestBlink": moods.LONGEST_BLINK,
+        "maxBlinkFrames": moods.MAX_BLINK_FRAMES,
     }
 
 

@@ -198,8 +198,8 @@ MUTATIONS = (
         ("tests/unit/speech/test_formats.py::test_pauses_of_voicevox_are_scaled",),
     ),
     Mutation(
-        "overlap of labels", "fapengine/speech/formats/entries.py", "OVERLAP_S = 1e-3", "OVERLAP_S = 0.1",
-        "labels that overlap by more than a millisecond are refused",
+        "overlap of labels", "fapengine/speech/formats/entries.py", "OVERLAP_S = 1.5e-3", "OVERLAP_S = 0.1",
+        "labels that overlap by more than is rounded away are refused",
         ("tests/unit/speech",),
     ),
     Mutation(

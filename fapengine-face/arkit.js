@@ -128,7 +128,7 @@ class MoodHold {
     } else if (this.held) {
       this.frames++;
       const isOpen = step > -ARKIT.blinkStep && lid < this.open + ARKIT.openAgain;
-      this.held = !isOpen && this.frames < ARKIT.longestBlink;
+      this.held = !isOpen && this.frames < ARKIT.maxBlinkFrames;
     }
     if (!this.held) this.moods = moods;
     return this.moods;

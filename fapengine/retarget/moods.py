@@ -46,7 +46,7 @@ BLINK_STEP, OPEN_AGAIN = 25.0, 150.0
 """Step of the upper lids per frame from which it belongs to a blink, and distance from their position before at which
 they are open again; FAPU. A blink at 60 frames per second begins with 45, a growing sadness has 5.
 """
-LONGEST_BLINK = 30
+MAX_BLINK_FRAMES = 30
 """Frames after which lids that are not open again are no blink: eyes that stay shut, or look down."""
 FAINT = (0.1, 0.2)
 """Weight up to which a mood is ignored, and from which it is shown unchanged."""
@@ -101,7 +101,7 @@ class MoodHold:
         elif self._held:
             self._frames += 1
             is_open = step > -BLINK_STEP and lid < self._open + OPEN_AGAIN
-            self._held = not is_open and self._frames < LONGEST_BLINK
+            self._held = not is_open and self._frames < MAX_BLINK_FRAMES
         if not self._held:
             self._moods = moods
         return self._moods

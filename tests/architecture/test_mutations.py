@@ -28,7 +28,7 @@
 * numbers ahead: no receiver takes the last frame of a killed server for a late one
 * taking turns: a flood from one sender keeps nobody else waiting
 * scaled pauses: VOICEVOX multiplies pauses by pauseLengthScale
-* overlap of labels: labels that overlap by more than a millisecond are refused
+* overlap of labels: labels that overlap by more than is rounded away are refused
 * inside of a skin: feature points lie on the outside of a skin that has an inside
 * ridge: blendshapes reach the pose that FAPs ask for
 """

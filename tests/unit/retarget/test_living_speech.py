@@ -11,7 +11,7 @@ from fapengine.host.listeners import HubFrames
 from fapengine.mpeg4 import fap
 from fapengine.retarget.arkit import OPENERS, OPPOSITES, approximate_arkit, arkit_map
 from fapengine.retarget.blend import ALL_MOODS, ARKIT_NAMES, weights_mm
-from fapengine.retarget.moods import LIDS_PER_RAD, LONGEST_BLINK, MOODS, MoodHold, find_moods
+from fapengine.retarget.moods import LIDS_PER_RAD, MAX_BLINK_FRAMES, MOODS, MoodHold, find_moods
 from fapengine.retarget.visemes import (
     SHOWN,
     VOWELS,
@@ -142,7 +142,7 @@ def test_a_mood_does_not_stay_after_a_blink_from_wide_eyes_or_to_lowered_ones(li
         faps[[fap.column(19), fap.column(20)]] = lid
         shown.append(float(hold.follow(np.array([1.0 if at <= 12 else 0.0]), faps)[0]))
     assert shown[:14] == [1.0] * 14  # held while the lids are shut
-    assert shown[16 if after == 0.0 else 10 + LONGEST_BLINK] == 0.0
+    assert shown[16 if after == 0.0 else 10 + MAX_BLINK_FRAMES] == 0.0
 
 
 def test_lids_follow_the_gaze_here_as_in_the_planner() -> None:
