@@ -19,6 +19,8 @@ MIN_EXPLAINED = 0.6
 """Part of the different labels below which long labels are words."""
 WORD_LETTERS = 2.5
 """Letters a label above which unexplained labels are words."""
+FIRST_OTHER = "\u0400"
+"""The first letter of Cyrillic; before it are Latin, IPA and Greek."""
 MIN_CAPITALS = 5
 """Labels in capitals from which on a file without small consonants is no X-SAMPA."""
 _BASIC = frozenset("ptkbdgmnlrszfv")
@@ -107,7 +109,8 @@ def guess(labels: Iterable[str]) -> Guess:
     best, *ties = (name for name in candidates if len(explained[name]) == count)
     part = count / len(distinct)
     if part < MIN_EXPLAINED:
-        return Guess(best, part, (), words=sum(map(len, distinct)) / len(distinct) > WORD_LETTERS)
+        is_long = sum(map(len, distinct)) / len(distinct) > WORD_LETTERS
+        return Guess(best, part, (), words=is_long or 2 * sum(map(_is_written, distinct)) >= len(distinct))
     others: list[str] = []
     for name in ties:
         if not any(_same(other, name, distinct) for other in (best, *others)):
@@ -127,6 +130,11 @@ def _explained(labels: Sequence[str], *, capitals: bool) -> dict[str, list[str]]
     if sum(label.isupper() for label in labels) >= MIN_CAPITALS and _BASIC.isdisjoint(labels):
         found["x-sampa"] = []  # every language has some of these consonants, and X-SAMPA writes them small
     return found
+
+
+def _is_written(label: str) -> bool:
+    """Whether a label has letters of a script in which no phone is written, from Cyrillic to Han; one may be a word."""
+    return any(letter.isalpha() and letter >= FIRST_OTHER and letter not in ipa.SOUNDS for letter in label)
 
 
 def _mixed_case(labels: Sequence[str]) -> bool:

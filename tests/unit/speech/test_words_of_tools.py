@@ -195,6 +195,15 @@ def test_times_that_are_rounded_to_milliseconds_overlap_by_one() -> None:
     assert told(track)[-2:] == [("m", 11.851, 12.055), ("aɪ", 12.055, 12.461)]
 
 
+@pytest.mark.parametrize("words", ["食 左 啦 我 喺喺", "я и вы он мы", "나 너 밥 집 물"])
+def test_words_of_one_letter_are_words_in_other_scripts(words: str) -> None:
+    rows = [f"file 1 {at}.0 1.0 {word} 0.5" for at, word in enumerate(words.split())]
+    assert read("\n".join(rows)).spelled
+    assert not read(
+        "\n".join(rows[:2] + [f"file 1 {at}.0 1.0 {phone} 0.5" for at, phone in enumerate("mapti", 2)])
+    ).spelled
+
+
 def test_a_context_of_open_jtalk_says_its_alphabet() -> None:
     contexts = "/A:-5+1+7/B:xx-xx_xx/C:02_xx+xx/D:xx+xx_xx"
     labels = "".join(f"{n}000000 {n + 1}000000 x^x-{phone}+x=x{contexts}\n" for n, phone in enumerate("daNka"))
