@@ -110,7 +110,12 @@ def parse_htk(data: bytes, *, alphabet: str | None = None, columns: str | None =
         ``hz=`` and the rate of the samples that whole numbers count; by default they are units of 100 ns.
     """
     rate_hz = parse_columns(columns).rate_hz
-    rows = rows_of(re.sub(r"(?m)^\\\t.*$", "", decode_text(data, ".lab")).encode(), ".lab", 3)
+    text = re.sub(r"(?m)^\\\t.*$", "", decode_text(data, ".lab"))
+    if text.strip() and not re.search(r"\d", text):
+        raise DataError(
+            ".lab: got text without times; is it a transcript? `fapengine animate` takes one with its sound"
+        )
+    rows = rows_of(text.encode(), ".lab", 3)
     whole = not any(re.search("[.,]", row[0] + row[1]) for _, row in rows)
     longest = max((number_of(row[1], "time", where) for where, row in rows), default=0.0)
     if whole and rate_hz is None and len(rows) > 1 and 1000 < longest < MAX_SAMPLES:

@@ -161,6 +161,7 @@ def test_lists_that_are_none(text: str, columns: str, message: str) -> None:
         ("utau", "[#SETTING]\nTempo=0\n[#0000]\nLength=1\n", "Tempo: got '0'"),
         ("utau", "ustx_version: '0.6'\n", "project of OpenUtau"),
         ("htk", "0.0\t0.5\tf000001\n0.5\t1.0\tf000002\n", "numbers of fragments"),
+        ("htk", "no such thing as time\n", "got text without times; is it a transcript"),
         ("htk", "1 51.2 43.505477 90.957447\n52 91.2 50.957447 51.085142\n", "got numbers, expected phones or words"),
         ("timit", "0 x b\n", "got 'x', expected a number.*line 1"),
     ],
