@@ -18,7 +18,8 @@ whose point is then a full stop too. ``minus`` is said before a number, ``share`
 ``phones`` is a pattern of telephone numbers beside the usual one. ``joined`` is the greatest number of digits before a
 space in a number that the voice would read in parts.
 
-Tags of SSML stay, what stands in ``say-as``, ``sub`` and ``phoneme``, and addresses of the web and of mail.
+Tags of SSML stay, what stands in ``say-as``, ``sub`` and ``phoneme``, and addresses of the web and of mail, but for
+their points if the table has a ``dot``.
 """
 
 import re
@@ -51,6 +52,7 @@ _KEPT = re.compile(
     r"|\b(?:https?://|www\.)[^\s<>]+|\b[\w.+-]{1,64}@[\w-]{1,64}\.\w[^\s<>]*",  # addresses
     re.DOTALL,
 )
+_POINT = re.compile(r"\.(?=\w)")
 _CENTS = re.compile(r"(.*)[.,](\d\d)")
 
 Edit = tuple[int, int, str]
@@ -88,10 +90,15 @@ def spoken_form(text: str, code: str, given: Sequence[Edit] = ()) -> SpeakableTe
     language = code.partition("-")[0]
     edits = list(given)
     if language in LANGUAGES and _OCCASION.search(text):
-        kept = [match.span() for match in _KEPT.finditer(text)]
         taken = bytearray(len(text))
-        for start, stop in [*kept, *(edit[:2] for edit in given)]:
+        for start, stop, _ in given:
             taken[start:stop] = b"\1" * (stop - start)
+        dot = _table(language).get("dot")
+        for kept in _KEPT.finditer(text):
+            if dot and kept[0][0] not in "<[":
+                points = (point.start() for point in _POINT.finditer(text, *kept.span()))
+                edits += [(at, at + 1, f" {dot} ") for at in points if not taken[at]]
+            taken[kept.start() : kept.end()] = b"\1" * len(kept[0])
         for rule in _rules(language):
             for match in rule.pattern.finditer(text):
                 found = [part for edit in rule.edits(match) for part in _shared_out(text, *edit)]
@@ -133,8 +140,13 @@ def edited(text: str, edits: list[Edit]) -> SpeakableText:
 
 
 @cache
+def _table(language: str) -> dict[str, Any]:
+    return tomllib.loads((files(__package__) / "spoken" / f"{language}.toml").read_text("utf-8"))
+
+
+@cache
 def _rules(language: str) -> tuple[_Rule, ...]:
-    table = tomllib.loads((files(__package__) / "spoken" / f"{language}.toml").read_text("utf-8"))
+    table = _table(language)
     words, units = _words(table), _units(table, language)
     last = (units, words) if table.get("spaced", True) else (words, units)  # 1人 has a word of its own
     first = _dates(table, language), _phones(table), _prices(table, language)

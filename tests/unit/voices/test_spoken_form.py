@@ -98,6 +98,8 @@ CASES = [
     ("en-gb", "Henry VIII, Louis XIV, Elizabeth II, Rocky II, +44 20 7946 0958, (212) 555-0199, 1-2-3",
      "Henry the 8th, Louis the 14th, Elizabeth the second, Rocky II, +4 4 2 0 7 9 4 6 0 9 5 8, (2 1 2) 5 5 5 0 1 9 9, "
      "1-2-3"),
+    ("de", "Post an max.mueller@web.de oder www.bahn.de.",
+     "Post an max Punkt mueller@web Punkt de oder www Punkt bahn Punkt de."),
     ("nl", "3,50 €, 5 km", "3,50 €, 5 km"),  # has no table
 ]  # fmt: skip
 
@@ -111,7 +113,7 @@ def test_what_is_said(code: str, text: str, expected: str) -> None:
 def test_every_table_can_be_read_and_replaces_its_own_entries(language: str) -> None:
     table = tomllib.loads((files("fapengine.voices") / "spoken" / f"{language}.toml").read_text("utf-8"))
     texts, tables = (
-        {"price", "scales", "of", "starters", "spaced", "minus", "share", "phones", "joined"},
+        {"price", "scales", "of", "starters", "spaced", "minus", "share", "phones", "joined", "dot"},
         {"short_scales", "cents"},
     )
     assert set(table) <= texts | tables | {"words", "units", "currencies", "fractions", "rules", "date"}
@@ -142,6 +144,9 @@ def test_words_are_those_of_the_text() -> None:
     text = "Dr. Lee paid $3.5 million on James St. in the 1990s."
     assert spoken(text) == ["Dr", "Lee", "paid", "$3.5", "million", "on", "James", "St", "in", "the", "1990s"]
     assert spoken("Es kostet 3,50 € um 8:15 Uhr.", "de") == ["Es", "kostet", "3,50", "€", "um", "8:15", "Uhr"]
+    assert spoken("Ruf 0171 2345678 an, am 12.05.2024, www.bahn.de.", "de") == [
+        "Ruf", "0171", "2345678", "an", "am", "12.05.2024", "www.bahn.de"
+    ]  # fmt: skip
     assert spoken("São R$ 5,50 hoje.", "pt-br") == ["São", "R$", "5,50", "hoje"]
 
 
