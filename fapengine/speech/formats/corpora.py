@@ -112,9 +112,8 @@ def parse_htk(data: bytes, *, alphabet: str | None = None, columns: str | None =
     rate_hz = parse_columns(columns).rate_hz
     text = re.sub(r"(?m)^\\\t.*$", "", decode_text(data, ".lab"))
     if text.strip() and not re.search(r"\d", text):
-        raise DataError(
-            ".lab: got text without times; is it a transcript? `fapengine animate` takes one with its sound"
-        )
+        told = "is it a transcript? `fapengine animate` takes one with its sound"
+        raise DataError(f".lab: got text without times; {told}", where="line 1")
     rows = rows_of(text.encode(), ".lab", 3)
     whole = not any(re.search("[.,]", row[0] + row[1]) for _, row in rows)
     longest = max((number_of(row[1], "time", where) for where, row in rows), default=0.0)
