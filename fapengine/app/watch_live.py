@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,9 @@ from fapengine.laboratory.watched import EASE_S, HOLD_S, WatchedFace
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack
 from fapengine.trajectory.style import Style
+
+if TYPE_CHECKING:
+    from fapengine.clients.websocket_viewer import WebSocketViewer
 
 Pictures = Iterable[tuple[float, NDArray[np.uint8]]]
 
@@ -220,7 +223,7 @@ def watch_live(
         face = stack.enter_context(
             Face(style=Style.speech_only(), rate_hz=job.rate_hz, silent=True, sinks=job.sinks, clock=clock)
         )
-        link = _Link(job.server, clock) if job.server is not None else None
+        link = _linked(job.server, clock) if job.server is not None else None
         if link is not None:
             stack.callback(link.close)
         eyes = stack.enter_context(Eyes(pictures, lambda: Detector(job.model), clock))
@@ -254,7 +257,7 @@ def _pictures(source: str, clock: Callable[[], float], sleep: Callable[[float], 
 
 
 def _run(
-    job: WatchJob, face: Face, eyes: Eyes, screen: Screen, ticks: Ticks, link: "_Link | None",
+    job: WatchJob, face: Face, eyes: Eyes, screen: Screen, ticks: Ticks, link: "WebSocketViewer | None",
     rows: list[NDArray[np.int32]],
 ) -> None:  # fmt: skip
     begun_s, over_s, is_shown = face.hub.clock(), None, True
@@ -265,7 +268,7 @@ def _run(
         values = {number: int(faps[fap.column(number)]) for number in NUMBERS}
         face.hub.host(SESSION).perform(values, now_s)
         if link is not None:
-            link.perform(values)
+            link.send("perform", values={str(number): value for number, value in values.items()})
         if job.output is not None:
             rows += [faps] * (ticks.frames + ticks.skipped - len(rows))
         is_shown = screen.show(face.frame(screen.display_latency_s), now_s - begun_s)
@@ -275,8 +278,8 @@ def _run(
             return
 
 
-class _Link:
-    """Connection to a session of a server. Stateful.
+def _linked(url: str, clock: Callable[[], float]) -> "WebSocketViewer":
+    """Connect to a session of a server, without its frames.
 
     Raises
     ------
@@ -285,21 +288,14 @@ class _Link:
     ResourceError
         If the server does not answer, or aiohttp is missing.
     """
+    from fapengine.clients.websocket_viewer import WebSocketViewer
 
-    def __init__(self, url: str, clock: Callable[[], float]) -> None:
-        from fapengine.clients.websocket_viewer import WebSocketViewer
-
-        self._viewer = WebSocketViewer(url, clock=clock)
-        until_s = time.monotonic() + FOUND_S
-        while self._viewer.state != "open":
-            if time.monotonic() > until_s:
-                self._viewer.close()
-                raise ResourceError(self._viewer.trouble or f"no server answers at {url}")
-            time.sleep(0.02)
-        self._viewer.send("watch", on=False)
-
-    def perform(self, values: dict[int, int]) -> None:
-        self._viewer.send("perform", values={str(number): value for number, value in values.items()})
-
-    def close(self) -> None:
-        self._viewer.close()
+    link = WebSocketViewer(url, clock=clock)
+    until_s = time.monotonic() + FOUND_S
+    while link.state != "open":
+        if time.monotonic() > until_s:
+            link.close()
+            raise ResourceError(link.trouble or f"no server answers at {url}")
+        time.sleep(0.02)
+    link.send("watch", on=False)
+    return link

@@ -7,9 +7,11 @@ Before that, tables of numbers in text: decoding, delimiters, decimal commas, em
 
 import csv
 import io
+import json
 import re
 from collections import Counter
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +42,25 @@ def decode_text(data: bytes, name: str) -> str:
     if "\0" in text:
         raise DataError(f"{name}: is not text, contains NUL bytes", where=f"character {text.index(chr(0))}")
     return text
+
+
+def parse_json(text: str, name: str) -> Any:
+    """Read a JSON document, or JSON lines as the list of their values.
+
+    Raises
+    ------
+    DataError
+        If it is neither, or nested too deeply.
+    """
+    try:
+        return json.loads(text)
+    except ValueError:
+        try:
+            return [json.loads(line) for line in text.splitlines() if line.strip()]
+        except ValueError as error:
+            raise DataError(f"{name}: is neither JSON nor JSON lines: {error}") from error
+    except RecursionError as error:
+        raise DataError(f"{name}: is nested too deeply") from error
 
 
 def split_rows(text: str) -> list[list[str]]:

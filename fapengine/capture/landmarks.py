@@ -9,14 +9,13 @@ OpenFace writes a row per frame with columns by name: ``X_0`` .. ``Z_67`` in mm 
 left, down), ``AU45_r`` and others 0..5. OpenFace wiki, "Output format"; ``-2Dfp`` alone has no depth and is refused.
 """
 
-import json
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine.capture.conventions import decode_text, numbers, split_rows
+from fapengine.capture.conventions import decode_text, numbers, parse_json, split_rows
 from fapengine.capture.marker_track import RawTrack
 from fapengine.errors import DataError, TruncatedError, UsageError
 
@@ -118,16 +117,8 @@ def _from_table(text: str) -> NDArray[np.float64]:
 
 
 def _from_json(text: str) -> NDArray[np.float64]:
-    try:
-        whole = json.loads(text)
-        frames = whole if isinstance(whole, list) else whole.get("frames", [whole])
-    except ValueError:
-        try:
-            frames = [json.loads(line) for line in text.splitlines() if line.strip()]
-        except ValueError as error:
-            raise DataError(f"landmarks: neither JSON nor JSON lines: {error}") from error
-    except RecursionError as error:
-        raise DataError("landmarks: JSON is nested too deeply") from error
+    whole = parse_json(text, "landmarks")
+    frames = whole.get("frames", [whole]) if isinstance(whole, dict) else whole
     if not isinstance(frames, list):
         raise DataError(f"landmarks: must be a list of frames, got {type(frames).__name__}")
     frames_points = [_points(frame, index) for index, frame in enumerate(frames)]

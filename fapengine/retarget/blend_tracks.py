@@ -19,7 +19,6 @@ sender's (``/VMC/Ext/T``) if every frame has one, else those of arrival. Other a
 import codecs
 import csv
 import io
-import json
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -28,6 +27,7 @@ from typing import Any
 import numpy as np
 
 from fapengine._arrays import Array
+from fapengine.capture.conventions import parse_json
 from fapengine.errors import DataError, TruncatedError, UsageError
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD
@@ -168,16 +168,8 @@ Found = tuple[ShapeSet, Array, dict[int, Array], float | Array]
 
 
 def _json(text: str) -> Found:
-    try:
-        whole = json.loads(text)
-        events = whole if isinstance(whole, list) else [whole]
-    except ValueError:
-        try:
-            events = [json.loads(line) for line in text.splitlines() if line.strip()]
-        except ValueError as error:
-            raise DataError(f"blend shapes: is neither JSON nor JSON lines: {error}") from error
-    except RecursionError as error:
-        raise DataError("blend shapes: is nested too deeply") from error
+    whole = parse_json(text, "blend shapes")
+    events = whole if isinstance(whole, list) else [whole]
     if len(events) == 1 and isinstance(events[0], dict) and "weightMat" in events[0]:
         return _matrix(events[0])
     if len(events) == 1 and isinstance(events[0], dict) and isinstance(events[0].get("frames"), list):

@@ -17,6 +17,7 @@ import fapengine
 from fapengine.app import watch_live as watching
 from fapengine.app.watch_live import WatchJob, watch_live
 from fapengine.cli.main import app
+from fapengine.clients.websocket_viewer import WebSocketViewer
 from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.files.landmarks import Detector, detector_python
 from fapengine.files.video import inspect_film
@@ -165,13 +166,14 @@ def test_a_film_in_place_of_a_camera_moves_other_programs_and_a_session_now(
     kept, clock = tmp_path / "kept.fap", PatientClock()
     monkeypatch.setattr(HeldDetector, "clock", clock, raising=False)
     monkeypatch.setattr(watching, "Detector", HeldDetector)
-    send = watching._Link.perform
+    send = WebSocketViewer.send
 
-    def sent(link: Any, values: dict[int, int]) -> None:
-        clock.allow("link")
-        send(link, values)
+    def sent(link: WebSocketViewer, kind: str, **values: Any) -> None:
+        if kind == "perform":
+            clock.allow("link")
+        send(link, kind, **values)
 
-    monkeypatch.setattr(watching._Link, "perform", sent)
+    monkeypatch.setattr(WebSocketViewer, "send", sent)
 
     def sleep(seconds: float) -> None:
         clock.sleep(seconds)
