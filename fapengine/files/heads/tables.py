@@ -16,16 +16,16 @@ import csv
 import io
 from dataclasses import dataclass
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fapengine._strict_toml import MAX_BYTES, parse_toml, spell_path
-from fapengine.errors import DataError, UnsupportedError
+from fapengine.errors import DataError
 from fapengine.files.paths import locating, read_bytes
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fap import FEATURE_POINT_NAMES
+from fapengine.speech.formats.documents import parse_xml
 
 Points = dict[str, dict[str, int]]
 """Vertex by feature point, by submesh: the chin's point may also move the teeth."""
@@ -55,12 +55,7 @@ def parse_fdp(data: bytes) -> tuple[str, dict[str, int]]:
 
 
 def _xface(data: bytes) -> Points:
-    if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
-        raise UnsupportedError("fdp: got a document type or entities, expected none")
-    try:
-        root = ElementTree.fromstring(data)
-    except (ElementTree.ParseError, ValueError, LookupError) as error:
-        raise DataError(f"fdp: is not XML ({error})") from error
+    root = parse_xml(data, "fdp")
     if root.tag != "xfdp":
         raise DataError(f"fdp: got <{root.tag[:40]}>, expected <xfdp>")
     points: Points = {}
