@@ -307,7 +307,10 @@ CUE = re.compile(rf"\s*{_CLOCK}\s*-->\s*{_CLOCK}(\s.*)?")
 _INSIDE = re.compile(rf"<{_CLOCK}>")
 _TAG = re.compile(r"</?[a-zA-Z][^>]*>|\{\\[^}]*\}")
 _UNDERLINED = re.compile(r"<u>(.*?)</u>", re.DOTALL)
-_HINT = "words need times of their own: one word a cue, or <00:00:01.120> before each word"
+_HINT = (
+    "words need times of their own: one word a cue, or <00:00:01.120> before each word; with the sound,"
+    " --transcript-file takes them as they are"
+)
 
 
 def _clock_s(groups: tuple[str | None, ...]) -> float:
@@ -329,6 +332,21 @@ def parse_subtitles(data: bytes) -> PhoneTrack:
     else:
         words += [Entry(cue.start_s, cue.end_s, _TAG.sub("", cue.label), cue.where) for cue in cues]
     return words_track(words, "subtitles", _HINT)
+
+
+def subtitle_text(text: str) -> str | None:
+    r"""Return the text of SRT or WebVTT without its times, for an alignment with the sound; None for other text.
+
+    Examples
+    --------
+    >>> subtitle_text("1\n00:00:01,000 --> 00:00:02,000\n<i>Hello</i> there.\n")
+    'Hello there.'
+    """
+    cues = _cues(text.splitlines())
+    lines = [line for cue in cues for line in _TAG.sub("", _INSIDE.sub("", cue.label)).split("\n")]
+    return (
+        "\n".join(line for before, line in zip(["", *lines], lines, strict=False) if line != before) if cues else None
+    )
 
 
 def _cues(lines: list[str]) -> list[Entry]:

@@ -165,6 +165,20 @@ def test_a_transcript_may_come_from_standard_input(monkeypatch: pytest.MonkeyPat
     assert transcript_of(Path("-"), None) == "My baby."
 
 
+def test_a_transcript_of_subtitles_is_their_text(tmp_path: Path) -> None:
+    (tmp_path / "a.srt").write_text(
+        "1\n00:00:00,000 --> 00:00:01,000\n<i>My baby</i>\nfell off.\n\n2\n00:00:01,000 --> 00:00:02,000\n42 boats\n"
+    )
+    assert transcript_of(tmp_path / "a.srt", None) == "My baby\nfell off.\n42 boats"
+    rolling = (
+        "WEBVTT\n\n00:00.000 --> 00:01.000\nMy<00:00:00.500><c> baby</c>\n\n00:01.000 --> 00:02.000\nMy baby\nfell\n"
+    )
+    (tmp_path / "a.vtt").write_text(rolling)
+    assert transcript_of(tmp_path / "a.vtt", None) == "My baby\nfell"
+    (tmp_path / "a.txt").write_text("From 10:30 --> 11:00\n")
+    assert transcript_of(tmp_path / "a.txt", None) == "From 10:30 --> 11:00\n"
+
+
 def test_refusals(talk: Path, tmp_path: Path) -> None:
     pho = tmp_path / "talk.pho"
     pho.write_text("m 80\na 120\n")
