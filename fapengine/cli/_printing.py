@@ -2,8 +2,9 @@
 
 import json
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from functools import partial
 from typing import TYPE_CHECKING
 
 import typer
@@ -12,7 +13,6 @@ from fapengine.cli._command import flags_of, running, with_flags
 
 if TYPE_CHECKING:
     from rich.console import Console
-    from rich.progress import Progress
 
     from fapengine.models.adapted_head import Nearness
 
@@ -75,29 +75,17 @@ def _screen() -> "Console":
     return Console(stderr=True)
 
 
-class Advance:
-    """One progress bar, or None; a call advances it. Stateful."""
-
-    def __init__(self, progress: "Progress | None") -> None:
-        self._progress = progress
-
-    def __call__(self, steps: float = 1) -> None:
-        if self._progress is not None:
-            self._progress.advance(self._progress.task_ids[0], steps)
-
-
 @contextmanager
-def progress(description: str, total: int) -> Iterator[Advance]:
-    """Show a progress bar; call the yielded object after each step."""
+def progress(description: str, total: int) -> Iterator[Callable[..., None]]:
+    """Show a progress bar; call the yielded function after each step, or with the number of steps."""
     if not _is_terminal():
-        yield Advance(None)
+        yield lambda steps=1: None
         return
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=_screen(), transient=True) as bar:
-        bar.add_task(description, total=total)
-        yield Advance(bar)
+        yield partial(bar.advance, bar.add_task(description, total=total))
 
 
 def working(on_what: str) -> AbstractContextManager[object]:

@@ -8,7 +8,7 @@ from fapengine.app.outputs import SaveOptions, find_kind
 from fapengine.app.performance import Performance
 from fapengine.app.report import Report
 from fapengine.app.talk import write_talk
-from fapengine.cli._printing import Advance, as_flags, print_result, print_rows, progress, working
+from fapengine.cli._printing import as_flags, print_result, print_rows, progress, working
 
 
 def write(performance: Performance, output: Path, options: SaveOptions, *, inputs: Collection[Path] = ()) -> None:
@@ -16,7 +16,7 @@ def write(performance: Performance, output: Path, options: SaveOptions, *, input
     frames = len(performance.track)
     bar = progress("drawing", frames) if find_kind(output).is_image else working(f"writing {frames} frames")
     with bar as advance:
-        on_frame = advance if isinstance(advance, Advance) else options.on_frame
+        on_frame = advance if callable(advance) else options.on_frame
         write_talk(performance, output, replace(options, on_frame=on_frame), inputs=inputs)
 
 
