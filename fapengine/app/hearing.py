@@ -13,6 +13,7 @@ from fapengine.files.paths import naming, read_bytes, write_bytes
 from fapengine.files.sound import inspect_sound, stream_sound
 from fapengine.speaking import DEFAULT_VOICE
 from fapengine.speech.formats.documents import decode_text
+from fapengine.speech.formats.word_lists import subtitle_text
 from fapengine.speech.formats.writing import WRITERS, check_writable, format_phone_json
 from fapengine.speech.phone_track import Phone, PhoneTrack
 
@@ -50,9 +51,13 @@ def is_sound(path: Path) -> bool:
 
 
 def read_text(path: Path) -> str:
-    """Read a text file. Raises ``UsageError`` if it cannot be read and ``DataError`` if it is not text."""
+    """Read a transcript: a text file, or the text of subtitles.
+
+    Raises ``UsageError`` if it cannot be read and ``DataError`` if it is not text.
+    """
     with naming(path):
-        return decode_text(read_bytes(path), "text")
+        text = decode_text(read_bytes(path), "text")
+    return subtitle_text(text) or text
 
 
 def hear(

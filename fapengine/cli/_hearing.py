@@ -88,7 +88,7 @@ def channels_of(
 
 
 def transcript_of(text: Path | None, transcript: str | None) -> str | None:
-    """Return the transcript of either option; of subtitles, the text alone.
+    """Return the transcript of either option.
 
     Raises
     ------
@@ -98,15 +98,12 @@ def transcript_of(text: Path | None, transcript: str | None) -> str | None:
     from fapengine.app.hearing import read_text
     from fapengine.errors import UsageError
     from fapengine.files.paths import is_standard
-    from fapengine.speech.formats.word_lists import subtitle_text
 
     if text is not None and transcript is not None:
         raise UsageError("--transcript-file and --transcript: use only one")
     if text is not None and not is_standard(text) and not text.exists():
         raise UsageError(f"--transcript-file: file not found: {text}; --transcript takes the words themselves")
-    if text is None:
-        return transcript
-    return subtitle_text(whole := read_text(text)) or whole
+    return read_text(text) if text is not None else transcript
 
 
 def hear_with_bar(
