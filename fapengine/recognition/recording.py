@@ -138,7 +138,7 @@ FOREIGN = 0.36
 """Factor of that fraction for languages that the model does not know. Measured on 35 sentences of espeak-ng in five
 languages: .20 and more of a whole sentence in all but one (.08); with the text of another less than .15 in 17 of 35."""
 JUDGED_FRAMES = 60
-"""Least number of frames that are judged."""
+"""Least number of frames around a word that are judged; of a whole piece with fewer, only clear sound is."""
 UNTOLD_S = 1.2
 """Least length of speech in a silence of the text that is reported as missing from the text."""
 
@@ -289,9 +289,10 @@ def follow(
         judged, strictness = _judge(aligned, names), 1.0 if aligner.dictionary else FOREIGN
         missing = [] if is_trusted else _missing(judged, strictness)
         if not is_trusted and _agrees_less(judged, AGREEING_ALL * strictness):
-            is_said = fits(aligner, aligned, piece)
+            is_short = sum(word.total for word in judged) < JUDGED_FRAMES
+            is_said = (is_short and not aligner.dictionary) or fits(aligner, aligned, piece, is_short=is_short)
             missing = [] if is_said else [_all_of(judged)]
-            if is_said:
+            if is_said and not is_short:
                 doubted.append((gathered.now_s, gathered.now_s + len(piece) / RATE_HZ))
         unheard += sum(len(range(a, b)) for a, b, _, _ in missing) + (behind - cursor if not aligned else 0)
         mismatches += [
@@ -400,8 +401,6 @@ def _agreeing(phone: Aligned, names: Sequence[str]) -> int:
 
 def _missing(judged: Sequence[_Judged], strictness: float) -> list[tuple[int, int, int, int]]:
     """Words that were not found: first, the one after the last, first frame, frame after the last."""
-    if _agrees_less(judged, AGREEING_ALL * strictness):
-        return [_all_of(judged)]
     least = AGREEING * strictness
     missing: list[tuple[int, int, int, int]] = []
     for index, word in enumerate(judged):
@@ -417,9 +416,8 @@ def _missing(judged: Sequence[_Judged], strictness: float) -> list[tuple[int, in
 
 
 def _agrees_less(judged: Sequence[_Judged], share: float) -> bool:
-    """Whether the loop agrees in less than a share of the frames, if there are enough of them."""
-    total = sum(word.total for word in judged)
-    return total >= JUDGED_FRAMES and sum(word.agree for word in judged) < share * total
+    """Whether the loop agrees in less than a share of the frames."""
+    return sum(word.agree for word in judged) < share * sum(word.total for word in judged)
 
 
 def _all_of(judged: Sequence[_Judged]) -> tuple[int, int, int, int]:

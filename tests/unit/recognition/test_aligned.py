@@ -138,6 +138,27 @@ def test_the_text_of_something_else_is_found_out() -> None:
     assert aligned(spoken("slt", POPPIES), OTHER).unheard > 0.5
 
 
+@pytest.mark.parametrize(
+    ("voice", "text", "other"),
+    [("rms", "Open it.", "Stop."), ("slt", "Goodbye.", "Come in."), ("awb", "Seven.", "Open it."),
+     ("kal16", "Seven.", "Good morning.")],
+)  # fmt: skip
+def test_a_word_of_something_else_is_found_out_in_clear_sound(voice: str, text: str, other: str) -> None:
+    speech = spoken(voice, text)
+    assert aligned(speech, other).unheard == 1.0
+    assert (aligned(speech).unheard, aligned(speech).doubted) == (0.0, ())
+
+
+def test_a_word_that_cannot_be_judged_is_believed() -> None:
+    """The loop agrees in .24 of its frames; two phones have no others to be compared with."""
+    speech = spoken("slt", "No.")
+    assert aligned(speech).unheard == 0.0
+    assert aligned(spoken("awb", "Stop.")).unheard == 0.0
+    for text, snr_db in (("Open it.", 6.0), ("Really?", 9.0)):
+        clean = spoken("rms", text)
+        assert aligned(Spoken(text, in_noise(clean.samples, snr_db), clean.phones)).unheard == 0.0
+
+
 def test_a_text_is_right_or_wrong_in_noise_too() -> None:
     clean = spoken("rms", BABY)
     speech = Spoken(clean.text, in_noise(clean.samples, 12.0), clean.phones)
