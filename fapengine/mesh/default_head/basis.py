@@ -35,24 +35,29 @@ LOWER_LID_KNOTS = (0.0, 256.0, 512.0)
 WIDE_KNOTS = (0.0, -600.0)
 EASE, ROUND_TO_CORNER = 0.35, 0.35
 """Weight along the contour: fraction from middle to half way that is a cosine, the rest being a parabola; fraction from
-there to the corner that is a parabola, the rest being a line. So contours of recorded speech have no kink half way.
+there to the corner that is of fourth order, the rest being a line. So contours of recorded speech have no kink half way
+and round ends.
 """
 OUTER_WITH_INNER = 0.6
 """Fraction by which the outer contour beside a corner is lifted by the FAP of the inner corner instead of its own, so
 that neither corner, lifted alone, is a hook; at the outer corner it is 0.
 """
-SMILE_TEETH_FAPU, TEETH_FALL_MM = (100.0, 330.0), 2.2
-"""FAPU of both corners over which the upper teeth come down in front of the lower ones, and how far: a smile shows one
-row, but films of speech show less of the upper and more of the lower teeth.
+SMILE_TEETH_FAPU, TEETH_FALL_MM = (100.0, 330.0), (0.4, 4.5)
+"""FAPU of both corners over which the upper and the lower teeth come down, and how far: a smile shows the upper ones
+alone, with a dark gap between their edges and the lip, but films of speech show both.
 """
 THROAT_FAPU = (340.0, 560.0)
 """FAPU of the jaw over which the throat becomes dark: from the widest vowels on."""
 BACK_BY_STRETCH = dict.fromkeys((6, 7, 53, 54), 0.5)
 """Millimetres that a corner of the lips moves back per millimetre outwards: lips slide around the teeth."""
+ROLL_OUT = 0.28
+"""Fraction by which the outer edge of lips and the skin around follow less where the inner edge is pushed forward: lips
+roll out, and are no beak.
+"""
 PURSE_FAPU, PURSE_MM, PURSE_OUT_MM, PURSE_FORWARD_MM = (200.0, 550.0), 3.6, 2.2, 4.2
 """FAPU of a lower lip pushed forward over which lips purse, as in u: how far their corners come in, how much thicker
-each lip becomes near them, and how far lips come forward, the corners 1.2 times as far. So the outline is round, and
-closed lips stay closed.
+the upper lip becomes near them, the lower one 0.6 as much, and how far lips come forward, the corners 1.2 times as far.
+So the outline is round, and closed lips stay closed.
 """
 PURSED_CHEEK_MM = np.array([30.0, 24.0])
 """How far beyond and above pursed corners the skin follows them: skin that stayed was a crease beside them."""
@@ -88,6 +93,8 @@ a lip falls to 0. The corners stay, and skin that moved next to them made a fold
 """
 BLADE_MM = 7.0
 """Length of the tongue that moves fully with its tip."""
+OUT_FAPU, NARROW_TONGUE = 250.0, 0.016
+"""FAPU from which a tongue that comes out, farther than in speech, becomes narrower, and fraction per millimetre."""
 SLIT_MM = 6.0
 """Height of the transition from upper to lower lip in the skin beside the mouth line."""
 
@@ -149,14 +156,15 @@ def build_basis(
         _lids(points, eye, side, feature_points, fapu, collector)
         below = eye.lids.indices[eye.lids.level > 1][:, ~eye.lids.upper]
         collector.add_shade(Channel(LIFT_CHEEK + side, -np.inf, np.inf), below.ravel())  # for .skin
-    _tongue(points, head, feature_points, linear, collector)
+    _tongue(points, head, feature_points, fapu, linear, collector)
     for number, teeth in teeth_by_light(points, head):  # it changes their light
         collector.add_shade(Channel(number, -np.inf, np.inf), teeth)
     for number in RAISE_CORNERS:
         start, stop = SMILE_TEETH_FAPU
-        teeth = head.upper_teeth[CROWNS].ravel()
-        fall = np.broadcast_to([0.0, -TEETH_FALL_MM / 2 / (stop - start), 0.0], (len(teeth), 3))
-        collector.add(Channel(number, start, stop), teeth, fall)
+        for teeth, way in zip((head.upper_teeth, head.lower_teeth), TEETH_FALL_MM, strict=True):
+            crowns = teeth[CROWNS].ravel()
+            fall = np.broadcast_to([0.0, -way / 2 / (stop - start), 0.0], (len(crowns), 3))
+            collector.add(Channel(number, start, stop), crowns, fall)
     collector.add_shade(Channel(JAW_FAP, *THROAT_FAPU), throat(head))
     chin = points[feature_points[fap.spec(JAW_FAP).point]]
     jaw_weight = _jaw_weight(points, head, skin, fields[JAW_FAP], chin)
@@ -179,7 +187,7 @@ def _along(t: Array, at: float) -> Array:
     inside = np.clip(across / HALF_WAY, 0, 1)
     to_side = (1 - EASE) * inside**2 + EASE * (0.5 - 0.5 * np.cos(np.pi * inside))
     share = np.clip((across - HALF_WAY) / (1 - HALF_WAY), 0, 1)
-    to_corner = share + ROUND_TO_CORNER * share * (share - 1)
+    to_corner = share + ROUND_TO_CORNER * (share**4 - share)
     if at == 0:
         return 1 - to_side
     return np.where(end, to_corner if abs(at) == 1 else to_side - to_corner, 0.0)
@@ -217,11 +225,11 @@ def _lips(head: HeadParts, linear: Linear, collector: BasisCollector) -> None:
             # Stretching draws the whole lip along, most at its corner; lifting lifts the corner alone.
             shape = np.clip(end * t, 0, 1) ** 1.2 if number in (6, 7, 53, 54) else _along(t, end)
             add(number, (ring + shared.get(number, 0.0)) * shape)
-    forward = 1 - t**2
+    forward = (1 - t**2) * (1 - ROLL_OUT * smoothstep(level))
     add(17, both * forward * on_upper)
     add(16, both * forward * on_lower)
     pursed = _pursed(t) * both[..., None]
-    pursed[..., 1] = PURSE_OUT_MM * 4 * t**6 * (1 - t**6) * np.where(upper, outer, -outer)
+    pursed[..., 1] = PURSE_OUT_MM * 4 * t**6 * (1 - t**6) * np.where(upper, outer, -0.6 * outer)
     whole = PURSE_FAPU[1] - PURSE_FAPU[0]
     collector.add(Channel(PUSH_LOWER_LIP, *PURSE_FAPU), vertices, pursed.reshape(-1, 3)[unique] / whole)
     for teeth, way in ((head.upper_teeth, PURSED_TEETH_MM), (head.lower_teeth, PURSED_TEETH_MM * [1, -1, 1])):
@@ -294,7 +302,7 @@ def _skin_fields(
     for number, moves in fields.items():
         moves *= share[skin, None]
         if number in (16, 17):
-            moves *= pushed[:, None]
+            moves *= (1 - ROLL_OUT) * pushed[:, None]
         if number in UPPER_LIP_FAPS:
             moves *= 1 - (between * (1 - above))[:, None]
         elif number in LOWER_LIP_FAPS:
@@ -410,7 +418,12 @@ def throat(head: HeadParts) -> Indices:
 
 
 def _tongue(
-    points: Array, head: HeadParts, feature_points: dict[str, int], linear: Linear, collector: BasisCollector
+    points: Array,
+    head: HeadParts,
+    feature_points: dict[str, int],
+    fapu: Fapu,
+    linear: Linear,
+    collector: BasisCollector,
 ) -> None:
     vertices = head.tongue
     tip = points[feature_points["6.1"]]
@@ -419,6 +432,8 @@ def _tongue(
     blade = np.clip(1 - (behind - BLADE_MM) / (44.0 - BLADE_MM), 0, 1)
     for number in (43, 44, 45):
         linear(number, vertices, blade**1.6)
+    narrower = -NARROW_TONGUE * fapu.unit(fap.FapUnit.MW) * points[vertices] * [1, 0, 0] * blade[:, None]
+    collector.add(Channel(45, OUT_FAPU, np.inf), vertices, narrower)
     middle = points[feature_points["6.2"]]
     linear(46, vertices, np.clip(1 - ((points[vertices, 2] - middle[2]) / 30.0) ** 2, 0, 1) ** 2)
     edge = np.abs(points[vertices, 0]) * share

@@ -35,14 +35,14 @@ from fapengine.mesh.face_mesh import Bone, DeformationBasis, FaceMesh, Folds, Ma
 from fapengine.mpeg4.fap import FapUnit
 from fapengine.mpeg4.fapu import Fapu
 
-LIT_INSIDE = {Material.TEETH: 0.20, Material.GUM: 0.5, Material.TONGUE: 0.54, Material.MOUTH: 0.72}
+LIT_INSIDE = {Material.TEETH: 0.20, Material.GUM: 0.5, Material.TONGUE: 0.6, Material.MOUTH: 0.72}
 """Least light, relative, on parts inside the mouth."""
 THRUST_TONGUE = 45
-TONGUE_LIGHT_PER_MM = 0.05
+TONGUE_LIGHT_PER_MM = 0.056
 """Change of the relative light on the tip of the tongue per millimetre forward."""
 TEETH_LIGHT_PER_MM = {16: -0.045, 12: 0.08, 13: 0.08}
 """Change of the relative light on teeth per millimetre of a FAP: lower lip pushed, corners raised."""
-DARK_THROAT = 0.28
+DARK_THROAT = 0.22
 """Light that the throat of a wide open mouth loses."""
 SHADED_TEETH = 0.03
 """Least light on upper teeth, which are in the shadow of the lip."""

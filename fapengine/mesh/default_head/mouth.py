@@ -24,12 +24,12 @@ APART = 0.004
 """Fraction by which those of the lower lip are closer to the middle: no two neutral feature points coincide."""
 OUTSIDE = (1.78, 1.58, 1.4, 1.25, 1.12, 1.0)
 LIP = (1.0, 0.88, 0.74, 0.58, 0.42, 0.26, 0.12, 0.0)
-INSIDE = (  # level, away from the mouth line, backwards, share of the width
-    (-0.08, 0.5, 1.2, 1.0),
-    (-0.2, 1.6, 3.2, 1.03),
-    (-0.4, 4.2, 7.0, 1.12),
-    (-0.7, 10.0, 16.0, 1.18),
-    (-1.0, 15.0, 34.0, 1.05),
+INSIDE = (  # level, away from the mouth line, backwards, share of the width, light
+    (-0.08, 0.5, 1.2, 1.0, 1.0),
+    (-0.2, 1.6, 3.2, 1.03, 1.0),
+    (-0.4, 9.0, 5.0, 1.14, 1.0),
+    (-0.7, 13.0, 22.0, 1.36, 1.0),
+    (-1.0, 13.0, 42.0, 1.3, 0.62),
 )
 """The oral cavity. It widens behind the lips, so that the dental arch is in front of its wall."""
 
@@ -49,15 +49,14 @@ def with_half_way(t: Array, upper: Mask) -> Array:
 
 def outer_contour(t: Array, upper: Mask, fullness: float) -> Array:
     """(N,) height of the outer edge of the lips."""
-    arch = (1 - np.abs(t) ** 1.8) ** 1.0
-    bow = 9.7 * arch - 1.1 * np.exp(-((t / 0.14) ** 2)) + 0.25 * np.exp(-(((np.abs(t) - 0.3) / 0.12) ** 2))
+    bow = 9.5 * (1 - t**2) - 0.8 * np.exp(-((t / 0.16) ** 2))
     lower = (1 - np.abs(t) ** 2.1) ** 0.92
     return LINE_Y + fullness * np.where(upper, bow, -9.2 * lower)
 
 
 def line(t: Array) -> Array:
     """(N,) height of the line between the lips: equal in the middle and at the corners, slightly wavy between."""
-    return LINE_Y - 0.28 * np.exp(-((t / 0.16) ** 2)) + 0.45 * np.exp(-(((np.abs(t) - 0.42) / 0.2) ** 2))
+    return LINE_Y - 0.12 * np.exp(-((t / 0.2) ** 2)) + 0.2 * np.exp(-(((np.abs(t) - 0.45) / 0.25) ** 2))
 
 
 def bulge(share: Array, t: Array, upper: Mask, fullness: float) -> Array:
@@ -100,27 +99,29 @@ def build_mouth(builder: MeshBuilder, border: Indices, block: Block, style: Head
     above = bulge(np.array(across)[:, None], t, upper, style.lip_fullness)
     laid = position(angles, flats[..., 1], style) + above[..., None] * normal(angles, flats[..., 1], style)
     for level, flat, angle, points in zip(across, flats, angles, laid, strict=True):
-        on_lip = smoothstep((1.08 - level) / 0.14)
-        albedo = palette.skin(points) + on_lip * (palette.lip(points, t, level) - palette.skin(points))
+        # Lips have no edge at their corners.
+        on_lip = smoothstep((1.08 - level) / 0.14) * (1 - 0.7 * level * smoothstep((np.abs(t) - 0.86) / 0.14))
+        albedo = palette.skin(points) + on_lip[:, None] * (palette.lip(points, t, level) - palette.skin(points))
         kind, uv = Material.LIP if level <= 1 else Material.SKIN, skin_uv(angle, flat[:, 1])
         place = np.stack([angle, flat[:, 1]], axis=-1)
         grids.append(builder.add(points, albedo=albedo, material=kind, uv=uv, place=place))
         levels.append(level)
     rim = points
     middle = 1 - np.abs(t) ** 3
-    for level, away, back, width in resampled(INSIDE, detail):
-        points = rim * [width, 1, 1] + np.stack(
-            [0 * t, np.where(upper, away, -away) * middle, -back * (0.4 + 0.6 * middle)], axis=-1
-        )
+    for level, away, back, width, light in resampled(INSIDE, detail):
+        deep = smoothstep((-level - 0.2) / 0.5)  # lips meet in a corner, the cheeks behind them do not
+        fall = 1 - np.abs(t) ** (3 + 5 * deep)
+        to_back = 0.4 + 0.6 * np.maximum(middle, deep)
+        points = rim * [width, 1, 1] + np.stack([0 * t, np.where(upper, away, -away) * fall, -back * to_back], axis=-1)
         dark = smoothstep((-level - 0.05) / 0.5)
-        albedo = palette.lip(rim, t, 0.0) * (1 - dark) + colours.MOUTH * dark
+        albedo = palette.lip(rim, t, 0.0) * (1 - dark) + light * colours.MOUTH * dark
         material = Material.LIP if level > -0.15 else Material.MOUTH
         grids.append(builder.add(points, albedo=albedo, material=material, place=place))
         levels.append(level)
     rings = np.stack(grids)
     builder.quads(rings, closed=True)
     end = builder.add(
-        points.mean(axis=0) - [0, 0, 14.0], albedo=0.7 * colours.MOUTH, material=Material.MOUTH, place=MIDDLE
+        points.mean(axis=0) - [0, 0, 14.0], albedo=0.6 * colours.MOUTH, material=Material.MOUTH, place=MIDDLE
     )
     builder.fan(rings[-1], int(end))
     return Rings(rings, np.array(levels), t, upper)

@@ -22,38 +22,45 @@ from fapengine.mesh.default_head.surface import angle_of, normal, position
 from fapengine.mesh.face_mesh import Bone, Material
 
 
-def _arch(share: Array, half_width: float, front_z: float, depth: float) -> tuple[Array, Array]:
-    """Dental arch: (N, 2) x and z for share -1..1, and its outward normals."""
-    x = half_width * np.sin(share * np.pi / 2 * 0.98)
-    z = front_z - depth * np.abs(share) ** 2.7
-    tangent = np.gradient(np.stack([x, z], axis=-1), axis=0)
-    return np.stack([x, z], axis=-1), unit_vectors(np.stack([-tangent[:, 1], tangent[:, 0]], axis=-1))
+def _arch(along: Array, half_width: float, front_z: float, depth: float) -> tuple[Array, Array]:
+    """Dental arch, half an ellipse: (N, 2) x and z at distances from its middle along it, mm, and outward normals."""
+    turn = np.linspace(-np.pi / 2, np.pi / 2, 400)
+    ellipse = np.stack([half_width * np.sin(turn), front_z - depth * (1 - np.cos(turn))], axis=-1)
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(ellipse, axis=0), axis=1))])
+    at = np.interp(along, length - length[-1] / 2, turn)
+    outward = np.stack([depth * np.sin(at), half_width * np.cos(at)], axis=-1)
+    on_arch = np.stack([half_width * np.sin(at), front_z - depth * (1 - np.cos(at))], axis=-1)
+    return on_arch, unit_vectors(outward)
 
 
 CROWNS = slice(3, 10)
 """Rows of teeth without the gum."""
 FRONTS = slice(4, 9)
 """Those of their fronts and of the cutting edges."""
-UPPER_WIDTHS_MM = (8.5, 6.5, 7.5, 7.0, 7.0, 10.0, 9.0)
-LOWER_WIDTHS_MM = (5.0, 5.5, 7.0, 7.0, 7.0, 11.0, 10.5)
-"""Crown widths from the middle to the back, from tables of dental anatomy. Only their ratios count."""
-GAP_POWER = 2.5
-"""Power that concentrates columns at the gaps between teeth; 1 is uniform."""
+UPPER_WIDTHS_MM = (8.5, 6.5, 7.5, 7.0, 7.0, 10.0)
+LOWER_WIDTHS_MM = (5.0, 5.5, 7.0, 7.0, 7.0, 11.0)
+"""Crown widths from the middle to the back, from tables of dental anatomy."""
+IN_TOOTH = (0.0, 0.09, 0.5, 0.91)
+"""Columns of a tooth: a gap is a line, and a tooth is round only beside it."""
+ROUND_TOOTH = 0.3
+"""Slope of the light on a tooth beside its gaps."""
+DARK_BACK_MM, DARK_BACK = (6.0, 28.0), 0.74
+"""Distances along the arch over which teeth become darker, away from the opening, and by what fraction."""
 
 
 def build_teeth(builder: MeshBuilder, detail: float, *, upper: bool) -> Indices:
-    """Add one row of 14 teeth with its gum; returns indices, (R, C): rows by columns, the end of the gum first."""
-    teeth, each = 14, max(3, round(3 * detail))
-    half_width, front_z = (27.5, 103.6) if upper else (25.5, 100.3)
+    """Add one row of teeth with its gum; returns indices, (R, C): rows by columns, the end of the gum first."""
+    half_width, front_z, depth = (28.5, 103.8, 38.0) if upper else (26.0, 100.4, 36.0)
     edge_y, gum_y = (-35.2, -25.5) if upper else (-32.7, -42.2)
-    in_tooth = (np.arange(teeth * each + 1) % each) / each
-    # Columns are close to the gaps, so that a gap is a line and a tooth is flat.
-    in_tooth = np.where(in_tooth < 0.5, 0.5 * (2 * in_tooth) ** GAP_POWER, 1 - 0.5 * (2 - 2 * in_tooth) ** GAP_POWER)
-    number = np.abs(np.repeat(np.arange(teeth + 1), each)[: teeth * each + 1] + in_tooth - teeth / 2)
+    inside = np.array(IN_TOOTH) if detail >= 1 else np.array(IN_TOOTH)[[0, 1, 3]]
     edges = np.cumsum([0.0, *(UPPER_WIDTHS_MM if upper else LOWER_WIDTHS_MM)])
-    share = np.interp(number, np.arange(teeth // 2 + 1), edges / edges[-1])
-    share *= np.sign(np.arange(teeth * each + 1) - teeth * each / 2)
-    arch, outward = _arch(share, half_width, front_z, 36.0)
+    teeth = len(edges) - 1
+    number = np.append((np.arange(teeth)[:, None] + inside).ravel(), teeth)
+    number = np.concatenate([-number[:0:-1], number])
+    in_tooth, number = np.mod(number, 1.0), np.abs(number)
+    along = np.interp(number, np.arange(teeth + 1), edges)
+    along[: len(along) // 2] *= -1
+    arch, outward = _arch(along, half_width, front_z, depth)
     round_off = np.abs(np.sin(np.pi * in_tooth)) ** 0.4
     length = 1.0 - (0.10 * smoothstep((number - 0.9) / 1.5) + 0.12 * smoothstep((number - 3.5) / 2.0)) * upper
     direction = np.sign(edge_y - gum_y)
@@ -63,16 +70,16 @@ def build_teeth(builder: MeshBuilder, detail: float, *, upper: bool) -> Indices:
         (0.7, 0.75, False), (0.94, 0.35, False), (1.0, -0.5, False), (0.92, -1.6, False), (0.2, -3.2, False),
         (-0.4, -4.0, True),
     ):  # fmt: skip
-        stands_out = out - 0.55 * (1 - round_off) * (not is_gum)
+        stands_out = out - 0.9 * (1 - round_off) * (not is_gum)
         xz = arch + stands_out[:, None] * outward
-        tip = length * (1 - 0.05 * (1 - round_off))
-        scallop = 0.10 * (1 - round_off) * (abs(height) < 0.1)
+        tip = length * (1 - 0.10 * (1 - round_off))
+        scallop = 0.14 * (1 - round_off) * (abs(height) < 0.1)
         y = gum_y + direction * abs(edge_y - gum_y) * (np.where(height > 0, height * tip, height) + scallop)
         rows.append(np.stack([xz[:, 0], y, xz[:, 1]], axis=-1))
-        gap = 0.80 + 0.20 * round_off
-        far = 1 - 0.40 * smoothstep((np.abs(share) - 0.2) / 0.6)
-        # A smile shows the light half above the upper edges; lower teeth come out of the lip's shadow.
-        shade = np.interp(height, (0.0, 0.3, 0.7, 1.0), (1.25, 1.08, 0.88, 0.88)) if upper else 0.74
+        gap = 0.62 + 0.38 * round_off
+        far = 1 - DARK_BACK * smoothstep((np.abs(along) - DARK_BACK_MM[0]) / np.ptp(DARK_BACK_MM))
+        # A smile shows the light half above the upper edges; the edges of lower teeth are in their shadow.
+        shade = np.interp(height, (0.0, 0.3, 0.7, 1.0), (1.2, 1.02, 0.78, 0.72) if upper else (0.7, 0.7, 0.64, 0.5))
         colour = colours.GUM if is_gum else colours.TEETH * (shade * gap)[:, None]
         looks.append(np.broadcast_to(colour, rows[-1].shape) * far[:, None])
     points, albedo = np.stack(rows), np.stack(looks)
@@ -81,7 +88,9 @@ def build_teeth(builder: MeshBuilder, detail: float, *, upper: bool) -> Indices:
     bone = Bone.NONE if upper else Bone.JAW
     # Cutting edges are lit as the front is; by their own normals they were a dark jagged line.
     front = np.full(points.shape, np.nan)
-    front[FRONTS] = unit_vectors(np.stack([outward[:, 0], 0.2 + 0 * number, outward[:, 1]], axis=-1))
+    side = ROUND_TOOTH * np.where(in_tooth > 0, np.sign(along) * (2 * in_tooth - 1), 0.0)
+    lit = outward + side[:, None] * np.stack([outward[:, 1], -outward[:, 0]], axis=-1)
+    front[FRONTS] = unit_vectors(np.stack([lit[:, 0], 0.2 + 0 * number, lit[:, 1]], axis=-1))
     grid = builder.add(points, albedo=albedo, material=kinds, bone=bone, bone_weight=float(not upper), normal=front)
     builder.quads(grid if not upper else grid[:, ::-1])
     return grid
@@ -112,7 +121,7 @@ def build_tongue(builder: MeshBuilder, detail: float) -> Indices:
         axis=-1,
     )
     # Darker towards its root and its sides, so that it has no hard outline.
-    shade = ((0.2 + 0.8 * share**1.3)[:, None] * (1 - 0.1 * np.abs(np.cos(around)) ** 1.5))[..., None]
+    shade = ((0.5 + 0.5 * share**1.3)[:, None] * (1 - 0.16 * np.abs(np.cos(around)) ** 1.5))[..., None]
 
     def add(where: Array, albedo: Array) -> Indices:
         weight = 1 - (1 - BACK_ON_JAW) * smoothstep((TONGUE_TIP[2] - where[..., 2] - 3.0) / 22.0)

@@ -7,7 +7,7 @@ from design.face_page import pose
 from fapengine.files.profiles import load_profile
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.deform import deform
-from fapengine.mesh.face_mesh import Bone, FaceMesh, Material
+from fapengine.mesh.face_mesh import FaceMesh, Material
 
 
 def smile(head: FaceMesh) -> np.ndarray:
@@ -64,13 +64,3 @@ def test_a_lifted_cheek_has_no_step_beside_the_mouth() -> None:
     at_the_end = triangles[(moves[triangles] == 0).any(axis=1)]
     assert len(at_the_end) > 20
     assert moves[at_the_end].max() < 0.1 * moves.max()  # 0.21 where it was cut off
-
-
-def test_a_smile_lowers_the_upper_teeth_before_the_lower_ones() -> None:
-    """Films of speech show less of them, so they come down with the corners of the mouth alone."""
-    head = build_head()
-    upper = (head.material == Material.TEETH) & (head.bone == Bone.NONE)
-    assert upper.sum() > 200
-    fallen = (head.vertices_mm - smile(head))[upper, 1]
-    assert fallen == pytest.approx(2.2, abs=0.01)
-    assert deform(head, pose(load_profile("grid_s1_en"), "ɑ"))[upper] == pytest.approx(head.vertices_mm[upper])

@@ -9,7 +9,7 @@ from design.face_page import pose
 from fapengine.files.profiles import load_profile
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.default_head.style import HeadStyle
-from fapengine.mesh.face_mesh import FaceMesh, Material
+from fapengine.mesh.face_mesh import Bone, FaceMesh, Material
 from fapengine.render.camera import Camera
 from fapengine.render.drawing import RenderOptions
 from fapengine.render.renderer import FaceRenderer
@@ -25,20 +25,36 @@ def draw(head: FaceMesh, name: str, camera: Camera) -> np.ndarray:
         return renderer.draw(pose(load_profile("grid_s1_en"), name)).astype(float)
 
 
-def without(head: FaceMesh, material: Material) -> FaceMesh:
-    return replace(head, triangles=head.triangles[(head.material[head.triangles] != material).all(axis=1)])
+def without(head: FaceMesh, gone: np.ndarray) -> FaceMesh:
+    return replace(head, triangles=head.triangles[~gone[head.triangles].any(axis=1)])
+
+
+def teeth_of(head: FaceMesh, *bones: Bone) -> np.ndarray:
+    return (head.material == Material.TEETH) & np.isin(head.bone, bones)
 
 
 def test_teeth_of_a_smile_are_light_and_no_khaki() -> None:
     head = build_head()
     smile = draw(head, "joy", MOUTH)
-    teeth = smile[np.abs(smile - draw(without(head, Material.TEETH), "joy", MOUTH)).max(axis=-1) > 20]
+    teeth = smile[np.abs(smile - draw(without(head, teeth_of(head, *Bone)), "joy", MOUTH)).max(axis=-1) > 20]
     assert len(teeth) > 800
     lightest = teeth[teeth @ GREY > np.median(teeth @ GREY)].mean(axis=0)
     assert lightest @ GREY > 176  # 168 before
     red, green, blue = lightest
     assert red - blue < 40
     assert green < (red + blue) / 2 + 1  # 1.3 before, which is khaki beside lips
+
+
+def test_a_smile_shows_the_upper_teeth_alone_and_a_vowel_both() -> None:
+    head = build_head()
+
+    def seen(name: str, bone: Bone) -> int:
+        change = np.abs(draw(head, name, MOUTH) - draw(without(head, teeth_of(head, bone)), name, MOUTH))
+        return int((change.max(axis=-1) > 20).sum())
+
+    assert seen("joy", Bone.NONE) > 800
+    assert seen("joy", Bone.JAW) < 8
+    assert seen("ɑ", Bone.NONE) > 100 < seen("ɑ", Bone.JAW)
 
 
 @pytest.mark.parametrize("name", ["surprise", "fear"])
