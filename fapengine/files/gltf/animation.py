@@ -2,7 +2,8 @@
 
 The first animation that moves a morph target or an expression is read, from time 0, which is that of the sound. Names
 decide which set of shapes they are (:mod:`fapengine.retarget.blend_tracks`): where a file has several, the one that
-moves. Rotations of the head are read as those of a face that looks along +z, in VRM 0.x along -z.
+moves. Rotations of the head, and of a VRM animation's gaze, are those of a face that looks along +z, in VRM 0.x along
+-z.
 """
 
 from collections.abc import Mapping
@@ -27,6 +28,8 @@ PARTS = {"LINEAR": 1, "STEP": 1, "CUBICSPLINE": 3}
 """Values of each key by its interpolation."""
 Keys = tuple[Array, Array, str]
 """Times (K,) s, values (K, parts, N) and interpolation of a curve."""
+EYES = [fap.column(number) for number in (23, 24, 25, 26)]
+"""Columns of the yaw of both eyes, then of their pitch."""
 NO_FACE = "animation: contains none that moves morph targets or expressions"
 
 
@@ -48,7 +51,9 @@ def parse_animation(data: bytes) -> FapTrack:
             break
     else:
         raise DataError(NO_FACE)
-    end_s = max(float(keys[0][-1]) for keys, _, _ in shapes)
+    head, gaze = _head(gltf, vrma), gltf.index(vrma.item("lookAt"), "node", "nodes") if "lookAt" in vrma else None
+    turning = [curves[node, "rotation"] for node in (head, gaze) if node is not None and (node, "rotation") in curves]
+    end_s = max(float(times_s[-1]) for times_s, _, _ in (*(keys for keys, _, _ in shapes), *turning))
     rate_hz = _rate_of(np.concatenate([keys[0] for keys, _, _ in shapes]).round(4))
     times_s = np.arange(int(end_s * rate_hz + 0.5) + 1) / rate_hz
     weights: dict[str, Array] = {}
@@ -56,9 +61,12 @@ def parse_animation(data: bytes) -> FapTrack:
         found = np.clip(sample(keys, times_s)[:, column], 0.0, 1.0)
         weights[name] = np.maximum(weights.get(name, 0.0), found)
     faps = _expressions_to_faps(vrma, weights) if "expressions" in vrma else _shapes_to_faps(weights)
-    if (head := _head(gltf, vrma)) is not None and (head, "rotation") in curves:
+    if head is not None and (head, "rotation") in curves:
         turns = _turns(gltf, head, sample(curves[head, "rotation"], times_s))
         faps[:, [fap.column(number) for number in (49, 48, 50)]] += turns / AU_RAD
+    if gaze is not None and (gaze, "rotation") in curves and not faps[:, EYES].any():  # else shapes turn the eyes, too
+        turns = _turns(gltf, gaze, sample(curves[gaze, "rotation"], times_s))
+        faps[:, EYES] = turns[:, [0, 0, 1, 1]] / AU_RAD
     return FapTrack.from_values(to_codable(faps), rate_hz=rate_hz)
 
 
@@ -174,17 +182,17 @@ def _head(gltf: Gltf, vrma: Item) -> int | None:
     return find_bones(gltf, world_transforms(gltf)[0]).get("head")
 
 
-def _turns(gltf: Gltf, head: int, quaternions: Array) -> Array:
-    """(T, 3) rad: yaw, pitch and roll, with the signs of FAPs, of local rotations (T, 4) of the head's node."""
+def _turns(gltf: Gltf, node: int, quaternions: Array) -> Array:
+    """(T, 3) rad: yaw, pitch and roll, with the signs of FAPs, of local rotations (T, 4) of a node."""
     from scipy.spatial.transform import Rotation
 
     world, children = world_transforms(gltf)
-    parent = next((node for node, below in enumerate(children) if head in below), None)
+    parent = next((above for above, below in enumerate(children) if node in below), None)
     lengths = np.linalg.norm(quaternions, axis=1, keepdims=True)
     if quaternions.shape[1] != 4 or (lengths == 0).any():
-        raise DataError("rotation: got a quaternion of length 0, or not of four numbers", where="head")
+        raise DataError("rotation: got a quaternion of length 0, or not of four numbers", where=f"nodes[{node}]")
     outer = Rotation.from_matrix(world[parent][:3, :3]) if parent in world else Rotation.identity()
-    rest = Rotation.from_matrix(local_transform(gltf.rows["nodes"][head])[:3, :3])
+    rest = Rotation.from_matrix(local_transform(gltf.rows["nodes"][node])[:3, :3])
     facing = Rotation.from_euler("Y", np.pi if "VRM" in gltf.root.item("extensions") else 0.0)
     turned = facing.inv() * outer * Rotation.from_quat(quaternions / lengths) * rest.inv() * outer.inv() * facing
     return np.asarray(turned.as_euler("YXZ"))

@@ -70,6 +70,14 @@ def test_the_set_that_moves_is_read() -> None:
     np.testing.assert_allclose(shown.values, expected, atol=1)
 
 
+def test_a_head_that_turns_after_speech_is_read_to_its_end() -> None:
+    weights = np.zeros((5, len(ARKIT)))
+    weights[2, ARKIT.index("jawOpen")] = 1.0
+    builder = avatar(ARKIT, weights)
+    turned(builder, [0.0, 0.1, 0.0, 0.995], 9)
+    assert len(parse_animation(builder.glb())) == 9
+
+
 def test_few_keys_are_read_at_a_steady_rate() -> None:
     weights = np.zeros((3, len(ARKIT)))
     weights[1, ARKIT.index("jawOpen")] = 1.0

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from fapengine.files.gltf.animation import parse_animation
 from fapengine.files.gltf.clip import BONES, EXTENSION, format_vrma
 from fapengine.files.gltf.document import parse_gltf
 from fapengine.files.provenance import SYNTHETIC
@@ -52,5 +53,9 @@ def test_head_and_gaze_turn(tmp_path: Any) -> None:
     ahead = gaze.apply([0.0, 0.0, 1.0])
     left_rad = speech()[:, fap.column(23)] * 1e-5
     np.testing.assert_allclose(np.arctan2(ahead[:, 0], ahead[:, 2]), left_rad, atol=1e-6)
+    for shapes in ("vrm1", "arkit"):
+        back = parse_animation(format_vrma(motion(), shapes=shapes)).values
+        np.testing.assert_allclose(back[:, fap.column(23)], speech()[:, fap.column(23)], atol=150, err_msg=shapes)
+        assert np.ptp(back[:, fap.column(23)]) > 3000
     assert told.string("specVersion") == "1.0"
     assert {"hips", "spine", "head"} <= {name for name, _ in BONES}  # without which readers refuse it
