@@ -34,6 +34,10 @@ from tests.unit.files.glb import Builder, square, write_rig
 from tests.unit.mesh.rigs import own_rig
 
 
+LEVEL = "coarse"
+"""Of heads that are brought: few vertices, all feature points."""
+
+
 def run(*arguments: object):
     result = CliRunner().invoke(app, [*map(str, arguments)])
     if result.exception is not None and not isinstance(result.exception, SystemExit):
@@ -70,7 +74,7 @@ def imported(brought) -> Path:
 @pytest.fixture(scope="module")
 def avatar(tmp_path_factory) -> Path:
     """A GLB whose shapes are ARKit's, in metres, its colours in a texture."""
-    rig = own_rig()
+    rig = own_rig(level=LEVEL)
     uv = np.clip(np.stack([rig.vertices[:, 0] / 400 + 0.5, 0.5 - rig.vertices[:, 1] / 800], axis=1), 0.01, 0.99)
     picture = np.zeros((64, 64, 3), np.uint8)
     picture[:] = np.linspace(60, 250, 64, dtype=np.uint8)[None, :, None]
@@ -195,7 +199,7 @@ def test_mappings_that_cannot_be(avatar, tmp_path, table, message):
 
 
 def test_points_correct_what_the_shapes_showed(avatar, adopted, tmp_path):
-    rig = own_rig()
+    rig = own_rig(level=LEVEL)
     place = rig.vertices[rig.triangles[:, 0]]
     far = place[np.argmax(place[:, 2])] / 1000
     (tmp_path / "p.csv").write_text("point,x,y,z\n9.3," + ",".join(map(str, far)))
@@ -215,7 +219,7 @@ def obj(vertices: np.ndarray, faces: str = "") -> str:
 def ict_folder(tmp_path_factory) -> Path:
     """Laid out as ICT-FaceKit is: a neutral OBJ with materials, one more for each shape."""
     folder = tmp_path_factory.mktemp("FaceXModel")
-    rig = own_rig()
+    rig = own_rig(level=LEVEL)
     centimetres = rig.vertices / 10
     faces, last = [], -1
     for triangle, number in zip(rig.triangles, rig.surface[rig.triangles[:, 0]], strict=True):

@@ -27,9 +27,9 @@ def shape_of(head: FaceMesh, faps: np.ndarray) -> Blendshape:
 
 
 @cache
-def own_rig(names: tuple[str, ...] = ARKIT_NAMES) -> BlendshapeMesh:
+def own_rig(names: tuple[str, ...] = ARKIT_NAMES, level: str = "normal") -> BlendshapeMesh:
     """In mm, on the standard's axes."""
-    head = build_head(HeadStyle(charm=0))
+    head = build_head(HeadStyle(charm=0), level=level)
     shapes = arkit_map()
     kinds = [None, *PARTS]
     surface = np.zeros(len(head.vertices_mm), int)
