@@ -33,7 +33,6 @@ from fapengine.mpeg4.track import FapTrack
 from tests.unit.files.glb import Builder, square, write_rig
 from tests.unit.mesh.rigs import own_rig
 
-
 LEVEL = "coarse"
 """Of heads that are brought: few vertices, all feature points."""
 
