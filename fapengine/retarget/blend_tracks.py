@@ -173,10 +173,24 @@ def _json(text: str) -> Found:
     if len(events) == 1 and isinstance(events[0], dict) and "weightMat" in events[0]:
         return _matrix(events[0])
     if len(events) == 1 and isinstance(events[0], dict) and isinstance(events[0].get("frames"), list):
-        events = events[0]["frames"]
+        names, events = events[0].get("names"), events[0]["frames"]
+        if isinstance(names, list):
+            events = [_named(event, names, f"frame {number}") for number, event in enumerate(events, 1)]
     if not events:
         raise TruncatedError("blend shapes: contains no frame")
     return _azure(events) if any(isinstance(e, dict) and "FrameIndex" in e for e in events) else _scores(events)
+
+
+def _named(frame: Any, names: list[Any], where: str) -> Any:
+    """Give names to the ``weights`` of a frame whose file lists them once, in ``names``, as BEAT's does."""
+    weights = frame.get("weights") if isinstance(frame, dict) else None
+    if not isinstance(weights, list):
+        return frame
+    if len(weights) != len(names):
+        raise DataError(f"weights: got {len(weights)}, expected {len(names)}, one per name", where=where)
+    return {key: frame[key] for key in TIME_KEYS if key in frame} | {
+        "scores": dict(zip(map(str, names), weights, strict=True))
+    }
 
 
 def _matrix(export: Mapping[str, Any]) -> Found:

@@ -134,6 +134,21 @@ def test_the_rate_is_that_of_the_timecodes(codes: list[str], rate_hz: float) -> 
     assert parse_blend_track(text.encode()).rate_hz == pytest.approx(rate_hz, rel=1e-3)
 
 
+def test_names_may_be_listed_once() -> None:
+    """As in the face files of the BEAT corpus, which have no tongue."""
+    names = [name for name in ARKIT_NAMES if name != "tongueOut"][::-1]
+    frames = [
+        {"weights": [0.7 if name == "jawOpen" else 0.0 for name in names], "time": n / 60, "rotation": []}
+        for n in range(1, 4)
+    ]
+    track = parse_blend_track(json.dumps({"names": names, "frames": frames}).encode())
+    assert (len(track), track.rate_hz) == (3, 60.0)
+    assert track.values[0, fap.column(3)] == pytest.approx(0.7 * shape_rows(["jawOpen"])[0, fap.column(3)], abs=1)
+    frames[1]["weights"] = [0.0]
+    with pytest.raises(DataError, match=r"weights: got 1, expected 51, one per name \(at frame 2\)"):
+        parse_blend_track(json.dumps({"names": names, "frames": frames}).encode())
+
+
 def test_lost_frames_are_filled_so_that_the_others_keep_their_times() -> None:
     """A phone that is hot sends 30 frames a second instead of 60, and loses some."""
     ticks = [*range(120), *range(120, 400, 2), *range(410, 500)]
