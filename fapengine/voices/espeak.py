@@ -47,7 +47,7 @@ from fapengine.voices.catalogue import Catalogue, VoiceEntry
 from fapengine.voices.espeak_labels import NAME_BYTES, in_context, language_after, read_label
 from fapengine.voices.protocol import Speech
 from fapengine.voices.sounding import Mark, SoundLevel, sounding
-from fapengine.voices.spoken_form import Edit, edited, spoken_form
+from fapengine.voices.spoken_form import ADDRESS, Edit, edited, spoken_form
 
 # Numbers of speak_lib.h.
 _SYNCHRONOUS, _PHONEME_EVENTS, _IPA_NAMES, _DO_NOT_EXIT = 2, 0x1, 0x2, 0x8000
@@ -292,12 +292,15 @@ class EspeakVoice:
         code = self.entry.code
         words = without_tags(said.text) if self.ssml else said.text
         unread, spelled = [], []
+        addresses = {index for match in ADDRESS.finditer(formed.text) for index in range(*match.span())}
         for place in words_of(words):
             word = words[place.start : place.stop]
             start = formed.starts[said.starts[place.start]]
             if not all(reads(code, script) for script in scripts_in(word)):
                 unread.append((word, start))
-            elif may_be_spelled(word) and bare(self.transcribe(word)) == bare(self.transcribe(" ".join(word))):
+            elif said.starts[place.start] in addresses or not may_be_spelled(word):
+                continue
+            elif bare(self.transcribe(word)) == bare(self.transcribe(" ".join(word))):
                 spelled.append((word, start))
         known = {word: is_spelled(word, self.transcribe(word)) for word in dict(unread)}
         return (

@@ -47,10 +47,10 @@ _NUMBER_BEFORE = re.compile(r"\d[ \u00a0\u202f]?$")
 _TO = r"(?P<to>[-–]\d+(?:[.,]\d+)*)"
 """Second number of a range."""
 _GAP = r"[ \u00a0\u202f]?"
+ADDRESS = re.compile(r"\b(?:https?://|www\.)[^\s<>]+|\b[\w.+-]{1,64}@[\w-]{1,64}\.\w[^\s<>]*")
+"""Of the web, or of mail."""
 _KEPT = re.compile(
-    r"<(say-as|sub|phoneme)\b[^<>]*[^/<>]>.*?</\1\s*>|<[^<>]*>|\[\[.*?\]\]"
-    r"|\b(?:https?://|www\.)[^\s<>]+|\b[\w.+-]{1,64}@[\w-]{1,64}\.\w[^\s<>]*",  # addresses
-    re.DOTALL,
+    rf"<(say-as|sub|phoneme)\b[^<>]*[^/<>]>.*?</\1\s*>|<[^<>]*>|\[\[.*?\]\]|{ADDRESS.pattern}", re.DOTALL
 )
 _POINT = re.compile(r"\.(?=\w)")
 _CENTS = re.compile(r"(.*)[.,](\d\d)")

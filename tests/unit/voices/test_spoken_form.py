@@ -98,6 +98,13 @@ CASES = [
     ("en-gb", "Henry VIII, Louis XIV, Elizabeth II, Rocky II, +44 20 7946 0958, (212) 555-0199, 1-2-3",
      "Henry the 8th, Louis the 14th, Elizabeth the second, Rocky II, +4 4 2 0 7 9 4 6 0 9 5 8, (2 1 2) 5 5 5 0 1 9 9, "
      "1-2-3"),
+    ("fr-fr", "5 €/h, n°5, 01.42.68.53.00, 3 ‰", "5 euros de l'heure, numéro 5, 01 42 68 53 00, 3 pour mille"),
+    ("it", "5 €/ora, N. 5", "5 euro all'ora, numero 5"),
+    ("es", "D. Juan y D.ª Ana", "don Juan y doña Ana"),
+    ("hi", "-5", "माइनस 5"),
+    ("ar", "-5", "ناقص 5"),
+    ("de", "Im 2. Quartal, 5 €/Std., 3‰, geb. 1998", "Im zweiten Quartal, 5 Euro pro Stunde, 3 Promille, "
+     "geboren neunzehnhundertachtundneunzig"),
     ("de", "Post an max.mueller@web.de oder www.bahn.de.",
      "Post an max Punkt mueller@web Punkt de oder www Punkt bahn Punkt de."),
     ("nl", "3,50 €, 5 km", "3,50 €, 5 km"),  # has no table
@@ -165,6 +172,7 @@ def test_ssml_keeps_its_tags_and_what_they_say_themselves() -> None:
 def test_words_that_are_spelled_are_remarked_on() -> None:
     remarks = EspeakVoice("de").speak("Der Antrag bspw. TV, 5 km.").remarks
     assert remarks == ("text: 'bspw' (letter 12) spoken letter by letter; write out what is meant",)
+    assert EspeakVoice("fr-fr").speak("Voir www.sncf.com.").remarks == ()
     assert EspeakVoice("cs").speak("Strč prst skrz krk.").remarks == ()
     assert EspeakVoice("ja").speak("2024年5月3日、午後3時半。").remarks == ()
     assert "'漢字'" in EspeakVoice("ja").speak("2024年の 漢字").remarks[0]
