@@ -395,7 +395,9 @@ def _rate(count: int, first_s: float, last_s: float, where: str) -> float:
 
 def _clock(times_s: Array, where: str) -> float | Array:
     """Mean frame rate of times, (T,) s, from which no frame is further than half a frame; otherwise the times."""
-    rate_hz = _rate(len(times_s), times_s[0], times_s[-1], where)
+    if not np.isfinite(times_s).all():
+        raise DataError("time: got one that is not finite", where=where)
+    rate_hz = _rate(len(times_s), float(times_s[0]), float(times_s[-1]), where)
     steps_s = np.diff(times_s)
     even = np.abs(times_s - np.linspace(times_s[0], times_s[-1], len(times_s))).max() * rate_hz <= LATE
     return rate_hz if even or steps_s.min() <= 0 else times_s

@@ -184,6 +184,12 @@ def test_lost_frames_are_filled_so_that_the_others_keep_their_times() -> None:
         (f"{HEADER}\nzero,{ROW}\n1,{ROW}\n", DataError, "is not a number of seconds"),
         (f"{HEADER}\n1,{ROW}\n1,{ROW}\n", DataError, "rising times"),
         (f"{HEADER}\n0,{ROW}\n1e-9,{ROW}\n", DataError, "must be 1 to 1000"),
+        (
+            json.dumps([{"time": at, "scores": dict.fromkeys(ARKIT_NAMES, 0)} for at in (0.0, float("nan"), 1.0)]),
+            DataError,
+            "time: got one that is not finite",
+        ),
+        (f"{HEADER}\n0,{ROW}\n1e-320,{ROW}\n", DataError, "must be 1 to 1000"),
         ("{", DataError, "neither JSON nor JSON lines"),
         ("[" * 100_000, DataError, "nested|neither"),
         ("[]", TruncatedError, "no frame"),
