@@ -204,7 +204,7 @@ def _build_lashes(
             half_widths.append([0.5, 0.36, 0.04] if is_upper else [0.11, 0.06, 0.01])
             asides.append(unit_vectors(np.array([(tip - base)[1], (base - tip)[0], 0.0])))  # ribbons face forwards
             roots.append(root)
-    lashes = builder.strands(np.array(spines), np.array(half_widths), np.array(asides), albedo=colours.LASH)
+    lashes = builder.strands(np.array(spines), np.array(half_widths), np.array(asides)[:, None], albedo=colours.LASH)
     return lashes, np.array(roots)
 
 

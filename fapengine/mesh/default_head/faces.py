@@ -32,6 +32,8 @@ HAIRLINE_MM = PchipInterpolator(
     (94, 95, 91, 81, 65, 50, 34, 25, 26, 38, 43, 22, -16, -36, -47, -51),
 )
 """Height of the hairline, by angle from the front."""
+HAIRLINE_RADIUS_MM = 78.0
+"""Radius of the head at the hairline."""
 
 
 class FaceTable(NamedTuple):
@@ -103,6 +105,13 @@ def normal(angle: ArrayLike, y: ArrayLike, style: HeadStyle) -> Array:
 def hairline(angle: Array) -> Array:
     """Height of the hairline, (...) mm, by angle from the front, (...) rad."""
     return HAIRLINE_MM(np.rad2deg(np.abs(angle)))
+
+
+def above_hairline(angle: Array, y: Array) -> Array:
+    """(...) mm: distance from the hairline at places, (...) rad and mm, positive above it."""
+    line, step = hairline(angle), 0.01
+    steep = (hairline(angle + step) - hairline(angle - step)) / (2 * step * HAIRLINE_RADIUS_MM)
+    return np.asarray((y - line) / np.hypot(1.0, steep))
 
 
 class Scalp:

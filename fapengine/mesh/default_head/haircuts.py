@@ -5,7 +5,7 @@ Theory of operation
 :class:`Fall` is a smooth surface over two coordinates: ``s`` runs from the right temple (-1) round the back (0) to the
 left temple (1); ``t`` runs from the parting (0) to the ends (1). Short hair ends at the hairline; longer hair is at the
 height of the ears at ``t`` = 0.5 and hangs from there. Below the front edge the surface goes on over the skin, up to
-``s`` of :data:`BEYOND`. :mod:`.strands` covers it with layers of strands and lays locks over them.
+``s`` of :data:`BEYOND`. :mod:`.strands` covers it with layers of strands and lays locks and single hairs over it.
 """
 
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.ndimage import gaussian_filter, map_coordinates
+from scipy.ndimage import gaussian_filter, gaussian_filter1d, map_coordinates
 
 from fapengine._arrays import Array
 from fapengine.geometry.smooth import smoothstep
@@ -26,17 +26,21 @@ TOP_MM = 144.0
 """Height above which the scalp is not measured."""
 EARS_MM = 36.0
 """Height from which long hair hangs."""
-FRONT_MM, SWEPT = 3.0, 0.19
+FRONT_MM, SWEPT = 3.0, 0.25
 """Additional height of short hair over the forehead; fraction of its height that moves over the parting to the right.
 """
 LOW_TOP, CLOSE_NAPE = 0.35, 0.75
 """Fractions of its height that hair loses at the top, and short hair at the nape."""
-ENDS_MM = (0.0, 0.28, 0.42, 0.55, 0.64, 0.76, 0.84, 0.92, 1.0), (7.0, 8.0, 14.0, 16.0, 4.0, -4.0, -12.0, 0.0, -1.0)
+ENDS_MM = (0.0, 0.28, 0.42, 0.55, 0.64, 0.76, 0.84, 0.92, 1.0), (4.0, 5.0, 8.0, 8.0, 3.0, 3.0, 6.0, 4.0, -1.0)
 """Height of the ends of short hair above the hairline over ``u``: higher behind the ears, lower before them."""
 EAR_MM, CLOSE_SIDES = 6.0, 0.84
 """Additional height of hanging hair over an ear; fraction of its height that short hair loses there."""
 WAVE_MM = 115.0
 """Wave length of hanging hair."""
+FRINGE_MM = (22.0, 76.0)
+"""How far below the hairline, and down to what height, the surface is continued in front."""
+TURN, TURN_STEPS = 0.35, 4.0
+"""How far hanging hair is smoothed where it turns down beside the face, and over how many steps of ``t``."""
 BEYOND, BEYOND_MM = 1.25, 72.0
 """How far the surface is continued below the front edge, in ``s``, and how low one step of ``s`` is there."""
 Table = tuple[tuple[float, ...], tuple[float, ...]]
@@ -78,7 +82,11 @@ class Locks(NamedTuple):
     """How far they bend sideways, in ``s``."""
     uneven: float = 0.08
     """Unevenness of the tips, in ``t``."""
+    stray: float = 0.0
+    """Unevenness of the tips, in ``s``."""
     shade: float = 1.0
+    is_single: bool = False
+    """Single hairs, :attr:`Material.STRAND`, as wide as given at their roots."""
 
 
 class Cut(NamedTuple):
@@ -114,10 +122,54 @@ HANGING = Cut(
     parting_deg=28.0,
     rows=20,
     layers=(),
+    locks=(
+        # Beside the face.
+        Locks(4, ((-0.82, 0.06), (-0.74, 0.04)), ((-1.0, 0.74), (-0.88, 0.97)), (12, 19), (-1.0, 2.6, 1.6), stray=0.02),
+        Locks(4, ((0.80, 0.06), (0.74, 0.04)), ((1.0, 0.72), (0.90, 0.96)), (12, 19), (-1.0, 2.6, 1.6), stray=0.02),
+        # Single hairs: along the front edge of either side, at the ends and over the top.
+        Locks(
+            30,
+            ((-0.97, 0.0), (-0.98, 0.30)),
+            ((-1.08, 0.20), (-1.10, 0.60)),
+            (0.6, 0.9),
+            (0.4, 2.6, 0.8),
+            uneven=0.05,
+            stray=0.05,
+            is_single=True,
+        ),
+        Locks(
+            26,
+            ((0.97, 0.0), (0.98, 0.30)),
+            ((1.14, 0.14), (1.12, 0.56)),
+            (0.7, 0.9),
+            (0.6, 2.4, 1.0),
+            uneven=0.05,
+            stray=0.04,
+            is_single=True,
+        ),
+        Locks(
+            28,
+            ((-0.97, 0.70), (0.97, 0.70)),
+            ((-0.99, 0.97), (0.99, 0.97)),
+            (2.0, 2.0),
+            (-1.2, 1.6, 0.8),
+            uneven=0.05,
+            stray=0.03,
+            is_single=True,
+        ),
+        Locks(
+            14,
+            ((-0.75, 0.1), (0.75, 0.1)),
+            ((-0.80, 0.38), (0.80, 0.38)),
+            (0.7, 0.7),
+            (0.0, 2.4, 4.0),
+            uneven=0.05,
+            stray=0.04,
+            is_single=True,
+        ),
+    ),
 )
 """What bob and long hair share."""
-WISPS = ((0.36, 0.14), (0.44, 0.18), (0.54, 0.18), (0.66, 0.24))
-"""Fine strands at the front edge of hanging hair, as in ``lead``."""
 CUTS = {
     "short": Cut(
         bend=((180.0, 116.0, 72.0, 48.0), (96.0, 98.0, 100.0, 90.0)),
@@ -127,41 +179,130 @@ CUTS = {
             (0.0, 6.0, 10.0, 10.0, 7.0, 4.0, 1.5, 4.0, 8.0, 8.0, 0.0),
         ),
         parting_deg=29.0,
-        rows=16,
-        layers=(Layer(18, 0.0, 0.94, 0.06, 0.84, (0.0, -0.6), lead=((0.84, 0.4), (0.88, 0.6)), shade=0.8),),
+        rows=12,
+        layers=(Layer(12, 0.0, 0.90, 0.06, 0.84, (0.0, -0.6), lead=((0.80, 0.4), (0.84, 0.6)), shade=0.75),),
         locks=(
-            # Nape, sides, back of the head; crown; left of the parting; the fringe, and over it.
+            # Nape and back of the head; sides, combed behind the ears; crown; left of the parting.
             Locks(
-                22,
-                ((-0.87, 0.60), (0.80, 0.60)),
-                ((-0.80, 0.97), (0.73, 0.98)),
-                (14, 14),
-                (-1, 0.6, -0.8),
+                19,
+                ((-0.60, 0.60), (0.60, 0.60)),
+                ((-0.44, 0.90), (0.44, 0.90)),
+                (12, 12),
+                (-1, 0.4, -1.6),
                 uneven=0.05,
                 shade=0.86,
             ),
-            Locks(
-                15, ((-0.88, 0.42), (0.88, 0.42)), ((-0.84, 0.86), (0.84, 0.86)), (20, 20), (-0.5, 2, 0.3), shade=0.94
-            ),
-            Locks(12, ((-0.66, 0.20), (0.66, 0.20)), ((-0.66, 0.66), (0.62, 0.66)), (24, 24), (0, 2.4, -0.4)),
-            Locks(8, ((-0.40, 0.0), (0.60, 0.0)), ((-0.44, 0.42), (0.60, 0.46)), (26, 22), (-2.5, 3, 3), bow=0.02),
-            Locks(8, ((0.94, 0.0), (0.58, 0.0)), ((0.98, 0.86), (0.60, 0.66)), (13, 20), (-2.5, 1.8, 0.8), bow=-0.01),
-            Locks(5, ((-0.78, 0.25), (-0.95, 0.30)), ((-0.82, 0.97), (-1.06, 0.78)), (15, 12), (-0.5, 2.5, 0.8)),
+            Locks(11, ((-0.62, 0.42), (0.62, 0.42)), ((-0.52, 0.80), (0.52, 0.80)), (20, 20), (-0.5, 2, 0), shade=0.94),
             Locks(
                 7,
-                ((-0.90, 0.0), (-0.88, 0.0)),
-                ((-1.03, 0.50), (-1.08, 0.86)),
-                (10, 16),
-                (-2.5, 4.4, 2.0),
+                ((-0.62, 0.60), (-0.99, 0.50)),
+                ((-0.56, 0.93), (-0.90, 0.93)),
+                (13, 10),
+                (-1, 0.4, -1),
+                uneven=0.04,
+                shade=0.9,
+            ),
+            Locks(
+                7,
+                ((0.62, 0.60), (0.93, 0.50)),
+                ((0.56, 0.93), (0.82, 0.97)),
+                (13, 10),
+                (-1, 0.4, -1),
+                uneven=0.04,
+                shade=0.9,
+            ),
+            Locks(
+                6, ((-0.66, 0.30), (-0.98, 0.34)), ((-0.56, 0.84), (-0.80, 0.91)), (20, 12), (-0.5, 1.6, 0), shade=0.95
+            ),
+            Locks(6, ((0.66, 0.30), (0.98, 0.34)), ((0.56, 0.84), (0.80, 0.91)), (20, 12), (-0.5, 1.6, 0), shade=0.95),
+            Locks(12, ((-0.66, 0.20), (0.66, 0.20)), ((-0.60, 0.66), (0.56, 0.66)), (24, 24), (-0.5, 1.8, -0.8)),
+            Locks(8, ((-0.40, 0.0), (0.60, 0.0)), ((-0.44, 0.42), (0.58, 0.46)), (26, 22), (-2.5, 3, 0.6), bow=0.02),
+            Locks(8, ((0.94, 0.0), (0.58, 0.0)), ((0.90, 0.80), (0.56, 0.66)), (13, 20), (-2.5, 1.8, 0.8), bow=-0.01),
+            # The fringe, and over it.
+            Locks(5, ((-0.78, 0.25), (-0.95, 0.30)), ((-0.74, 0.92), (-0.98, 0.84)), (15, 12), (-0.5, 2.5, 0.8)),
+            Locks(
+                12,
+                ((-0.94, 0.0), (-0.90, 0.0)),
+                ((-1.06, 0.34), (-1.12, 0.88)),
+                (6, 10),
+                (-2.5, 4.6, 1.0),
+                bow=0.015,
+                uneven=0.04,
+                stray=0.055,
+            ),
+            Locks(
+                7, ((-0.52, 0.0), (-0.94, 0.0)), ((-0.60, 0.84), (-1.05, 0.62)), (25, 15), (-2.5, 4.6, 0.8), bow=0.03
+            ),
+            # Single hairs: below the fringe, beside the parting, at the temples and over the nape.
+            Locks(
+                10,
+                ((-0.97, 0.0), (-0.97, 0.45)),
+                ((-1.09, 0.36), (-1.20, 0.94)),
+                (2.2, 2.6),
+                (0.4, 4.0, 0.8),
                 bow=0.01,
                 uneven=0.04,
+                stray=0.05,
+                is_single=True,
             ),
-            Locks(7, ((-0.52, 0.0), (-0.94, 0.0)), ((-0.60, 0.84), (-1.06, 0.60)), (25, 17), (-2.5, 4.6, 2), bow=0.03),
+            Locks(
+                22,
+                ((-0.97, 0.0), (-0.97, 0.55)),
+                ((-1.08, 0.30), (-1.19, 0.96)),
+                (0.5, 0.7),
+                (0.4, 3.4, 0.8),
+                bow=0.01,
+                uneven=0.06,
+                stray=0.06,
+                is_single=True,
+            ),
+            Locks(
+                6,
+                ((0.96, 0.04), (0.96, 0.5)),
+                ((1.06, 0.44), (1.05, 0.92)),
+                (2.2, 2.6),
+                (0.2, 2.0, 0.5),
+                bow=-0.01,
+                uneven=0.05,
+                stray=0.03,
+                is_single=True,
+            ),
+            Locks(
+                14,
+                ((0.97, 0.0), (0.97, 0.74)),
+                ((1.06, 0.24), (1.03, 0.98)),
+                (0.5, 0.5),
+                (0.4, 1.4, 0.5),
+                uneven=0.06,
+                stray=0.04,
+                is_single=True,
+            ),
+            Locks(
+                9,
+                ((-0.42, 0.78), (0.42, 0.78)),
+                ((-0.36, 0.95), (0.36, 0.95)),
+                (2.6, 2.6),
+                (0.4, 0.6, 0.3),
+                uneven=0.05,
+                stray=0.03,
+                is_single=True,
+            ),
+            Locks(
+                9,
+                ((-0.75, 0.2), (0.70, 0.2)),
+                ((-0.80, 0.5), (0.76, 0.5)),
+                (0.7, 0.7),
+                (0.0, 2.8, 5.0),
+                bow=0.01,
+                uneven=0.15,
+                stray=0.05,
+                is_single=True,
+            ),
         ),
     ),
     "bob": HANGING._replace(
         layers=(
-            Layer(28, 0.0, 0.96, 0.08, 0.80, (1.2, 0.0), lead=(*WISPS, (0.78, 0.35), (0.86, 0.45), (0.92, 0.5))),
+            Layer(28, 0.0, 0.96, 0.08, 0.80, (1.2, 0.0), lead=((0.78, 0.35), (0.86, 0.45), (0.92, 0.5))),
             Layer(28, 0.40, 0.99, 0.06, 0.88, (-1.2, -1.6), reach=0.97, shade=0.85),
             Layer(16, 0.42, 0.97, 0.05, 0.88, (-5.0, -5.0), reach=0.95, shade=0.6, is_inside=True),
         ),
@@ -172,7 +313,7 @@ CUTS = {
     ),
     "long": HANGING._replace(
         layers=(
-            Layer(27, 0.0, 0.95, 0.16, 0.72, (1.2, -0.2), lead=(*WISPS, (0.75, 0.35), (0.83, 0.45), (0.90, 0.5))),
+            Layer(27, 0.0, 0.95, 0.16, 0.72, (1.2, -0.2), lead=((0.75, 0.35), (0.83, 0.45), (0.90, 0.5))),
             Layer(24, 0.40, 0.99, 0.09, 0.78, (-1.2, -1.6), reach=0.97, shade=0.9),
             Layer(14, 0.42, 0.92, 0.05, 0.92, (-5.8, -7.8), reach=0.94, shade=0.6, is_inside=True),
         ),
@@ -216,6 +357,9 @@ def lay_fall(style: HeadStyle, cut: Cut) -> Fall:
         hanging = _hanging(cut, s, 2 * t[t > 0.5] - 1, on_head[:, -1], flat[:, 0])
         points = np.concatenate([on_head, hanging], axis=1)
         rough = np.concatenate([rough, np.broadcast_to(flat, hanging.shape)], axis=1)
+        # Beside the face it turns gently.
+        turn = TURN * smoothstep((np.abs(s) - 0.65) / 0.25)[:, None] * np.exp(-(((t - 0.52) / 0.1) ** 2))
+        points += turn[..., None] * (gaussian_filter1d(points, TURN_STEPS, axis=1, mode="nearest") - points)
     points[:, 1:] = gaussian_filter(points, (1.5, 1.5, 0), mode="nearest")[:, 1:]
     normals = unit_vectors(np.cross(np.gradient(points, axis=1), np.gradient(points, axis=0)), 1e-6)
     normals = np.where(((normals * rough).sum(axis=-1) > 0.3)[..., None], normals, rough)
@@ -250,7 +394,9 @@ def _on_head(style: HeadStyle, cut: Cut, s: Array, shares: Array) -> tuple[Array
         degrees = np.rad2deg(np.abs(angle))
         # The first line is near the hairline, and none is below it.
         least = hairline(angle) + 1.0 - np.interp(np.rad2deg(angle), *cut.front)
-        least -= BEYOND_MM * np.clip(u - 1, 0, None)
+        lowest = np.maximum(hairline(angle) - FRINGE_MM[0], FRINGE_MM[1] - 40.0 * smoothstep((degrees - 33.0) / 4.0))
+        lowest = np.minimum(least, lowest - 80.0 * smoothstep((degrees - 42.0) / 10.0))
+        least = np.maximum(least - BEYOND_MM * np.clip(u - 1, 0, None), lowest)
         y = np.maximum(least, foot[:, 1] + smoothstep((u - 0.88) / 0.12) * (least - foot[:, 1]))
         before = smoothstep((68.0 - degrees) / 10.0)[:, None]
         foot = foot + before * (position(angle, y, style) - foot)
@@ -262,7 +408,7 @@ def _on_head(style: HeadStyle, cut: Cut, s: Array, shares: Array) -> tuple[Array
             on_way = np.interp(share, (0, 0.15, 0.5, 0.7), (0, 1, 1, 0))
             rise *= 1 - CLOSE_NAPE * smoothstep((degrees - 100.0) / 40.0) * smoothstep((16.0 - foot[:, 1]) / 50.0)
             rise += FRONT_MM * on_way * edge * np.exp(-(((u - 0.82) / 0.15) ** 2))
-            beside = np.exp(-(((degrees - 92.0) / 30.0) ** 2)) * smoothstep((122.0 - foot[:, 1]) / 62.0)
+            beside = np.exp(-(((degrees - 98.0) / 38.0) ** 2)) * smoothstep((122.0 - foot[:, 1]) / 62.0)
             rise *= 1 - CLOSE_SIDES * beside
         else:
             over_ear = smoothstep((degrees - 58.0) / 18.0) * smoothstep((140.0 - degrees) / 26.0)

@@ -54,9 +54,9 @@ HAIR_NEAR_MM, HAIR_SHADE, JAW_SHADE = 9.0, 0.55, 0.7
 """Distance within which hair shades skin; fraction of the light that hair and jaw remove."""
 EAR_JOINS_MM = 3.5
 """Height above the skin over which an ear takes on its light."""
-SCALP_MM = 52.0
-"""Distance from the hairline up to which the scalp is drawn: tips of short hair leave it free."""
-ROOTS, ROOTS_MM = 0.85, (30.0, 18.0)
+SCALP_DEG, SCALP_MM = (30.0, 60.0, 110.0, 140.0), (26.0, 50.0, 50.0, 62.0)
+"""Height above the hairline up to which the scalp is drawn, by angle from the front: tips of hair leave it free."""
+ROOTS, ROOTS_MM = 0.85, (20.0, 18.0)
 """Share of the hair's colour in the skin under hair beside and behind the ears, where the painting ends, and the height
 over which it comes; of cropped hair.
 """
@@ -172,8 +172,8 @@ def _build_skin(builder: MeshBuilder, style: HeadStyle, detail: float) -> tuple[
     if style.hair:
         roots = (
             ROOTS
-            * smoothstep((y - faces.hairline(angle) + 1.0) / ROOTS_MM[style.haircut == "cropped"])
-            * smoothstep((np.abs(angle) - 1.7) / 0.15)
+            * smoothstep((faces.above_hairline(angle, y) + 1.0) / ROOTS_MM[style.haircut == "cropped"])
+            * smoothstep((np.abs(angle) - 1.75) / 0.4)
         )
         albedo += roots[..., None] * (0.8 * palette.hair - albedo)
     grid = builder.add(
@@ -192,7 +192,7 @@ def _build_skin(builder: MeshBuilder, style: HeadStyle, detail: float) -> tuple[
     for block in blocks:
         keep[block.bottom : block.top, block.left : block.right] = False
     if style.hair:  # cells completely covered by hair need not be drawn
-        covered = y > faces.hairline(angle) + SCALP_MM
+        covered = y > faces.hairline(angle) + np.interp(np.rad2deg(np.abs(angle)), SCALP_DEG, SCALP_MM)
         keep &= ~(covered[:-1, :-1] & covered[1:, :-1] & covered[:-1, 1:] & covered[1:, 1:])
     builder.quads(grid, keep=keep)  # closed by two columns at one position, where the texture ends
     crown = int(builder.add(points[-1].mean(axis=0) * [0, 1, 1] + [0, 3.0, 0], albedo=palette.base))

@@ -124,7 +124,15 @@ class MeshBuilder:
         self.loose(np.stack([first, second, third], axis=-1)[is_whole])
 
     def strands(
-        self, spine_mm: Array, half_width_mm: Array, aside: Array, *, albedo: ArrayLike, place: ArrayLike = NOWHERE
+        self,
+        spine_mm: Array,
+        half_width_mm: ArrayLike,
+        aside: Array,
+        *,
+        albedo: ArrayLike,
+        head_weight: ArrayLike = 1.0,
+        place: ArrayLike = NOWHERE,
+        normal: ArrayLike = NOT_GIVEN,
     ) -> Indices:
         """Add single hairs, each a ribbon along its spine; returns their indices, (L, 2 P), from root to tip.
 
@@ -132,26 +140,33 @@ class MeshBuilder:
         ----------
         spine_mm : (L, P, 3)
             Points along each hair, root first.
-        half_width_mm : (L, P) or (P,)
-            Half the width of the hair.
-        aside : (L, 3) or (3,)
+        half_width_mm, head_weight : broadcast to (L, P)
+            Half the width of the hair; see :class:`FaceMesh`.
+        aside : broadcasts to (L, P, 3)
             Unit direction across the ribbon: its outside is where ``aside`` points right and the hair up.
-        albedo : (L, 3) or (3,) linear RGB
-        place : (L, P, 2) or (2,)
+        albedo, normal : broadcast to (L, P, 3)
+            Linear RGB; see :meth:`add`.
+        place : broadcasts to (L, P, 2)
             See :meth:`add`.
         """
-        count, steps = spine_mm.shape[:2]
-        half = np.broadcast_to(half_width_mm, (count, steps))[..., None]
+        shape = spine_mm.shape[:2]
+        half, weight = (np.broadcast_to(value, shape)[..., None] for value in (half_width_mm, head_weight))
         across = np.array([-1.0, 1.0]) * (half + STRAND_MARGIN_MM)
-        edges = spine_mm[:, :, None] + across[..., None] * np.broadcast_to(aside, (count, 3))[:, None, None]
-        uv = np.stack([across, np.broadcast_to(half, across.shape)], axis=-1)
-        colour = np.broadcast_to(albedo, (count, 3))[:, None, None]
-        where = np.broadcast_to(place, (count, steps, 2))[:, :, None]
-        grid = self.add(edges, albedo=colour, material=Material.STRAND, uv=uv, place=where)
+        of_edges = (np.broadcast_to(value, (*shape, 3))[:, :, None] for value in (aside, albedo, normal))
+        aside, colour, lit_from = of_edges
+        grid = self.add(
+            spine_mm[:, :, None] + across[..., None] * aside,
+            albedo=colour,
+            material=Material.STRAND,
+            head_weight=weight,
+            uv=np.stack([across, np.broadcast_to(half, across.shape)], axis=-1),
+            place=np.broadcast_to(place, (*shape, 2))[:, :, None],
+            normal=lit_from,
+        )
         left, right = grid[..., 0], grid[..., 1]
         self.loose(np.stack([left[:, :-1], right[:, :-1], right[:, 1:]], axis=-1))
         self.loose(np.stack([left[:, :-1], right[:, 1:], left[:, 1:]], axis=-1))
-        return grid.reshape(count, -1)
+        return grid.reshape(len(grid), -1)
 
     def fan(self, ring: Indices, centre: int) -> None:
         """Close a ring, (N,) indices, with a centre vertex; the outside is where the ring runs counter-clockwise."""

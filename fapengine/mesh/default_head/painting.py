@@ -14,7 +14,7 @@ from fapengine._arrays import Array, Mask
 from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh.colours import BLOOD, HAIR_COLOURS, brow_colour
 from fapengine.mesh.default_head import eyes, mouth, parts
-from fapengine.mesh.default_head.faces import hairline
+from fapengine.mesh.default_head.faces import above_hairline
 from fapengine.mesh.default_head.mesh_builder import BOTTOM_MM, HAIR_U, SPAN_RAD, TEXTURE_SIZE, skin_places
 from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.default_head.surface import nostril, radius
@@ -235,7 +235,7 @@ def _hairs(x: Array, y: Array, angle: Array, front: Mask, style: HeadStyle) -> A
         )
         light *= 1 - _of(grown, 1 - brow_tint)
     if style.hair:
-        depth = (y - hairline(angle)) / FADE_MM[style.haircut == "cropped"] + 0.06 * _cloud(shape, 23, (5.0, 0.9))
+        depth = above_hairline(angle, y) / FADE_MM[style.haircut == "cropped"] + 0.06 * _cloud(shape, 23, (5.0, 0.9))
         root = 0.93 * smoothstep((depth + 0.25) / 1.3)
         light = np.minimum(light, 1 - _of(root, 1 - hair_tint))
     return light

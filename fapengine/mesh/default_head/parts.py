@@ -178,7 +178,7 @@ def build_brow(builder: MeshBuilder, style: HeadStyle, side: float, detail: floa
     # Single hairs at the inner end are fine, and let the skin shine through.
     tint += 0.35 * (1 - smoothstep(at / 0.14))[:, None] * (palette.base - tint)
     place = np.stack([side * angle, y], axis=-1)
-    return builder.strands(spine, half_width, aside, albedo=tint, place=place).ravel()
+    return builder.strands(spine, half_width, aside[:, None], albedo=tint[:, None], place=place).ravel()
 
 
 EAR_MIDDLE = np.array([82.0, 19.0, -4.0])

@@ -1,8 +1,9 @@
-"""Hair in three lengths: layers of strands, and locks over them.
+"""Hair in three lengths: layers of strands, and locks and single hairs over them.
 
 A layer covers the surface of a haircut (:mod:`.haircuts`) with strands side by side, some higher than their neighbours
 and joined to them by steps until they taper; layers lie over each other and never cross. Locks are single arched
-blades that overlap. Nothing is random: strands vary by fractions of multiples of the golden ratio.
+blades that overlap; single hairs soften the edges. Nothing is random: strands vary by fractions of multiples of the
+golden ratio.
 """
 
 import numpy as np
@@ -34,11 +35,15 @@ WANDER = 0.018
 """How far the border between two strands wanders sideways, in ``s``."""
 TAPER_AT, TAPER = (0.0, 0.3, 0.7, 1.0), (1.0, 1.12, 0.8, 0.07)
 """Width of a strand along its tip: it lies over its neighbours, then ends in a point. Narrower ends flicker."""
-LOCK_ROWS, MAX_LOCK_DETAIL = 7, 1.4
+LOCK_ROWS, MAX_LOCK_DETAIL = 5, 1.4
 """Rows of a lock without length, six more per ``t``; locks are not divided further at the finest levels."""
 LOCK_AT, LOCK = (0.0, 0.3, 0.5, 0.75, 0.9, 1.0), (0.15, 0.9, 1.0, 0.72, 0.44, 0.14)
 """Width of a lock along its length."""
-ARCH = 0.34
+HAIR_ROWS, PAINTED, TILT = 3, 0.85, 0.7
+"""Points of a single hair without length, two more per ``t``; its light, near that of painted strands; how far its
+ribbon is turned towards the outside, so that it is seen from the side, too.
+"""
+ARCH = 0.42
 """Height of a lock's middle above its edges, in halves of its width."""
 EVEN_NORMALS, EVEN_LOCKS = 0.9, 0.4
 """Weight of the normals of the surface relative to those of strands and of locks, so that hair is lit as one body."""
@@ -48,6 +53,8 @@ SHEEN_FROM = unit_vectors(np.array([[-0.24, 0.44, 0.87], [-0.75, 0.55, 0.25], [0
 """Half way between a lamp and a camera in front or at a side: hair across it is bright, as a bundle of cylinders is."""
 SHEEN, SHEEN_POWER, LOCK_SHEEN = np.array([1.6, 1.2, 1.5]), 18.0, 1.4
 """Additional light on hair at its brightest, by direction; how narrow the bands are; and how much brighter on locks."""
+THROUGH = 0.45
+"""Additional light on hair that faces away from the camera in front: some comes through."""
 EVEN_LIGHT_HAIR = 3.1
 """Fraction of the contrast that hair loses per unit of its mean linear RGB: light hair looked dyed."""
 
@@ -88,16 +95,20 @@ def _add_layer(builder: MeshBuilder, fall: Fall, cut: Cut, seed: int, palette: P
     if not layer.first:  # both sides of the parting cross in its depth
         over = np.array([1.0, 0.0, 0.0]) - out[:, 0, :, :1] * out[:, 0]
         points[:, 0] -= PARTING_MM[1] * out[:, 0] + PARTING_MM[0] * np.sign(s[:, 0, :, None]) * unit_vectors(over, 1e-6)
-    own = unit_vectors(np.cross(np.gradient(points, axis=2), np.gradient(points, axis=1)), 1e-6)
+    own = _outwards(points, out)
     normals = 0.4 * out + LIT_INSIDE if layer.is_inside else own + EVEN_NORMALS * out
 
     tint = np.interp(side**2, (0, 1), (1.05, 0.87)) * (1 - 0.2 * (1 - level) * side**2)
     tint = tint * (0.9 + 0.14 * level + 0.1 * golden(number, 1.9)[:, None, None])
-    tint = (1 + raised * (tint - 1)) * np.interp(t, (0, 0.03, 0.1), (0.6, 0.8, 1)) * (1 + raised * _sheen(points, out))
+    tint = (
+        (1 + raised * (tint - 1))
+        * np.interp(t, (0, 0.03, 0.1), (0.6, 0.8, 1))
+        * (1 + layer.shade**4 * raised * _sheen(points, out))
+    )
     shade = layer.shade * tint * np.interp(share, (0, 0.85, 1), (1, 1, 0.9))[:, None]
     grid = builder.add(
         points,
-        albedo=_tinted(palette, shade),
+        albedo=_tinted(palette, shade, out),
         material=Material.HAIR,
         uv=strand_uv((0.05 + 0.65 * golden(number, 3.1))[:, None, None] + 0.25 * across, 0.05 + 0.9 * t),
         normal=unit_vectors(normals, 1e-6),
@@ -150,7 +161,7 @@ def _places(layer: Layer, number: Indices, level: Array, share: Array, side: Arr
 
 
 def _add_locks(builder: MeshBuilder, fall: Fall, cut: Cut, seed: int, palette: Palette, detail: float) -> Indices:
-    """Add locks; returns their indices, (N,)."""
+    """Add locks or single hairs; returns their indices, (N,)."""
     locks, detail = cut.locks[seed], min(detail, MAX_LOCK_DETAIL)
     number = np.arange(locks.blades) + 7 * seed
     place, wild = np.linspace(0, 1, locks.blades)[:, None], 2 * golden(number)[:, None] - 1
@@ -158,25 +169,40 @@ def _add_locks(builder: MeshBuilder, fall: Fall, cut: Cut, seed: int, palette: P
     root, tip = (first + place * (last - first) for first, last in (np.array(locks.root), np.array(locks.tip)))
     root_t, tip_t = root[:, 1:], tip[:, 1:]
     length = float(np.abs(tip_t - root_t).max())
-    share = np.linspace(0, 1, max(6, round((LOCK_ROWS + 6 * length) * detail)))
+    share = np.linspace(
+        0, 1, HAIR_ROWS + round(2 * length) if locks.is_single else max(6, round((LOCK_ROWS + 6 * length) * detail))
+    )
     side = 2 * resampled(ACROSS, max(detail, 0.67)) - 1
     root_s, tip_s = root[:, :1] + 0.3 / locks.blades * wild, tip[:, :1] + 0.35 / locks.blades * aside
+    tip_s = tip_s + locks.stray * (2 * golden(number, 3.3)[:, None] - 1)
     s = root_s + (tip_s - root_s) * share**1.3 + locks.bow * np.sin(np.pi * share) * (1 + 0.5 * longer)
     t = root_t + (tip_t + locks.uneven * longer - root_t) * share
     middle, out = fall.at(s, t)
     up = np.interp(share, (0, 0.5, 1), locks.up_mm) + 0.9 * smoothstep(share / 0.3) * aside
     first, last = locks.width_mm
-    half = 0.5 * (first + (last - first) * place) * (1 + 0.25 * wild) * np.interp(share, LOCK_AT, LOCK)
+    half = 0.5 * (first + (last - first) * place) * (1 + 0.25 * wild)
     across = unit_vectors(np.cross(np.gradient(middle, axis=1), out), 1e-6)
+    if locks.is_single:
+        spine = middle + up[..., None] * out
+        shine = 1 + LOCK_SHEEN * _sheen(spine[:, :, None], out[:, :, None])[..., 0]
+        return builder.strands(
+            spine,
+            half * np.interp(share, (0, 0.5, 1), (1, 0.8, 0.1)),
+            unit_vectors(across + TILT * out, 1e-6),
+            albedo=_tinted(palette, PAINTED * locks.shade * (0.95 + 0.2 * longer) * shine, out),
+            head_weight=_head_weight(spine, cut),
+            normal=out,
+        ).ravel()
+    half = half * np.interp(share, LOCK_AT, LOCK)
     out = out[:, :, None]
     points = middle[:, :, None] + (half[..., None] * side)[..., None] * across[:, :, None]
     points = points + (up[..., None] - ARCH * half[..., None] * side**2)[..., None] * out
-    own = unit_vectors(np.cross(np.gradient(points, axis=2), np.gradient(points, axis=1)), 1e-6)
-    tint = np.interp(side**2, (0, 1), (1.22, 0.58)) * (0.95 + 0.1 * longer[..., None])
+    own = _outwards(points, out)
+    tint = np.interp(side**2, (0, 1), (1.18, 0.66)) * (0.95 + 0.1 * longer[..., None])
     tint = tint * np.interp(share, (0, 0.15, 0.5, 1), (0.55, 0.7, 1.0, 1.06))[:, None]
     grid = builder.add(
         points,
-        albedo=_tinted(palette, locks.shade * tint * (1 + LOCK_SHEEN * _sheen(points, out))),
+        albedo=_tinted(palette, locks.shade * tint * (1 + LOCK_SHEEN * _sheen(points, out)), out),
         material=Material.HAIR,
         uv=strand_uv(
             (0.05 + 0.65 * golden(number, 3.1))[:, None, None] + 0.12 * (side + 1), (0.1 + 0.85 * t)[..., None]
@@ -185,12 +211,20 @@ def _add_locks(builder: MeshBuilder, fall: Fall, cut: Cut, seed: int, palette: P
         head_weight=_head_weight(points, cut),
     )
     _join(builder, grid)
-    _join(builder, grid[:, share.size // 2 :, ::-1])  # tips are seen from behind, too
+    if locks.up_mm[-1] > 0:  # lifted tips are seen from behind, too
+        _join(builder, grid[:, share.size // 2 :, ::-1])
     return grid.ravel()
 
 
-def _tinted(palette: Palette, shade: Array) -> Array:
-    """(..., 3) linear RGB of hair at shades, (...), which differ less on light hair."""
+def _outwards(points: Array, out: Array) -> Array:
+    """(N, R, C, 3): normals of strands, (N, R, C, 3) mm, on the side of outward directions."""
+    own = unit_vectors(np.cross(np.gradient(points, axis=2), np.gradient(points, axis=1)), 1e-6)
+    return np.where((own * out).sum(axis=-1, keepdims=True) < 0, -own, own)
+
+
+def _tinted(palette: Palette, shade: Array, out: Array) -> Array:
+    """(..., 3) linear RGB of hair at shades, (...), by outward directions, (..., 3); light hair has less contrast."""
+    shade = shade * (1 + THROUGH * smoothstep((0.7 - out[..., 2]) / 1.0))
     even = min(EVEN_LIGHT_HAIR * float(palette.hair.mean()), 0.9)
     return palette.hair * (shade + even * (0.9 - shade))[..., None]
 

@@ -69,7 +69,7 @@ def test_no_hole_in_the_hair_shows_what_is_behind_the_head(yaw_deg: float) -> No
 @pytest.mark.parametrize("haircut", ["short", "long"])
 def test_no_skin_shows_in_the_parting(haircut: str) -> None:
     head = build_head(HeadStyle(haircut=haircut))
-    is_hair = (head.material == Material.HAIR)[:, None]
+    is_hair = np.isin(head.material, (Material.HAIR, Material.STRAND))[:, None]
     red_skin = replace(head, albedo=np.where(is_hair, (0.02, 0.02, 0.6), (0.6, 0.02, 0.02)).astype(np.float32))
     camera = Camera(yaw_deg=90.0, target_mm=(30.0, 105.0, 65.0), distance_mm=900.0, field_deg=3.5)
     with FaceRenderer(red_skin, RenderOptions(size=(500, 500), camera=camera, background=(0, 0, 0))) as renderer:
