@@ -40,13 +40,15 @@ def load_ict_folder(folder: Path) -> BlendshapeMesh:
     DataError
         If the content of a file is wrong; ``where`` is file and line.
     """
-    neutral = next((folder / name for name in NEUTRAL_NAMES if (folder / name).is_file()), None)
+    meshes = sorted(path for path in folder.glob("*.[oO][bB][jJ]") if path.is_file())
+    named = {path.name.lower(): path for path in meshes}
+    neutral = next((named[name] for name in NEUTRAL_NAMES if name in named), None)
     if neutral is None:
-        raise UsageError(f"{folder}: contains no {NEUTRAL_NAMES[0]}; expected a folder of ICT-FaceKit")
+        raise UsageError(f"{folder}: contains no {' or '.join(NEUTRAL_NAMES)}; expected a folder as of ICT-FaceKit")
     vertices, triangles, surface, names = _obj(neutral)
     still = MIN_MOTION_SHARE * float(np.linalg.norm(np.ptp(vertices, axis=0)))
     blendshapes = {}
-    for path in sorted(folder.glob("*.obj")):
+    for path in meshes:
         if path == neutral or path.name.startswith(IDENTITY):
             continue
         moved = _vertices(read_bytes(path), str(path))

@@ -249,6 +249,15 @@ def test_ict_facekit_s_folder(ict_folder, tmp_path):
     )
 
 
+@pytest.mark.parametrize(("neutral", "shape"), [("Neutral.obj", "jawOpen.obj"), ("neutral.OBJ", "jawOpen.OBJ")])
+def test_a_folder_of_obj_files_in_any_case(tmp_path, neutral, shape):
+    (tmp_path / neutral).write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    (tmp_path / shape).write_text("v 0 0 0\nv 1 0 0\nv 0 2 0\n")
+    found = load_rig(tmp_path)
+    assert list(found.blendshapes) == ["jawOpen"]
+    assert found.blendshapes["jawOpen"].moves.tolist() == [[0, 1, 0]]
+
+
 @pytest.mark.parametrize(
     ("neutral", "shape", "message"),
     [
