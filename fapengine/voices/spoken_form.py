@@ -391,6 +391,7 @@ def _ordinal(number: str, language: str) -> str:
 
 _ENDINGS = {
     "feminine": {"o": "a", "ый": "ая", "ой": "ая", "ий": "ья"}, "neuter": {"ый": "ое", "ой": "ое", "ий": "ье"},
+    "plural": {"ый": "ые", "ой": "ые", "ий": "ьи"},
     "genitive": {"ый": "ого", "ой": "ого", "ий": "ьего", "y": "ego", "i": "iego"},
     "prepositional": {"ый": "ом", "ой": "ом", "ий": "ьем", "y": "ym", "i": "im"},
 }  # fmt: skip

@@ -101,6 +101,11 @@ CASES = [
     ("fr-fr", "5 €/h, n°5, 01.42.68.53.00, 3 ‰", "5 euros de l'heure, numéro 5, 01 42 68 53 00, 3 pour mille"),
     ("it", "5 €/ora, N. 5", "5 euro all'ora, numero 5"),
     ("es", "D. Juan y D.ª Ana", "don Juan y doña Ana"),
+    ("ru", "90-е годы, 5 руб./час, в 8 ч. 15 мин.", "девяностые годы, 5 рублей в час, в 8 часов 15 минут."),
+    ("pl", "tel. 22 123 45 67, 5 zł/godz., 50 gr", "telefon 2 2 1 2 3 4 5 6 7, 5 złotych za godzinę, 50 groszy"),
+    ("ja", "7時半、10分間、2番目", "しちじはん 、じゅっぷんかん 、2ばんめ "),
+    ("cmn", "2024/12/01，500元/月，10-20人，400-800-1234",
+     "2 0 2 4 年12月1日，500元每月，10到20人，4 0 0 8 0 0 1 2 3 4"),
     ("hi", "-5", "माइनस 5"),
     ("ar", "-5", "ناقص 5"),
     ("de", "Im 2. Quartal, 5 €/Std., 3‰, geb. 1998", "Im zweiten Quartal, 5 Euro pro Stunde, 3 Promille, "
