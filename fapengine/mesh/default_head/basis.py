@@ -61,7 +61,7 @@ So the outline is round, and closed lips stay closed.
 """
 PURSED_CHEEK_MM = np.array([30.0, 24.0])
 """How far beyond and above pursed corners the skin follows them: skin that stayed was a crease beside them."""
-PURSED_LEVEL_MM = 5.0
+PURSED_LEVEL_MM = 2.0
 """How far the skin beside their corners comes forward and that above it moves back."""
 PURSED_TEETH_MM = np.array([0.0, 4.5, -3.0])
 """How far the upper teeth move out of the opening of pursed lips, so that it is dark; the lower ones move down."""

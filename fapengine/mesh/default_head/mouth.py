@@ -100,7 +100,7 @@ def build_mouth(builder: MeshBuilder, border: Indices, block: Block, style: Head
     laid = position(angles, flats[..., 1], style) + above[..., None] * normal(angles, flats[..., 1], style)
     for level, flat, angle, points in zip(across, flats, angles, laid, strict=True):
         # Lips have no edge at their corners.
-        on_lip = smoothstep((1.08 - level) / 0.14) * (1 - 0.7 * level * smoothstep((np.abs(t) - 0.86) / 0.14))
+        on_lip = smoothstep((1.08 - level) / 0.14) * (1 - 0.2 * level * smoothstep((np.abs(t) - 0.86) / 0.14))
         albedo = palette.skin(points) + on_lip[:, None] * (palette.lip(points, t, level) - palette.skin(points))
         kind, uv = Material.LIP if level <= 1 else Material.SKIN, skin_uv(angle, flat[:, 1])
         place = np.stack([angle, flat[:, 1]], axis=-1)
