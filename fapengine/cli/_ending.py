@@ -77,7 +77,8 @@ def _end(message: str, code: int) -> NoReturn:
     """Print one line and exit."""
     if sys.stderr is not None:
         with contextlib.suppress(OSError):
-            sys.stderr.write(f"fapengine: {' '.join(message.split(chr(10)))}\n")
+            line = message.replace(":\n", ": ").replace("\n", "; ")
+            sys.stderr.write(f"fapengine: {line}\n")
             sys.stderr.flush()
     if sys.stdout is not None:
         try:

@@ -86,3 +86,9 @@ def test_a_bug_is_one_line_too(
         monkeypatch.setenv(_ending.DEBUG, "1")
         with pytest.raises(AttributeError):
             command_line.main()
+
+
+def test_what_a_message_lists_is_told_apart_in_its_line(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        _ending._end("2 invalid rows:\nb.wav: no text\nc.wav: no text", 1)
+    assert capsys.readouterr().err == "fapengine: 2 invalid rows: b.wav: no text; c.wav: no text\n"
