@@ -308,8 +308,8 @@ _INSIDE = re.compile(rf"<{_CLOCK}>")
 _TAG = re.compile(r"</?[a-zA-Z][^>]*>|\{\\[^}]*\}")
 _UNDERLINED = re.compile(r"<u>(.*?)</u>", re.DOTALL)
 _HINT = (
-    "words need times of their own: one word a cue, or <00:00:01.120> before each word; with the sound,"
-    " --transcript-file takes them as they are"
+    "words need times of their own: one word a cue, or <00:00:01.120> before each word; or give"
+    " the sound, and these as its transcript"
 )
 
 
