@@ -231,6 +231,7 @@ async def _counted(request: web.Request, handler: Handler) -> web.StreamResponse
 async def _end_of_connection(_: web.Request, answer: web.StreamResponse) -> None:
     if isinstance(answer, web.Response):
         answer.force_close()
+        answer.headers["Connection"] = "close"  # aiohttp has written its own headers before it calls this
 
 
 async def open_site(app: web.Application, host: str, port: int | None, door: Door) -> Site:
