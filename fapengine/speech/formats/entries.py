@@ -153,7 +153,7 @@ def track_of(
     for entry in entries:
         _check(entry, timed[-1].end_s if timed else 0.0)
         if entry.end_s > entry.start_s:
-            timed.append(replace(entry, label=entry.label.strip()))
+            timed.append(replace(entry, start_s=entry.start_s + 0.0, label=entry.label.strip()))  # -0.0 is 0
         elif not alphabets.is_silence(entry.label, spelled=spelled):
             dropped.append((entry.label, entry.start_s, entry.where))
     if all(alphabets.is_silence(entry.label, spelled=spelled) for entry in timed):

@@ -205,6 +205,11 @@ def test_words_of_one_letter_are_words_in_other_scripts(words: str) -> None:
     ).spelled
 
 
+def test_a_time_of_minus_zero_is_zero() -> None:
+    """As praatIO's files have it."""
+    assert str(read("-0.0 0.5 m\n0.5 1.0 ay\n").phones[0].start_s) == "0.0"
+
+
 def test_a_context_of_open_jtalk_says_its_alphabet() -> None:
     contexts = "/A:-5+1+7/B:xx-xx_xx/C:02_xx+xx/D:xx+xx_xx"
     labels = "".join(f"{n}000000 {n + 1}000000 x^x-{phone}+x=x{contexts}\n" for n, phone in enumerate("daNka"))
