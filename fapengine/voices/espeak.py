@@ -60,7 +60,7 @@ _ENTITY = re.compile(r"<[^<>]*>|&(?:#\d+|#x[\da-fA-F]+|amp|lt|gt|quot|apos);")
 MAX_SHOWN = 60
 """Characters of a text that an error quotes."""
 
-MOST_SECOND_DICTIONARIES = 500
+MAX_SECOND_DICTIONARIES = 500
 """Texts in two languages after which the library stays loaded; 92 MB are lost by then."""
 
 _lock = threading.Lock()
@@ -122,9 +122,9 @@ def _fresh_library() -> tuple[ctypes.CDLL, int]:
 
     The pitch flutters by a counter of the library's, which only loading sets back: one Vietnamese sentence had 64,602,
     64,597 and 64,368 samples (espeak-ng 1.52.0). Unloading loses the dictionary of a second language, 0.2 MB, which the
-    library never frees; after ``MOST_SECOND_DICTIONARIES`` of them it stays loaded.
+    library never frees; after ``MAX_SECOND_DICTIONARIES`` of them it stays loaded.
     """
-    if _library.cache_info().currsize and len(_second_dictionaries) < MOST_SECOND_DICTIONARIES:
+    if _library.cache_info().currsize and len(_second_dictionaries) < MAX_SECOND_DICTIONARIES:
         library, _ = _library()
         library.espeak_Terminate()
         _library.cache_clear()

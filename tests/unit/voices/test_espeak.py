@@ -104,7 +104,7 @@ def test_a_text_has_the_same_sound_whoever_spoke_before(monkeypatch: pytest.Monk
     monkeypatch.setattr(espeak, "_second_dictionaries", [])
     assert len(set(sounds() + sounds())) == 1
     assert espeak._second_dictionaries == [b"(en)"] * 2
-    monkeypatch.setattr(espeak, "_second_dictionaries", [b"(en)"] * espeak.MOST_SECOND_DICTIONARIES)
+    monkeypatch.setattr(espeak, "_second_dictionaries", [b"(en)"] * espeak.MAX_SECOND_DICTIONARIES)
     assert len(set(sounds() + sounds())) > 1  # stays loaded
 
 
