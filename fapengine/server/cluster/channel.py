@@ -172,9 +172,8 @@ class Channel:
         """Send waiting messages as far as there is room."""
         while self._waiting:
             data, handed = self._waiting[0]
-            rights = [] if handed is None else [_rights(handed)]
             try:
-                self._socket.sendmsg([data], rights)
+                socket.send_fds(self._socket, [data], [] if handed is None else [handed.fileno()])
             except BlockingIOError:
                 return
             except OSError:
@@ -209,10 +208,6 @@ class Channel:
             if handed is not None:
                 handed.close()
         self._waiting.clear()
-
-
-def _rights(handed: socket.socket) -> tuple[int, int, bytes]:
-    return socket.SOL_SOCKET, socket.SCM_RIGHTS, array.array("i", [handed.fileno()]).tobytes()
 
 
 def _handed(rights: Sequence[tuple[int, int, bytes]]) -> socket.socket | None:
