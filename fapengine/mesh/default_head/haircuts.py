@@ -86,7 +86,7 @@ class Locks(NamedTuple):
     """Unevenness of the tips, in ``s``."""
     shade: float = 1.0
     is_single: bool = False
-    """Single hairs, :attr:`Material.STRAND`, as wide as given at their roots."""
+    """Single hairs, ``Material.STRAND``, as wide as given at their roots."""
 
 
 class Cut(NamedTuple):
@@ -118,7 +118,7 @@ BEND_AT = (0.0, 0.5, 0.8, 1.0)
 HANGING = Cut(
     bend=((180.0, 112.0, 66.0, 50.0), (112.0, 124.0, 112.0, 88.0)),
     rise=((0, 0.06, 0.25, 0.6, 1), (2.6, 5.4, 7.8, 8.4, 7.4)),
-    front=((-66, -50, -30, -8, 8, 18, 27, 36, 50, 66), (14.0, 22.0, 22.0, 15.0, 8.0, 5.0, 1.5, 6.0, 15.0, 14.0)),
+    front=((-66, -50, -30, -8, 8, 18, 27, 36, 50, 66), (14.0, 20.0, 20.0, 14.0, 8.0, 5.0, 1.5, 6.0, 15.0, 14.0)),
     parting_deg=28.0,
     rows=20,
     layers=(),
@@ -128,7 +128,7 @@ HANGING = Cut(
         Locks(4, ((0.80, 0.06), (0.74, 0.04)), ((1.0, 0.72), (0.90, 0.96)), (12, 19), (-1.0, 2.6, 1.6), stray=0.02),
         # Single hairs: along the front edge of either side, at the ends and over the top.
         Locks(
-            30,
+            26,
             ((-0.97, 0.0), (-0.98, 0.30)),
             ((-1.08, 0.20), (-1.10, 0.60)),
             (0.6, 0.9),
@@ -138,9 +138,9 @@ HANGING = Cut(
             is_single=True,
         ),
         Locks(
-            26,
-            ((0.97, 0.0), (0.98, 0.30)),
-            ((1.14, 0.14), (1.12, 0.56)),
+            24,
+            ((0.97, 0.0), (0.98, 0.34)),
+            ((1.16, 0.14), (1.07, 0.54)),
             (0.7, 0.9),
             (0.6, 2.4, 1.0),
             uneven=0.05,
@@ -148,7 +148,7 @@ HANGING = Cut(
             is_single=True,
         ),
         Locks(
-            28,
+            24,
             ((-0.97, 0.70), (0.97, 0.70)),
             ((-0.99, 0.97), (0.99, 0.97)),
             (2.0, 2.0),
@@ -158,7 +158,7 @@ HANGING = Cut(
             is_single=True,
         ),
         Locks(
-            14,
+            10,
             ((-0.75, 0.1), (0.75, 0.1)),
             ((-0.80, 0.38), (0.80, 0.38)),
             (0.7, 0.7),
@@ -184,10 +184,10 @@ CUTS = {
         locks=(
             # Nape and back of the head; sides, combed behind the ears; crown; left of the parting.
             Locks(
-                19,
+                16,
                 ((-0.60, 0.60), (0.60, 0.60)),
                 ((-0.44, 0.90), (0.44, 0.90)),
-                (12, 12),
+                (13, 13),
                 (-1, 0.4, -1.6),
                 uneven=0.05,
                 shade=0.86,
@@ -236,7 +236,7 @@ CUTS = {
             # Single hairs: below the fringe, beside the parting, at the temples and over the nape.
             Locks(
                 10,
-                ((-0.97, 0.0), (-0.97, 0.45)),
+                ((-0.99, 0.12), (-1.0, 0.58)),
                 ((-1.09, 0.36), (-1.20, 0.94)),
                 (2.2, 2.6),
                 (0.4, 4.0, 0.8),
@@ -247,9 +247,9 @@ CUTS = {
             ),
             Locks(
                 22,
-                ((-0.97, 0.0), (-0.97, 0.55)),
+                ((-0.99, 0.10), (-1.0, 0.68)),
                 ((-1.08, 0.30), (-1.19, 0.96)),
-                (0.5, 0.7),
+                (0.5, 0.6),
                 (0.4, 3.4, 0.8),
                 bow=0.01,
                 uneven=0.06,
@@ -258,7 +258,7 @@ CUTS = {
             ),
             Locks(
                 6,
-                ((0.96, 0.04), (0.96, 0.5)),
+                ((0.97, 0.16), (0.97, 0.6)),
                 ((1.06, 0.44), (1.05, 0.92)),
                 (2.2, 2.6),
                 (0.2, 2.0, 0.5),
@@ -269,8 +269,8 @@ CUTS = {
             ),
             Locks(
                 14,
-                ((0.97, 0.0), (0.97, 0.74)),
-                ((1.06, 0.24), (1.03, 0.98)),
+                ((0.98, 0.04), (0.98, 0.78)),
+                ((1.06, 0.22), (1.03, 0.97)),
                 (0.5, 0.5),
                 (0.4, 1.4, 0.5),
                 uneven=0.06,
@@ -394,8 +394,8 @@ def _on_head(style: HeadStyle, cut: Cut, s: Array, shares: Array) -> tuple[Array
         degrees = np.rad2deg(np.abs(angle))
         # The first line is near the hairline, and none is below it.
         least = hairline(angle) + 1.0 - np.interp(np.rad2deg(angle), *cut.front)
-        lowest = np.maximum(hairline(angle) - FRINGE_MM[0], FRINGE_MM[1] - 40.0 * smoothstep((degrees - 33.0) / 4.0))
-        lowest = np.minimum(least, lowest - 80.0 * smoothstep((degrees - 42.0) / 10.0))
+        lowest = np.maximum(hairline(angle) - FRINGE_MM[0], FRINGE_MM[1] - 40.0 * smoothstep((degrees - 36.0) / 4.0))
+        lowest = np.minimum(least, lowest - 80.0 * smoothstep((degrees - 45.0) / 10.0))
         least = np.maximum(least - BEYOND_MM * np.clip(u - 1, 0, None), lowest)
         y = np.maximum(least, foot[:, 1] + smoothstep((u - 0.88) / 0.12) * (least - foot[:, 1]))
         before = smoothstep((68.0 - degrees) / 10.0)[:, None]
