@@ -141,7 +141,7 @@ class MeshBuilder:
         spine_mm : (L, P, 3)
             Points along each hair, root first.
         half_width_mm, head_weight : broadcast to (L, P)
-            Half the width of the hair; see :class:`FaceMesh`.
+            Half the width of the hair; see :class:`fapengine.mesh.face_mesh.FaceMesh`.
         aside : broadcasts to (L, P, 3)
             Unit direction across the ribbon: its outside is where ``aside`` points right and the hair up.
         albedo, normal : broadcast to (L, P, 3)
