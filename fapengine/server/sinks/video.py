@@ -24,6 +24,7 @@ import numpy as np
 from fapengine._late import needed
 from fapengine.errors import ResourceError, UsageError
 from fapengine.files.provenance import mark
+from fapengine.files.video import reason
 from fapengine.server.film.film import FilmForm, Studio
 from fapengine.server.film.soundtrack import RATE_HZ, Samples
 from fapengine.server.sinks.kinds import SinkAddress, SinkCounts
@@ -200,7 +201,7 @@ class StreamSink:
             except (av.FFmpegError, OSError, ValueError) as error:
                 self._tried.set()
                 wait_s = RETRIES_S[min(trials, len(RETRIES_S) - 1)]
-                log.warning("%s cannot be reached (%s); retrying in %g s", self.address, _reason(error), wait_s)
+                log.warning("%s cannot be reached (%s); retrying in %g s", self.address, reason(error)[:200], wait_s)
                 trials += 1
                 self._ends.wait(wait_s)
                 self._drop()
@@ -276,7 +277,3 @@ class _Encoder:
         is_next: bool = frame.pts > self._last[kind]
         self._last[kind] = max(self._last[kind], frame.pts)
         return is_next
-
-
-def _reason(error: Exception) -> str:
-    return str(getattr(error, "strerror", None) or error)[:200]
