@@ -38,7 +38,7 @@ from fapengine.mpeg4.fapu import Fapu
 LIT_INSIDE = {Material.TEETH: 0.20, Material.GUM: 0.5, Material.TONGUE: 0.6, Material.MOUTH: 0.72}
 """Least light, relative, on parts inside the mouth."""
 THRUST_TONGUE = 45
-TONGUE_LIGHT_PER_MM = 0.056
+TONGUE_LIGHT_PER_MM = 0.06
 """Change of the relative light on the tip of the tongue per millimetre forward."""
 TEETH_LIGHT_PER_MM = {16: -0.045, 12: 0.08, 13: 0.08}
 """Change of the relative light on teeth per millimetre of a FAP: lower lip pushed, corners raised."""

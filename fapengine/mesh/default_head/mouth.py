@@ -29,7 +29,7 @@ INSIDE = (  # level, away from the mouth line, backwards, share of the width, li
     (-0.2, 1.6, 3.2, 1.03, 1.0),
     (-0.4, 9.0, 5.0, 1.14, 1.0),
     (-0.7, 13.0, 22.0, 1.36, 1.0),
-    (-1.0, 13.0, 42.0, 1.3, 0.62),
+    (-1.0, 13.0, 42.0, 1.3, 0.57),
 )
 """The oral cavity. It widens behind the lips, so that the dental arch is in front of its wall."""
 

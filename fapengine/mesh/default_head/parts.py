@@ -44,13 +44,15 @@ IN_TOOTH = (0.0, 0.09, 0.5, 0.91)
 """Columns of a tooth: a gap is a line, and a tooth is round only beside it."""
 ROUND_TOOTH = 0.3
 """Slope of the light on a tooth beside its gaps."""
-DARK_BACK_MM, DARK_BACK = (6.0, 28.0), 0.74
-"""Distances along the arch over which teeth become darker, away from the opening, and by what fraction."""
+DARK_BACK_MM, DARK_BACK = (5.0, 26.0), np.array([0.70, 0.77, 0.79])
+"""Distances along the arch over which teeth become darker, away from the opening, and by what fraction of red, green
+and blue: the light there comes from gums and cheeks.
+"""
 
 
 def build_teeth(builder: MeshBuilder, detail: float, *, upper: bool) -> Indices:
     """Add one row of teeth with its gum; returns indices, (R, C): rows by columns, the end of the gum first."""
-    half_width, front_z, depth = (28.5, 103.8, 38.0) if upper else (26.0, 100.4, 36.0)
+    half_width, front_z, depth = (28.5, 105.4, 38.0) if upper else (26.0, 102.0, 36.0)
     edge_y, gum_y = (-35.2, -25.5) if upper else (-32.7, -42.2)
     inside = np.array(IN_TOOTH) if detail >= 1 else np.array(IN_TOOTH)[[0, 1, 3]]
     edges = np.cumsum([0.0, *(UPPER_WIDTHS_MM if upper else LOWER_WIDTHS_MM)])
@@ -77,11 +79,11 @@ def build_teeth(builder: MeshBuilder, detail: float, *, upper: bool) -> Indices:
         y = gum_y + direction * abs(edge_y - gum_y) * (np.where(height > 0, height * tip, height) + scallop)
         rows.append(np.stack([xz[:, 0], y, xz[:, 1]], axis=-1))
         gap = 0.62 + 0.38 * round_off
-        far = 1 - DARK_BACK * smoothstep((np.abs(along) - DARK_BACK_MM[0]) / np.ptp(DARK_BACK_MM))
+        far = 1 - smoothstep((np.abs(along) - DARK_BACK_MM[0]) / np.ptp(DARK_BACK_MM))[:, None] * DARK_BACK
         # A smile shows the light half above the upper edges; the edges of lower teeth are in their shadow.
         shade = np.interp(height, (0.0, 0.3, 0.7, 1.0), (1.2, 1.02, 0.78, 0.72) if upper else (0.7, 0.7, 0.64, 0.5))
         colour = colours.GUM if is_gum else colours.TEETH * (shade * gap)[:, None]
-        looks.append(np.broadcast_to(colour, rows[-1].shape) * far[:, None])
+        looks.append(np.broadcast_to(colour, rows[-1].shape) * far)
     points, albedo = np.stack(rows), np.stack(looks)
     kinds = np.full((len(rows), 1), Material.GUM)
     kinds[CROWNS] = Material.TEETH
@@ -96,7 +98,7 @@ def build_teeth(builder: MeshBuilder, detail: float, *, upper: bool) -> Indices:
     return grid
 
 
-TONGUE_TIP = np.array([0.0, -36.0, 97.0])
+TONGUE_TIP = np.array([0.0, -36.0, 98.5])
 """Neutral position of the tip: behind the edge between upper and lower teeth, as in the standard's neutral face."""
 
 
