@@ -23,7 +23,7 @@ in float v_fold;  // share of the folds
 const float FOLDS = 0.9;  // change of the light at the ends of alpha, by full folds
 const float PORES = 0.25;  // pores stay within this of alpha's middle, folds beyond it
 const float BREAK_UP = 2.0;  // change of the highlights by pores
-const float SKIN = 28.0;  // skin has a share of folds of 0.035 at least
+const float SKIN = 28.0;  // skin has a share of folds of 0.035 where it has no lines
 
 // Diffuse and specular light, linear RGB, as the painting tints it. A square stands in for the power of 2.2, as in
 // tone_map().

@@ -17,7 +17,7 @@ from fapengine.geometry.smooth import smoothstep
 from fapengine.geometry.surface import unit_vectors
 from fapengine.mesh import colours
 from fapengine.mesh.colours import Palette
-from fapengine.mesh.default_head.mesh_builder import Block, MeshBuilder, Rings, resampled, skin_uv
+from fapengine.mesh.default_head.mesh_builder import Block, MeshBuilder, Rings, golden, resampled, skin_uv
 from fapengine.mesh.default_head.style import Detail, HeadStyle, palette_of
 from fapengine.mesh.default_head.surface import angle_of, normal, position
 from fapengine.mesh.face_mesh import Bone, Material
@@ -26,7 +26,7 @@ RADIUS = 14.2
 CENTRE = np.array([31.4, 36.0, 81.2])
 """Left eyeball; the right one is its mirror image."""
 LID_THICKNESS = 1.15
-OPENED_BY_CHARM_MM = 1.9
+OPENED_BY_CHARM_MM = 2.8
 """Additional lid distance at charm 1; the iris, as high as the opening, grows with it."""
 INNER_CORNER, OUTER_CORNER = np.array([17.9, 32.6]), np.array([45.2, 35.0])
 OUTSIDE = (1.82, 1.66, 1.54, 1.46, 1.40, 1.34, 1.24, 1.12, 1.0)
@@ -41,6 +41,8 @@ LASH_OUT_MM, LASH_LIFT_MM = 0.6, 0.9
 """How far upper lashes are rooted before the margin, and how far a turn of 1 rad lifts them: they overlap the line of a
 closed eye, which has no gaps so.
 """
+DARK_FROM = -0.74
+"""Place along the upper lid, -1 at the inner corner, from which its edge is as dark as its lashes."""
 POLAR_DEG = (88.0, 66, 50, 38, 30, 23, 17, 11, 5)
 
 
@@ -129,8 +131,8 @@ def build_lids(
         hood = np.exp(-(((level - 1.6) / 0.15) ** 2)) * np.where(upper, 1.1, 0.25 + 0.8 * style.age) * middle
         points += (hood - 0.60 * crease)[:, None] * out
         shade = 1 - 0.20 * crease - np.where(upper, 0.14, 0.04) * smoothstep((CREASE + 0.1 - level) / 0.45)
-        lash = (level <= 1.0) * upper
-        shade *= 1 - 0.5 * (level <= 1.0) * middle  # lashes of the lower lid
+        lash = (level <= 1.0) * upper & (t > DARK_FROM)
+        shade *= 1 - 0.3 * (level <= 1.0) * middle  # lashes of the lower lid
         albedo = np.where(lash[:, None], colours.LASH, palette.skin(points) * shade[:, None])
         kind, uv = np.where(lash, Material.LASH, Material.SKIN), skin_uv(angle, flat[:, 1])
         place = np.stack([angle, flat[:, 1]], axis=-1)
@@ -141,14 +143,14 @@ def build_lids(
         flat = centre[:2] + size * (rim_flat - centre[:2])
         points = _on_sphere(flat, centre, RADIUS + height)
         points[:, 2] += _forward(t, level)
-        lash = upper & (level > 0.8)
-        wet = palette.skin(points) * [0.98, 0.74, 0.72] * (0.4 if level > 0.9 else 1.0)  # dark between lashes
+        lash = upper & (level > 0.8) & (t > DARK_FROM)
+        wet = palette.skin(points) * [0.98, 0.74, 0.72] * (0.75 if level > 0.9 else 1.0)  # dark between lashes
         albedo = np.where(lash[:, None], colours.LASH, wet)
         grids.append(builder.add(points, albedo=albedo, material=np.where(lash, Material.LASH, Material.LIP)))
         levels.append(level)
     rings = np.stack(grids)
     builder.quads(rings, closed=True)
-    lashes, roots = _build_lashes(builder, rim, t, upper, centre, side, divided.hair)
+    lashes, roots = _build_lashes(builder, rim, t, upper, centre, side, palette.base, divided.hair)
     _build_caruncle(builder, palette, side, detail)
     ball = _build_ball(builder, centre, side, detail)
     angles = np.arctan2(
@@ -179,33 +181,45 @@ def moved_eye(eye: Eye, centre: Array, before: Array, after: Array) -> Eye:
 
 
 def _build_lashes(
-    builder: MeshBuilder, rim: Array, t: Array, upper: Mask, centre: Array, side: float, detail: float
+    builder: MeshBuilder, rim: Array, t: Array, upper: Mask, centre: Array, side: float, skin: Array, detail: float
 ) -> tuple[Indices, Indices]:
-    """Strands on the lids' margins, the upper ones longer and bent upwards."""
+    """Strands on the lids' margins in groups whose tips meet, the upper ones longer and bent upwards."""
     order = np.argsort(t)
-    spines, half_widths, asides, roots = [], [], [], []
-    for is_upper, count, length_mm in ((True, 30, 3.4), (False, 16, 1.8)):
+    spines, half_widths, albedo, roots = [], [], [], []
+    for is_upper, count, length_mm in ((True, 30, 4.3), (False, 14, 1.9)):
         mine = order[(upper[order] == is_upper) & (np.abs(t[order]) < 1)]
-        for number, along_rim in enumerate(np.linspace(-0.86, 0.94, max(8, round(count * min(detail, 1.5))))):
-            root = int(mine[np.abs(t[mine] - along_rim).argmin()])
-            base = np.array([np.interp(along_rim, t[mine], rim[mine, axis]) for axis in range(3)])
-            outwards = unit_vectors(base - centre)
-            base = base + LASH_OUT_MM * is_upper * outwards
-            aside = np.array([side, 0.0, 0.0])
-            # Longest over the outer third, where they are one dark wing.
-            full = smoothstep((along_rim + 0.9) / 1.4) * (1 - 0.45 * smoothstep((along_rim - 0.7) / 0.3))
-            length = length_mm * (0.35 + 0.65 * full) * (0.93 + 0.07 * np.sin(7.3 * number))
-            lift = np.array([0.0, 0.38 if is_upper else -0.30, 0.0])
-            grow = outwards + (0.12 + 0.45 * along_rim) * aside + 0.4 * lift
-            middle = base + 0.5 * length * grow
-            tip = base + length * (grow + lift)
-            spines.append([base, middle, tip])
-            # Upper ones touch at their roots, so that they are a band with a soft edge and not single ticks.
-            half_widths.append([0.5, 0.36, 0.04] if is_upper else [0.11, 0.06, 0.01])
-            asides.append(unit_vectors(np.array([(tip - base)[1], (base - tip)[0], 0.0])))  # ribbons face forwards
-            roots.append(root)
-    lashes = builder.strands(np.array(spines), np.array(half_widths), np.array(asides)[:, None], albedo=colours.LASH)
-    return lashes, np.array(roots)
+        number = np.arange(max(8, round(count * min(detail, 1.5))))
+        at = -0.74 + 1.68 * (number + 0.35 * (golden(number) - 0.5)) / (len(number) - 1)
+        group = (number + 1) // 3
+        tips = np.bincount(group, at)[group] / np.bincount(group)[group]
+        tips = at + (0.55 if is_upper else 0.3) * (tips - at)
+        full = smoothstep((at + 1.0) / 1.5) * (1 - 0.35 * smoothstep((at - 0.75) / 0.25))
+        length = (
+            length_mm * (0.3 + 0.7 * full) * (0.72 + 0.28 * golden(number, 5.3)) * (0.85 + 0.3 * golden(group, 3.1))
+        )
+
+        def on_rim(where: Array, mine: Indices = mine) -> Array:
+            return np.stack([np.interp(where, t[mine], rim[mine, axis]) for axis in range(3)], axis=-1)
+
+        base = on_rim(at)
+        outwards = unit_vectors(base - centre)
+        base = base + LASH_OUT_MM * (1.0 if is_upper else 0.4) * outwards
+        # They lean away from the middle of the eye, and together within a group.
+        aside = (on_rim(tips) - on_rim(at)) / length[:, None] + (0.08 + 0.42 * at)[:, None] * [side, 0.0, 0.0]
+        lift = np.array([0.0, 0.62 if is_upper else -0.62, 0.0])
+        middle = base + length[:, None] * (0.5 * outwards + 0.45 * aside + 0.32 * lift)
+        tip = base + length[:, None] * (0.88 * outwards + aside + lift)
+        spines.append(np.stack([base, middle, tip], axis=1))
+        half_widths.append(np.broadcast_to([0.25, 0.14, 0.02] if is_upper else [0.07, 0.05, 0.01], (len(at), 3)))
+        albedo.append(np.broadcast_to(colours.LASH if is_upper else 0.35 * skin + 0.65 * colours.LASH, (len(at), 3)))
+        roots.append(mine[np.abs(t[mine] - at[:, None]).argmin(axis=1)])
+    spine = np.concatenate(spines)
+    way = spine[:, 2] - spine[:, 0]
+    asides = unit_vectors(np.stack([way[:, 1], -way[:, 0], 0 * way[:, 0]], axis=-1))  # ribbons face forwards
+    lashes = builder.strands(
+        spine, np.concatenate(half_widths), asides[:, None], albedo=np.concatenate(albedo)[:, None]
+    )
+    return lashes, np.concatenate(roots)
 
 
 def _dome(polar: Array, quarter: int) -> Array:

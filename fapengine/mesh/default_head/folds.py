@@ -32,8 +32,12 @@ PORES = 0.25
 """Distance from the middle of the map, of 1, that pores stay within; folds are beyond it. Also in ``face.frag``."""
 LIT_SIDE = 0.5
 """Fraction of the light on the lit side of a furrow; light scatters in skin, shadow does not."""
-AT_REST, OLD = 0.035, 0.42
-"""Fraction of the folds in the neutral pose of a young and of an old face."""
+AT_REST, SMOOTH, OLD = 0.035, 0.01, 0.42
+"""Fraction of the folds in the neutral pose: outside of them, where it is that of pores; within them on a young face,
+which shows none; and on an old one.
+"""
+SMOOTH_UNTIL = 0.3
+"""Age up to which a face is young."""
 YOUNG = 0.45
 """Fraction of the folds of an old face that FAPs cause in the youngest, except round the eyes, where they have none."""
 
@@ -202,9 +206,12 @@ def _share(region: int, x: Array, y: Array) -> Array:
 def resting_folds(points: Array, age: float) -> Array:
     """(N,): neutral fraction of the folds of skin at positions on the template, (N, 3) mm; 0 at the back."""
     x, y, z = points.T
+    lined = max(age - SMOOTH_UNTIL, 0.0) / (1 - SMOOTH_UNTIL)
+    most = SMOOTH + (OLD - SMOOTH) * lined**1.5
     rest = np.full(len(points), AT_REST)
     for region in (FOREHEAD, BETWEEN_BROWS, CROWS_FEET, UNDER_EYE, BESIDE_NOSE):
-        rest = np.maximum(rest, AT_REST + (OLD - AT_REST) * age**1.5 * _share(region, x, y))
+        share = _share(region, x, y)
+        rest += share * (most - rest)
     return np.where(z > 10.0, rest, 0.0)
 
 

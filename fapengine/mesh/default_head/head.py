@@ -29,7 +29,7 @@ from fapengine.mesh.default_head.parts import build_brow, build_ear, build_glass
 from fapengine.mesh.default_head.points import HeadParts, locate
 from fapengine.mesh.default_head.skin import even_out
 from fapengine.mesh.default_head.style import LEVELS, Detail, HeadStyle, palette_of
-from fapengine.mesh.default_head.stylised import stylise
+from fapengine.mesh.default_head.stylised import EDGE_Y_MM, EDGE_Z_MM, stylise
 from fapengine.mesh.default_head.surface import nostril, position, radius
 from fapengine.mesh.face_mesh import Bone, DeformationBasis, FaceMesh, Folds, Material
 from fapengine.mpeg4.fap import FapUnit
@@ -320,8 +320,8 @@ def _cast_shadows(points: Array, triangles: Indices, occlusion: Array, head: Hea
         near[skin] = smoothstep(1 - np.minimum(distance, HAIR_NEAR_MM) / HAIR_NEAR_MM)
         shade = HAIR_SHADE * average_over_mesh(near, triangles, 2)[skin]
     chin = points[head.mouth.indices[0], 1].min()
-    jaw = chin - 8.0 + 0.006 * at[:, 0] ** 2  # it rises towards the ears
-    below = smoothstep((jaw - at[:, 1]) / 22.0) * smoothstep((at[:, 2] + 30.0) / 60.0)
+    jaw = chin + 66.0 + np.interp(at[:, 2], EDGE_Z_MM, EDGE_Y_MM)
+    below = smoothstep((jaw - at[:, 1]) / 24.0) * smoothstep((at[:, 2] + 20.0) / 40.0)
     below *= 0.35 + 0.65 * smoothstep((at[:, 1] - chin + 58.0) / 40.0)
     shade = np.maximum(shade, JAW_SHADE * below)
     occlusion[skin] *= 1 - shade

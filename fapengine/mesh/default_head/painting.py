@@ -129,7 +129,7 @@ def _skin(style: HeadStyle) -> Array:
     mottle = 0.014 * _cloud(shape, 1, 2.2) + 0.014 * _cloud(shape, 2, 8.0) + 0.018 * _cloud(shape, 3, 28.0)
     # At the borders the texture continues as one colour.
     within = smoothstep((y[:, :1] - BOTTOM_MM) / 12.0) * smoothstep((SPAN_RAD - np.abs(angle)) / 0.15)
-    light -= _of(0.05 + within * mottle, BLOOD)
+    light -= _of(0.03 + within * mottle, BLOOD)
     light -= 0.022 * within * np.clip(_cloud(shape, 4, 0.7), -2, 2)
     light -= _of(_freckles(x, y, style), PIGMENT)
     for part, low_mm, high_mm, half_rad in ((_lips, -54.0, -18.0, 0.5), (_round_eyes, 18.0, 56.0, 0.9)):

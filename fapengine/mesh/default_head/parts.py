@@ -245,7 +245,7 @@ def build_ear(builder: MeshBuilder, style: HeadStyle, side: float, detail: float
     albedo = palette.skin(points)
     deep = np.clip(-height / 4.5, 0, 1)[..., None]
     albedo = (albedo + 0.22 * (palette.blush - albedo)) * (1 - 0.45 * deep)
-    albedo = albedo * (1 - 0.05 * BLOOD)  # as the texture does to the skin next to it
+    albedo = albedo * (1 - 0.03 * BLOOD)  # as the texture does to the skin next to it
     grid = builder.add(points, albedo=albedo)
     builder.quads(grid if side > 0 else grid[:, ::-1], closed=True)
     middle = int(builder.add(points[0].mean(axis=0), albedo=albedo[0].mean(axis=0)))

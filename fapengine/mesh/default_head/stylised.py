@@ -18,19 +18,25 @@ from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh.default_head.eyes import RADIUS, Eye, moved_eye
 from fapengine.mesh.default_head.points import HeadParts
 
-LARGER_EYES, APART_MM = 0.36, 1.6
+LARGER_EYES, APART_MM = 0.44, 2.6
 """Growth of the eyes, and how far each moves outwards, at charm 1."""
 MAX_CHARM = 0.8
 """Charm beyond which eyes and nose stay as they are: skin between larger eyes would fold."""
 DEEPER = 0.72
 """Fraction of a ball's growth by which it moves back into the head."""
-NEAR_MM, FAR_MM = 20.0, 52.0
+NEAR_MM, FAR_MM = 24.0, 70.0
 """Distance from an eye up to which skin moves with it fully, and from which not at all."""
-NEAR_LIDS_MM, FAR_LIDS_MM = 15.0, 31.0
+FORWARD_MM, FORWARD_REACH_MM = 3.5, 34.0
+"""How far each eye comes forward with the skin around it, at charm 1, and the distance over which that fades."""
+LEVEL_MM = 25.0
+"""Distance from which skin moves no farther, so that it is not pushed together into a crease."""
+NEAR_LIDS_MM, FAR_LIDS_MM = 15.0, 36.0
 """The same for the way forwards."""
 SMALLER_EARS = np.array([0.38, 0.16, 0.16])
 """Shrinkage of an ear about its root, at charm 1: most of it towards the head."""
 EAR_REACH_MM = 3.0
+EDGE_Z_MM, EDGE_Y_MM = (-10.0, 8.0, 25.0, 69.0, 104.0), (-5.0, -18.0, -42.0, -60.0, -78.0)
+"""Height of the lower edge of the jaw by depth, from the ear to the chin."""
 
 
 def _faded(value: Array, low: float, high: float) -> Array:
@@ -45,7 +51,7 @@ def stylise(points: Array, head: HeadParts, charm: float, childlike: float) -> t
     (V, 3) mm, HeadParts
         Vertices, and parts with matching eyes.
     """
-    moved = _as_child(_with_face(points, charm), childlike)
+    moved = _as_child(_with_face(points, charm, childlike), childlike)
     skin = points[head.grid].reshape(-1, 3)
     skin = skin[(skin[:, 2] > 15.0) & (np.abs(skin[:, 0]) < 82.0) & (skin[:, 1] > -60.0)]
     depth = LinearNDInterpolator(skin[:, :2], skin[:, 2])
@@ -69,14 +75,17 @@ def _enlarge(eye: Eye, points: Array, moved: Array, depth: LinearNDInterpolator,
     charm = min(charm, MAX_CHARM)
     growth, apart = LARGER_EYES * charm, np.array([eye.side * APART_MM * charm, 0.0])
     back = -DEEPER * RADIUS * growth
-    centre = eye.centre + np.append(apart, back)
     off = points - eye.centre
-    distance = np.linalg.norm(off[:, :2], axis=1)
+    centre = eye.centre + np.append(apart, back + charm * FORWARD_MM)
+    distance = np.linalg.norm(off[:, :2] * [1.4, 1.0], axis=1)
     ahead = smoothstep((points[:, 2] - 25.0) / 25.0)
-    beside = _faded(distance, NEAR_MM, FAR_MM) * ahead * smoothstep((off[:, 0] * eye.side + 31.0) / 14.0)
-    beside *= 1 - np.exp(-((points[:, 0] / 22.0) ** 4) - ((points[:, 1] + 2.0) / 17.0) ** 4)  # but not the nose's wings
+    ahead *= smoothstep((off[:, 0] * eye.side + 31.4) / 16.0)  # the nose stays
+    moved[:, 2] += charm * FORWARD_MM * ahead * np.exp(-((off[:, :2] ** 2).sum(axis=1) / FORWARD_REACH_MM**2))
+    beside = _faded(distance, NEAR_MM, FAR_MM) * ahead
+    beside *= 1 - np.exp(-((points[:, 0] / 25.0) ** 4) - ((points[:, 1] + 3.0) / 24.0) ** 4)  # but not the nose's wings
     with_lids = _faded(distance, NEAR_LIDS_MM, FAR_LIDS_MM) * ahead
-    shift = beside[:, None] * (growth * off[:, :2] + apart)
+    level_off = (1 + (distance / LEVEL_MM) ** 8) ** -0.125
+    shift = beside[:, None] * (growth * level_off[:, None] * off[:, :2] + apart)
     moved[:, :2] += shift
     # Skin slides over the face; only the lids follow the ball forwards.
     slid, near = np.zeros(len(points)), shift.any(axis=1)
@@ -89,33 +98,41 @@ def _enlarge(eye: Eye, points: Array, moved: Array, depth: LinearNDInterpolator,
     return moved_eye(eye, centre, points[margin], moved[margin])
 
 
-def _with_face(points: Array, charm: float) -> Array:
+def _with_face(points: Array, charm: float, childlike: float) -> Array:
     """(V, 3) mm: the warp of everything but eyes and ears; millimetres and fractions are those of charm 1."""
     x, y, z = points.T
     moved = points.copy()
     front = smoothstep((z - 70.0) / 15.0)
     nose = np.exp(-((x / 19.0) ** 4) - (y / 26.0) ** 4) * front
-    smaller = 0.26 * min(charm, MAX_CHARM) * nose
-    moved[:, 0] -= smaller * x
-    moved[:, 2] -= smaller * np.clip(z - 101.0, 0, None)
-    moved[:, 1] += charm * 2.6 * nose * smoothstep((8.0 - y) / 14.0)  # its tip is turned up
+    smaller = min(charm, MAX_CHARM) * nose
+    moved[:, 0] -= 0.36 * smaller * x * smoothstep((np.abs(x) - 4.0) / 8.0)  # its bridge stays round
+    moved[:, 2] -= 0.48 * smaller * np.clip(z - 103.0, 0, None)
+    moved[:, 1] += charm * 2.2 * nose * smoothstep((8.0 - y) / 14.0)  # its tip is turned up
+    moved[:, 2] -= charm * 3.0 * np.exp(-((x / 11.0) ** 2) - ((y - 31.0) / 14.0) ** 2) * front  # its root
+    moved[:, 2] += charm * 3.0 * np.exp(-((x / 20.0) ** 2) - ((y + 70.0) / 12.0) ** 2) * front  # the chin
     jaw = smoothstep((2.0 - y) / 72.0) * smoothstep((y + 112.0) / 40.0)
-    moved[:, 0] *= 1 - charm * (0.08 + 0.09 * smoothstep((z - 20.0) / 40.0)) * jaw
-    brows = np.exp(-(((y - 58.0) / 11.0) ** 2) - ((np.abs(x) - 32.0) / 30.0) ** 4) * front
-    moved[:, 1] -= charm * 4.6 * brows  # the larger eyes have moved them up
-    cheeks = np.exp(-(((y + 6.0) / 20.0) ** 2) - ((np.abs(x) - 44.0) / 20.0) ** 2) * front
+    moved[:, 0] *= 1 - charm * (0.08 + 0.14 * smoothstep((z - 20.0) / 40.0)) * jaw
+    brows = np.exp(-(((y - 59.0) / np.where(y > 59.0, 17.0, 11.0)) ** 2) - ((np.abs(x) - 26.0) / 36.0) ** 4) * front
+    moved[:, 1] -= charm * 4.8 * brows  # the larger eyes have moved them up
+    cheeks = np.exp(-((y / 24.0) ** 2) - ((np.abs(x) - 42.0) / 22.0) ** 2) * smoothstep((z - 50.0) / 30.0)
     moved[:, 0] -= charm * 1.5 * cheeks * np.sign(x)
-    moved[:, 2] += charm * 2.0 * cheeks
+    moved[:, 2] += charm * 1.5 * cheeks
+    # Below the jaw's edge the skin turns inwards, to a slim neck.
+    edge = np.interp(z, EDGE_Z_MM, EDGE_Y_MM)
+    under = smoothstep((edge + 3.0 - y) / 24.0) * smoothstep((y + 122.0) / 40.0) * smoothstep((z + 25.0) / 40.0)
+    moved[:, 0] *= 1 - charm * 0.17 * under
+    short = charm * 3.0 * (1 - 0.7 * childlike)  # a child's face is short already
+    moved[:, 1] += short * smoothstep((28.0 - y) / 62.0) * smoothstep((y + 240.0) / 60.0)
     lower = smoothstep((-6.0 - y) / 70.0) * smoothstep((y + 240.0) / 60.0)
     moved[:, 1] += charm * 8.5 * lower
     skull = smoothstep((y - 38.0) / 60.0)
     moved[:, 0] *= 1 + charm * 0.04 * skull
     moved[:, 1] += charm * 5.0 * skull
     moved[:, 2] = 5.0 + (moved[:, 2] - 5.0) * (1 + charm * 0.035 * skull)
-    neck = smoothstep((-44.0 - y) / 60.0) * smoothstep((60.0 - z) / 50.0) * smoothstep((y + 150.0) / 90.0)
-    neck *= _faded(np.abs(x), 70.0, 110.0)
-    moved[:, 0] *= 1 - charm * 0.28 * neck
-    moved[:, 2] = -5.0 + (moved[:, 2] + 5.0) * (1 - charm * 0.16 * neck)
+    neck = smoothstep((-44.0 - y) / 50.0) * smoothstep((70.0 - z) / 50.0) * smoothstep((y + 190.0) / 80.0)
+    neck *= _faded(np.abs(x), 70.0, 110.0) * (1 - 0.5 * childlike)
+    moved[:, 0] *= 1 - charm * 0.32 * neck
+    moved[:, 2] = -8.0 + (moved[:, 2] + 8.0) * (1 - charm * 0.42 * neck)
     moved[:, 2] -= charm * 16.0 * smoothstep((-52.0 - y) / 80.0) * smoothstep((y + 210.0) / 70.0)  # it leans forwards
     return moved
 

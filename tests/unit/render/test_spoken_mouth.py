@@ -89,12 +89,13 @@ def test_a_round_mouth_has_a_dark_hole() -> None:
 
     def light(label: str, high_mm: float, low_mm: float) -> np.ndarray:
         picture = draw([pose(label)], FRONT)[0][..., :3].mean(axis=-1)
-        top, bottom = (round(SIZE[1] / 2 - (y - MOUTH[1]) * FRONT.pixels_per_mm(SIZE[1])) for y in (high_mm, low_mm))
+        line = head().point_mm("2.2")[1] - MOUTH[1]
+        top, bottom = (round(SIZE[1] / 2 - (line + y) * FRONT.pixels_per_mm(SIZE[1])) for y in (high_mm, low_mm))
         return picture[top:bottom, SIZE[0] // 2 - 5 : SIZE[0] // 2 + 6].mean(axis=1)
 
-    hole, lip = light("u", -35.0, -36.6), light("u", -40.0, -48.0)
+    hole, lip = light("u", -1.5, -3.1), light("u", -6.5, -14.5)
     assert hole.max() < 0.55 * lip.max()
-    assert hole.max() < light("i", -35.0, -36.6).max()
+    assert hole.max() < light("i", -1.5, -3.1).max()
 
 
 @pytest.mark.parametrize("label", ["u", "y", "w", "ʃ"])
