@@ -210,7 +210,7 @@ def _build_lashes(
         middle = base + length[:, None] * (0.5 * outwards + 0.45 * aside + 0.32 * lift)
         tip = base + length[:, None] * (0.88 * outwards + aside + lift)
         spines.append(np.stack([base, middle, tip], axis=1))
-        half_widths.append(np.broadcast_to([0.25, 0.14, 0.02] if is_upper else [0.07, 0.05, 0.01], (len(at), 3)))
+        half_widths.append(np.broadcast_to([0.34, 0.2, 0.03] if is_upper else [0.09, 0.06, 0.01], (len(at), 3)))
         albedo.append(np.broadcast_to(colours.LASH if is_upper else 0.35 * skin + 0.65 * colours.LASH, (len(at), 3)))
         roots.append(mine[np.abs(t[mine] - at[:, None]).argmin(axis=1)])
     spine = np.concatenate(spines)

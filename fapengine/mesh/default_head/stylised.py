@@ -111,7 +111,7 @@ def _with_face(points: Array, charm: float, childlike: float) -> Array:
     moved[:, 2] -= charm * 3.0 * np.exp(-((x / 11.0) ** 2) - ((y - 31.0) / 14.0) ** 2) * front  # its root
     moved[:, 2] += charm * 3.0 * np.exp(-((x / 20.0) ** 2) - ((y + 70.0) / 12.0) ** 2) * front  # the chin
     jaw = smoothstep((2.0 - y) / 72.0) * smoothstep((y + 112.0) / 40.0)
-    moved[:, 0] *= 1 - charm * (0.08 + 0.14 * smoothstep((z - 20.0) / 40.0)) * jaw
+    moved[:, 0] *= 1 - charm * (0.08 + 0.10 * smoothstep((z - 20.0) / 40.0)) * jaw
     brows = np.exp(-(((y - 59.0) / np.where(y > 59.0, 17.0, 11.0)) ** 2) - ((np.abs(x) - 26.0) / 36.0) ** 4) * front
     moved[:, 1] -= charm * 4.8 * brows  # the larger eyes have moved them up
     cheeks = np.exp(-((y / 24.0) ** 2) - ((np.abs(x) - 42.0) / 22.0) ** 2) * smoothstep((z - 50.0) / 30.0)
@@ -120,7 +120,7 @@ def _with_face(points: Array, charm: float, childlike: float) -> Array:
     # Below the jaw's edge the skin turns inwards, to a slim neck.
     edge = np.interp(z, EDGE_Z_MM, EDGE_Y_MM)
     under = smoothstep((edge + 3.0 - y) / 24.0) * smoothstep((y + 122.0) / 40.0) * smoothstep((z + 25.0) / 40.0)
-    moved[:, 0] *= 1 - charm * 0.17 * under
+    moved[:, 0] *= 1 - charm * 0.13 * under
     short = charm * 3.0 * (1 - 0.7 * childlike)  # a child's face is short already
     moved[:, 1] += short * smoothstep((28.0 - y) / 62.0) * smoothstep((y + 240.0) / 60.0)
     lower = smoothstep((-6.0 - y) / 70.0) * smoothstep((y + 240.0) / 60.0)
@@ -129,7 +129,7 @@ def _with_face(points: Array, charm: float, childlike: float) -> Array:
     moved[:, 0] *= 1 + charm * 0.04 * skull
     moved[:, 1] += charm * 5.0 * skull
     moved[:, 2] = 5.0 + (moved[:, 2] - 5.0) * (1 + charm * 0.035 * skull)
-    neck = smoothstep((-44.0 - y) / 50.0) * smoothstep((70.0 - z) / 50.0) * smoothstep((y + 190.0) / 80.0)
+    neck = smoothstep((-44.0 - y) / 50.0) * smoothstep((70.0 - z) / 50.0) * smoothstep((y + 160.0) / 70.0)
     neck *= _faded(np.abs(x), 70.0, 110.0) * (1 - 0.5 * childlike)
     moved[:, 0] *= 1 - charm * 0.32 * neck
     moved[:, 2] = -8.0 + (moved[:, 2] + 8.0) * (1 - charm * 0.42 * neck)
