@@ -1,6 +1,6 @@
 """What several tests of the mesh share."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +13,7 @@ from fapengine.mesh.face_mesh import DeformationBasis, FaceMesh
 from fapengine.profiles import parse_profile
 from fapengine.trajectory.closures import close_lips
 from fapengine.trajectory.faps import displacements_to_faps
+from tests.unit.mesh.unpainted import unpainted
 
 FRAMES = 1000
 Moved = Callable[[FaceMesh, NDArray[np.int64], ArrayLike], NDArray[np.float64]]
@@ -59,3 +60,9 @@ def frames() -> NDArray[np.float64]:
     faps = displacements_to_faps(profile.space.to_points_mm(weights), profile.space.points, profile.fapu)
     faps += amount * np.array([expression.fap for expression in expressions])[which]
     return close_lips(faps, np.arange(float(FRAMES)), [])
+
+
+@pytest.fixture
+def no_paint() -> Iterator[None]:
+    with unpainted():
+        yield

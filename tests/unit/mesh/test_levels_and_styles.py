@@ -17,6 +17,7 @@ from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import FaceMesh, Material
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fap import FEATURE_POINT_NAMES
+from tests.unit.mesh.unpainted import unpainted
 
 Array = NDArray[np.float64]
 Moved = Callable[[FaceMesh, NDArray[np.int64], Array], Array]
@@ -33,8 +34,7 @@ MOVING = [row for row in fap.FAPS if row.positive in fap.HEAD_AXES and row.unit 
 
 @pytest.fixture(scope="module")
 def heads() -> dict[str, FaceMesh]:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("fapengine.mesh.default_head.head.paint", lambda style: np.full((1, 1, 3), 255, dtype=np.uint8))
+    with unpainted():
         return {level: build_head(level=level) for level in LEVELS}
 
 
@@ -86,17 +86,11 @@ STYLES = {
 }  # fmt: skip
 
 
-@pytest.fixture
-def unpainted(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Painting takes longer than a coarse head."""
-    monkeypatch.setattr("fapengine.mesh.default_head.head.paint", lambda style: np.full((1, 1, 3), 255, dtype=np.uint8))
-
-
 def width(head: FaceMesh, one: str, other: str) -> float:
     return float(np.linalg.norm(head.point_mm(one) - head.point_mm(other)))
 
 
-@pytest.mark.usefixtures("unpainted")
+@pytest.mark.usefixtures("no_paint")
 @pytest.mark.parametrize("name", STYLES)
 def test_a_style_changes_what_it_names(heads: dict[str, FaceMesh], name: str) -> None:
     usual, other = heads["coarse"], build_head(replace(HeadStyle(), **{name: STYLES[name]}), level="coarse")
@@ -126,7 +120,7 @@ def test_a_style_changes_what_it_names(heads: dict[str, FaceMesh], name: str) ->
     assert drop == pytest.approx(200 * other.fapu.unit(fap.FapUnit.MNS), rel=0.02)
 
 
-@pytest.mark.usefixtures("unpainted")
+@pytest.mark.usefixtures("no_paint")
 def test_skin_and_hair_have_their_colours() -> None:
     light, dark = (palette_of(HeadStyle(skin_tone=tone)).base for tone in (0.0, 1.0))
     assert (light > 3 * dark).all()
@@ -136,7 +130,7 @@ def test_skin_and_hair_have_their_colours() -> None:
     assert set(HAIR_COLOURS) >= {"black", "brown", "blond", "red", "grey"}
 
 
-@pytest.mark.usefixtures("unpainted")
+@pytest.mark.usefixtures("no_paint")
 def test_without_hair_the_scalp_is_whole() -> None:
     bald = build_head(HeadStyle(hair=False), level="coarse")
     assert not (bald.material == Material.HAIR).any()

@@ -29,6 +29,8 @@ from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import BROWN_IRIS, FaceMesh, Material
 from fapengine.mpeg4 import fap
 
+pytestmark = pytest.mark.usefixtures("no_paint")
+
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Moved = Callable[[FaceMesh, Indices, Array], Array]
@@ -37,14 +39,6 @@ RANDOM_PEOPLE = int(os.environ.get("RANDOM_PEOPLE", "15"))
 """Number of random people that are tried, the first of them at every change; ``make people`` tries 200."""
 AT_EVERY_CHANGE = 5
 MOVING = [row for row in fap.FAPS if row.positive in fap.HEAD_AXES and row.unit is not fap.FapUnit.AU]
-
-
-@pytest.fixture(autouse=True)
-def unpainted(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Painting takes longer than a coarse head."""
-    white, flat = np.full((1, 1, 3), 255, dtype=np.uint8), np.full((1, 1), 128, dtype=np.uint8)
-    monkeypatch.setattr("fapengine.mesh.default_head.head.paint", lambda style: white)
-    monkeypatch.setattr("fapengine.mesh.default_head.head.fold_map", lambda: flat)
 
 
 def moves_its_points(head: FaceMesh, moved: Moved) -> bool:
