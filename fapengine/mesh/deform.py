@@ -161,10 +161,14 @@ LIMITS |= dict.fromkeys((61, 62), 120.0) | dict.fromkeys((63, 64), 100.0)
 """FAP number to the largest magnitude that is drawn, FAPU: beyond it an eyeball leaves its socket, a cheek or a nose
 becomes a cone, and an ear comes off.
 """
+LIDS = ((19, 21, 1024.0), (20, 22, 1024.0))
+"""FAPs of an eye's upper and lower lid, and their sum at which they meet, FAPU (IRISD, the opening at rest): the
+lower lid that a smile raises yields to a blink, or the upper one would go through it, with its lashes.
+"""
 
 
 def with_rest(faps: ArrayLike, share: float) -> Array:
-    """Add the pose at rest to FAPs, and keep them within :data:`LIMITS`.
+    """Add the pose at rest to FAPs, and keep them within :data:`LIMITS` and :data:`LIDS`.
 
     Parameters
     ----------
@@ -182,4 +186,7 @@ def with_rest(faps: ArrayLike, share: float) -> Array:
         columns = [fap.column(number) for number in values]
         left = share * (1 - smoothstep(moved / limit))
         rested[..., columns] += left[..., None] * np.array([*values.values()])
+    for upper, lower, shut in LIDS:
+        room = np.maximum(shut - rested[..., fap.column(upper)], 0.0)
+        rested[..., fap.column(lower)] = np.minimum(rested[..., fap.column(lower)], room)
     return rested

@@ -41,7 +41,7 @@ def test_it_yields(does: dict[str, float], untouched: tuple[int, ...]) -> None:
 
 @pytest.mark.parametrize("number", sorted({number for rest in RESTING for number in rest.values}))
 def test_a_fap_that_rises_never_falls(number: int) -> None:
-    rising = np.linspace(-600, 1100, 341)
+    rising = np.linspace(-600, 900, 301)
     frames = rising[:, None] * frame(**{f"f{number}": 1.0})
     assert (np.diff(with_rest(frames, 1.0)[:, fap.column(number)]) > 0).all()
 
@@ -52,6 +52,13 @@ def test_no_fap_goes_where_anatomy_ends(number: int) -> None:
     for value, drawn in ((0.9 * limit, 0.9 * limit), (5 * limit, limit), (-5 * limit, -limit)):
         for share in (0.0, 1.0):
             assert with_rest(value * frame(**{f"f{number}": 1.0}), share)[column] == drawn
+
+
+def test_a_raised_lower_lid_yields_to_a_blink() -> None:
+    blink = frame(f19=963.0, f20=500.0, f21=176.0, f22=176.0)
+    assert with_rest(blink, 0.0)[18:22] == pytest.approx([963, 500, 61, 176])
+    assert with_rest(2 * blink, 0.0)[18:22] == pytest.approx([1926, 1000, 0, 24])
+    assert with_rest(-blink, 0.0) == pytest.approx(-blink)
 
 
 def test_lips_stay_shut() -> None:
