@@ -53,12 +53,12 @@ def parse_json(text: str, name: str) -> Any:
         If it is neither, or nested too deeply.
     """
     try:
-        return json.loads(text)
-    except ValueError:
         try:
+            return json.loads(text)
+        except ValueError:
             return [json.loads(line) for line in text.splitlines() if line.strip()]
-        except ValueError as error:
-            raise DataError(f"{name}: is neither JSON nor JSON lines: {error}") from error
+    except ValueError as error:
+        raise DataError(f"{name}: is neither JSON nor JSON lines: {error}") from error
     except RecursionError as error:
         raise DataError(f"{name}: is nested too deeply") from error
 

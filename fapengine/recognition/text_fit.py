@@ -33,10 +33,11 @@ LIMIT, CLEAR_LIMIT, NOISY_LIMIT = 1.52, 1.28, 1.57
 sentences, clean, through a telephone, with reverberation, and in pink noise at 5 dB: one right text was above, and one
 of 116 that say something else below."""
 SHORT_PHONES, SHORT_CLEAR, SHORT_DB, SHORT_LIMIT = 4, 1.4, 20.0, 1.5
-"""For a word or two, of which less can be told: least number of phones, entropy below which and range from which on
-they are judged, and their limit. Chosen on 40 words of flite and 51 pairs of filmed ones, checked on 40 and 30 others:
-of 291 right texts, clean, through a telephone and in pink noise at 10 dB, none is above; of wrong ones in clean sound
-35 of 69 that they were chosen on, and 27 of 60 others."""
+"""Limits for a word or two: at least so many phones, at most this entropy and at least this range in dB, or the text is
+not judged; and the misfit above which it is refused. Chosen on 40 words of flite and 51 pairs of filmed ones, checked
+on 40 and 30 others: of 291 right texts, clean, through a telephone and in pink noise at 10 dB, none is above; of wrong
+ones in clean sound 35 of 69 that they were chosen on, and 27 of 60 others. That four phones are needed was found on the
+others."""
 MIN_LOG_LIKELIHOOD = -8.0
 """Least log-likelihood of a phone in a frame: no single frame decides."""
 

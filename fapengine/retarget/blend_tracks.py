@@ -101,7 +101,7 @@ HEAD = {"headyaw": 49, "headpitch": 48, "headroll": 50}
 MAX_FRAMES = 10_000_000
 MAX_SHAPES_HZ = 1000.0
 LATE = 0.5
-"""Largest distance in frames from regular ones that is no lost or late frame."""
+"""How far a frame may be from its regular time before it counts as lost or late, in frames."""
 MIN_NAMES = 8
 MAX_WEIGHT, MAX_PER_CENT = 2.0, 200.0
 """Largest weight, and largest one in per cent; programs overdrive shapes."""

@@ -47,7 +47,7 @@ BLINK_STEP, OPEN_AGAIN = 25.0, 150.0
 they are open again; FAPU. A blink at 60 frames per second begins with 45, a growing sadness has 5.
 """
 MAX_BLINK_FRAMES = 30
-"""Frames after which lids that are not open again are no blink: eyes that stay shut, or look down."""
+"""Longest blink. Lids that stay down longer belong to eyes that are closed or look down."""
 FAINT = (0.1, 0.2)
 """Weight up to which a mood is ignored, and from which it is shown unchanged."""
 

@@ -33,13 +33,13 @@ OTHER_FILES = {
     b"PK\x03\x04": "a ZIP archive, expected the file in it",
     b"<": "a web page or XML, expected the file that a link leads to",
 }
-"""What is found where a file of another kind was expected, by its first bytes."""
+"""Files that are often given by mistake: first bytes, and what the error says."""
 
 
 def find_other(data: bytes) -> str | None:
-    """Say what a file of :data:`OTHER_FILES` is, and what was expected; None for others."""
+    """Say which of :data:`OTHER_FILES` this is, and what was expected; None for any other file."""
     beginning = data[:64].lstrip()
-    return next((told for bytes_, told in OTHER_FILES.items() if beginning.startswith(bytes_)), None)
+    return next((message for magic, message in OTHER_FILES.items() if beginning.startswith(magic)), None)
 
 
 def parse_json(data: bytes, where: str) -> "Item":

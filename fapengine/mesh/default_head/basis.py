@@ -51,8 +51,8 @@ THROAT_FAPU = (340.0, 560.0)
 BACK_BY_STRETCH = dict.fromkeys((6, 7, 53, 54), 0.5)
 """Millimetres that a corner of the lips moves back per millimetre outwards: lips slide around the teeth."""
 ROLL_OUT = 0.28
-"""Fraction by which the outer edge of lips and the skin around follow less where the inner edge is pushed forward: lips
-roll out, and are no beak.
+"""Pushed lips roll out: their outer edge and the skin around it move this fraction less than the inner edge. If all
+moved alike, u would look like a beak.
 """
 PURSE_FAPU, PURSE_MM, PURSE_OUT_MM, PURSE_FORWARD_MM = (200.0, 550.0), 3.6, 2.2, 4.2
 """FAPU of a lower lip pushed forward over which lips purse, as in u: how far their corners come in, how much thicker

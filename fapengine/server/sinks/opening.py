@@ -193,8 +193,8 @@ def encoder_of(address: SinkAddress, rate_hz: float, epochs: Epochs = None) -> e
     try:
         return encode(address, rate_hz, epochs)
     except UsageError as error:
-        told = str(error).removeprefix(f"sink {kind.name}: ")
-        raise UsageError(f"sink {kind.name}: {told}") from error
+        reason = str(error).removeprefix(f"sink {kind.name}: ")
+        raise UsageError(f"sink {kind.name}: {reason}") from error
 
 
 def datagram_sink(hub: Hub, address: SinkAddress, epochs: Epochs = None) -> DatagramSink:

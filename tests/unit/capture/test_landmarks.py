@@ -71,6 +71,7 @@ def test_landmarks_are_named_after_feature_points():
         (b"[]", TruncatedError, "no frame"),
         (b"[null]", DataError, "landmarks: no frame contains a face"),
         (b"{", DataError, "neither JSON nor JSON lines"),
+        (b"{}\n" + b"[" * 200_000, DataError, "nested too deeply"),
         (b'{"frames": 3}', DataError, "landmarks: must be a list of frames, got int"),
         (b"[[[1, 2]]]", DataError, "frame 0"),
         (b'[[[1, 2, "x"]]]', DataError, "frame 0"),
