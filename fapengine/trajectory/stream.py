@@ -249,6 +249,8 @@ class StreamingPlanner:
         """
         if not fade_s > 0:
             raise UsageError(f"fade_s: must be a positive time, got {fade_s}")
+        if not at_s < np.inf:
+            raise UsageError(f"at_s: got {at_s}, expected a time")
         plan_together([self])
         edge = self._cancelled_s = max(at_s, self.edge_s)
         self.counts.cancelled += sum(phone.end_s > edge for phone in self._phones)

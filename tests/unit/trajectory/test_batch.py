@@ -275,6 +275,9 @@ def test_refuses():
         BatchPlanner(english(), horizon_s=-1)
     with pytest.raises(UsageError, match="fade_s: must be a positive time, got 0"):
         bank.cancel(session, 1.0, fade_s=0)
+    for wrong in (np.nan, np.inf):
+        with pytest.raises(UsageError, match=f"at_s: got {wrong}, expected a time"):
+            bank.cancel(session, wrong)
     bank.close(session)
     for call in (bank.close, bank.counts, lambda one: bank.feed(one, []), lambda one: bank.cancel(one, 1.0)):
         with pytest.raises(UsageError, match="session: got 0, expected one of 0 that are open"):
