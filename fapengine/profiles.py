@@ -108,6 +108,9 @@ class ContextModel(Rebuilt):
         adds = frozen(adds, "examples.adds", ("M", *self.coefficients.shape[1:]), np.float64)
         object.__setattr__(self, "examples", replace(self.examples, adds=adds))
         object.__setattr__(self, "rows", MappingProxyType({name: row for row, name in enumerate(self.features)}))
+        if len(self.rows) < len(self.features):
+            twice = next(name for row, name in enumerate(self.features) if self.rows[name] != row)
+            raise UsageError(f"features: got {twice!r} twice, expected each once")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

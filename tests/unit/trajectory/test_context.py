@@ -296,3 +296,5 @@ def test_nothing_said_is_nothing_learned() -> None:
 def test_a_model_has_one_row_for_each_feature() -> None:
     with pytest.raises(UsageError, match="coefficients"):
         ContextModel(fractions=(0.5,), features=("a", "b"), coefficients=np.zeros((1, 1, 2)))
+    with pytest.raises(UsageError, match="features: got 'a' twice"):
+        ContextModel(fractions=(0.5,), features=("a", "b", "a"), coefficients=np.zeros((3, 1, 2)))
