@@ -251,6 +251,8 @@ class _Stream:
             return [] if samples is None else [samples]
         frame = None
         if samples is not None:
+            if not len(samples):
+                return []
             from av import AudioFrame
 
             frame = AudioFrame.from_ndarray(samples[None], format="s16", layout="mono")

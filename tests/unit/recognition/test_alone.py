@@ -158,3 +158,11 @@ def test_what_may_still_change_is_told_without_a_final_phone_too() -> None:
         recognizer.push(piece)
         times = [(phone["label"], phone["start_s"], phone["end_s"]) for phone in one["partial"]]
         assert times == [(phone.label, phone.start_s, phone.end_s) for phone in recognizer.partial]
+
+
+@pytest.mark.parametrize("rate_hz", [RATE_HZ, 44_100])
+def test_a_message_without_samples_is_answered(ear: SphinxRecognizer, rate_hz: int) -> None:
+    head = {"stream": 1, "rate_hz": rate_hz, "skips": 0, "is_reduced": False}
+    sound = np.zeros(rate_hz // 10, "<i2").tobytes()
+    told = list(answers([(head, b""), (head, sound), ({**head, "rate_hz": 0}, b"")], ear))[1:]
+    assert [round(one["position_s"], 6) for one in told] == [0.0, 0.1, 0.1]
