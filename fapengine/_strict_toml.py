@@ -135,12 +135,13 @@ def check_value(name: str, value: object, kind: Any) -> None:
     Raises
     ------
     UsageError
-        The message begins with the name.
+        The message begins with the name, and the place in a list.
     """
     try:
         _converted(value, kind)
     except _UnfitError as trouble:
-        raise UsageError(f"{name}: {_complaint(value, kind)}") from trouble
+        item, its_kind, places = _unfit_item(value, kind)
+        raise UsageError(f"{name}{places}: {_complaint(item, its_kind)}") from trouble
 
 
 def parse_toml(
@@ -208,8 +209,9 @@ def _structured(value: Any, kind: Any, path: tuple[str | int, ...], error: type[
         return _dataclass(value, plain, path, error)
     if isinstance(value, dict) and plain in (dict, Mapping):
         return {key: _structured(item, parts[1], (*path, key), error) for key, item in value.items()}
-    if isinstance(value, list) and plain is tuple and parts[-1] is ...:
-        return tuple(_structured(item, parts[0], (*path, index), error) for index, item in enumerate(value))
+    if isinstance(value, list) and plain is tuple and (kinds := _kinds_of_items(kind, value)) is not None:
+        items = zip(value, kinds, strict=True)
+        return tuple(_structured(item, each, (*path, index), error) for index, (item, each) in enumerate(items))
     try:
         return _converted(value, kind)
     except _UnfitError as trouble:
@@ -248,8 +250,7 @@ def _converted(value: Any, kind: Any) -> Any:
     elif origin in (Sequence, Iterable) and isinstance(value, origin) and not isinstance(value, (str, bytes)):
         return value if origin is Iterable else [_converted(item, parts[0]) for item in value]
     elif origin is tuple and isinstance(value, (list, tuple)):
-        kinds = parts[:1] * len(value) if parts[-1] is ... else parts
-        if len(kinds) == len(value):
+        if (kinds := _kinds_of_items(kind, value)) is not None:
             return tuple(map(_converted, value, kinds))
     elif origin in (dict, Mapping) and isinstance(value, Mapping):
         return {_converted(key, parts[0]): _converted(item, parts[1]) for key, item in value.items()}
@@ -260,6 +261,24 @@ def _converted(value: Any, kind: Any) -> Any:
     ):
         return value
     raise _UnfitError
+
+
+def _kinds_of_items(kind: Any, values: Sequence[object]) -> Sequence[Any] | None:
+    """Types of a list's items; None if its length does not fit."""
+    parts = get_args(kind)
+    kinds = parts if get_origin(kind) is tuple and parts[-1] is not ... else parts[:1] * len(values)
+    return kinds if len(kinds) == len(values) else None
+
+
+def _unfit_item(value: Any, kind: Any, places: str = "") -> tuple[object, Any, str]:
+    """Find the item that makes a list unfit, in lists within lists too: item, type and places such as ``[2][0]``."""
+    if get_origin(kind) in (tuple, Sequence) and isinstance(value, (list, tuple)):
+        for place, (item, each) in enumerate(zip(value, _kinds_of_items(kind, value) or (), strict=False)):
+            try:
+                _converted(item, each)
+            except _UnfitError:
+                return _unfit_item(item, each, f"{places}[{place}]")
+    return value, kind, places
 
 
 def _meant(kind: Any) -> Any:
@@ -300,7 +319,8 @@ def spell_path(name: str | int, *keys: str | int) -> str:
 
 
 def _complaint(value: object, kind: Any) -> str:
-    return f"got {value!r:.60}, expected {_spell(kind)}"
+    shape = getattr(value, "shape", ())
+    return f"got {f'an array of shape {shape}' if shape else repr(value):.60}, expected {_spell(kind)}"
 
 
 def _spell(kind: Any) -> str:
@@ -317,4 +337,5 @@ def _spell(kind: Any) -> str:
     if origin is tuple and parts[-1] is not ...:
         return f"a list of {len(parts)}"
     kind = origin or kind
-    return WORDS.get(kind, getattr(kind, "__name__", "a value"))
+    name = getattr(kind, "__name__", "a value")
+    return WORDS.get(kind, "an array" if name == "ndarray" else name)

@@ -1,5 +1,6 @@
 """TOML into dataclasses: what fits is taken, and what does not is named by file, key, value and expectation."""
 
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal, TypeVar
@@ -93,6 +94,7 @@ def test_everything_arrives() -> None:
         ("lengths = { a = 'long' }", "room.toml, lengths.a", "got 'long', expected a number"),
         (f"lengths = {{ a = {10**400} }}", "room.toml, lengths.a", "expected a number"),
         ("corner = [1]", "room.toml, corner", "got [1], expected a list of 2"),
+        ("corner = [1, nan]", "room.toml, corner[1]", "got nan, expected a number"),
         ("shapes = { a = 3 }", "room.toml, shapes.a", "got 3, expected a string or a table"),
         ("is_lit = 1", "room.toml, is_lit", "got 1, expected true or false"),
         ("schema = 2\ndoors = 1", "room.toml, schema", "schema: got 2, expected 1"),
@@ -112,8 +114,23 @@ def test_an_alias_allows_what_its_type_allows() -> None:
     arrays = TypeAliasType("arrays", np.ndarray[Any, np.dtype[item]], type_params=(item,))
     check_value("values", np.zeros(2), arrays[np.float64])
     check_value("values", np.zeros(2), TypeAliasType("inner", arrays[np.float64]) | None)
-    with pytest.raises(UsageError, match=r"^values: got 'no', expected ndarray or a whole number$"):
+    with pytest.raises(UsageError, match=r"^values: got 'no', expected an array or a whole number$"):
         check_value("values", "no", TypeAliasType("either", arrays[np.float64] | int))
+
+
+@pytest.mark.parametrize(
+    ("value", "kind", "message"),
+    [
+        ((1.0, np.nan), tuple[float, ...], r"at\[1\]: got nan, expected a number"),
+        ([[1.0, 2.0], [3.0, "x"]], Sequence[tuple[float, float]], r"at\[1\]\[1\]: got 'x', expected a number"),
+        ([[1.0]], Sequence[tuple[float, float]], r"at\[0\]: got \[1\.0\], expected a list of 2"),
+        (np.zeros((300, 2)), float, r"at: got an array of shape \(300, 2\), expected a number"),
+        (np.float64(np.nan), float, r"at: got .*nan.*, expected a number"),
+    ],
+)
+def test_items_of_lists_and_arrays_are_named(value: object, kind: object, message: str) -> None:
+    with pytest.raises(UsageError, match=f"^{message}$"):
+        check_value("at", value, kind)
 
 
 def test_a_checked_value_cannot_be_wrong_in_python_either() -> None:
