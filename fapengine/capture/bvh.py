@@ -1,11 +1,13 @@
 """BVH, the text format of skeletons in motion: every joint is a marker.
 
 A hierarchy of joints with offsets and channels, then one line of numbers for each frame. Rotations are in degrees and
-apply in the order of the channels, about axes that move with the joint; positions replace the joint's offset. Lengths
-have no unit. Layout: Meredith and Maddock 2001, "Motion capture file formats explained".
+apply in the order of the channels, about axes that move with the joint; positions replace the joint's offset, or are
+added to it where a file writes them as zero. Lengths have no unit; a skeleton with feet and a head tells its size.
+Layout: Meredith and Maddock 2001, "Motion capture file formats explained".
 """
 
 import math
+import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +21,8 @@ MAX_JOINTS, MAX_DEPTH = 2000, 200
 MAX_JOINTS_PER_CHANNEL = 2
 """A joint with one channel and its end: a small file cannot ask for gigabytes of joints that do not move."""
 AXES = {"x": 0, "y": 1, "z": 2}
+FOOT, HEAD = re.compile("foot|ankle|toe", re.IGNORECASE), re.compile("head|neck", re.IGNORECASE)
+"""Names of joints at both ends of a body."""
 
 
 @dataclass(slots=True)
@@ -63,12 +67,33 @@ def parse_bvh(data: bytes) -> RawTrack:
     except ValueError as error:
         raise DataError(f"BVH: {error}", where="frames") from error
     frames[~np.isfinite(frames)] = np.nan
+    places = _places(joints, frames)
     return RawTrack(
-        positions=_places(joints, frames),
+        positions=places,
         labels=tuple(joint.name for joint in joints),
         rate_hz=rate_hz,
+        height=_height(joints, places[0]),
         notes=("every joint counts as a marker; BVH does not state its unit",),
     )
+
+
+def _height(joints: list[_Joint], places: NDArray[np.float64]) -> float | None:
+    """Longest way from a foot to a head along the bones, in the file's unit; None without a body."""
+    bones = [float(np.linalg.norm(place - places[joint.parent])) for joint, place in zip(joints, places, strict=True)]
+    ways: list[dict[int, float]] = []
+    """Of each joint: the joints above it and itself, and how far it is from them."""
+    for index, joint in enumerate(joints):
+        above = ways[joint.parent] if joint.parent >= 0 else {}
+        ways.append({each: length + bones[index] for each, length in above.items()} | {index: 0.0})
+    feet = [way for joint, way in zip(joints, ways, strict=True) if FOOT.search(joint.name)]
+    heads = [way for joint, way in zip(joints, ways, strict=True) if HEAD.search(joint.name)]
+    lengths = [
+        min((foot[each] + head[each] for each in foot.keys() & head.keys()), default=0.0)
+        for foot in feet
+        for head in heads
+    ]
+    height = max(lengths, default=0.0)
+    return height if math.isfinite(height) and height > 0 else None
 
 
 def _rate_hz(step_s: float, text: str) -> float | None:
@@ -125,6 +150,7 @@ def _places(joints: list[_Joint], frames: NDArray[np.float64]) -> NDArray[np.flo
     """(T, J, 3): every joint in every frame."""
     places = np.empty((len(frames), len(joints), 3))
     turns: list[NDArray[np.float64]] = []
+    added = _are_added(joints, frames)
     column = 0
     for index, joint in enumerate(joints):
         local = np.tile(joint.offset, (len(frames), 1))
@@ -133,7 +159,8 @@ def _places(joints: list[_Joint], frames: NDArray[np.float64]) -> NDArray[np.flo
         turned = [(number, axis) for number, (kind, axis) in enumerate(joint.channels) if kind == "rotation"]
         for number, (kind, axis) in enumerate(joint.channels):
             if kind == "position":
-                local[:, axis] = values[:, number]
+                kept = local[:, axis] if added and joint.parent >= 0 else 0.0
+                local[:, axis] = kept + values[:, number]
         turn = np.tile(np.eye(3), (len(frames), 1, 1))
         for number, axis in turned:
             turn = turn @ _about(axis, np.radians(np.nan_to_num(values[:, number])))
@@ -145,6 +172,21 @@ def _places(joints: list[_Joint], frames: NDArray[np.float64]) -> NDArray[np.flo
             places[:, index] = places[:, joint.parent] + np.einsum("tij,tj->ti", above, local)
             turns.append(above @ turn)
     return places
+
+
+def _are_added(joints: list[_Joint], frames: NDArray[np.float64]) -> bool:
+    """Whether positions of joints below a root are nearer to zero than to the joints' offsets."""
+    columns = [
+        (column, joint.offset[axis])
+        for column, (joint, kind, axis) in enumerate(
+            (joint, *channel) for joint in joints for channel in joint.channels
+        )
+        if kind == "position" and joint.parent >= 0
+    ]
+    if not columns:
+        return False
+    values, offsets = frames[:, [column for column, _ in columns]], np.array([offset for _, offset in columns])
+    return bool(np.nansum(abs(values)) < np.nansum(abs(values - offsets)))
 
 
 def _about(axis: int, angles_rad: NDArray[np.float64]) -> NDArray[np.float64]:

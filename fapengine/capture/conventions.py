@@ -126,6 +126,8 @@ FACE_MM = (40.0, 700.0)
 """Diagonal of the box around a face's markers, from lips alone to a whole head."""
 BODY_MM = (900.0, 2600.0)
 """Diagonal of the box around the markers of a whole body."""
+PERSON_MM, USUAL_PERSON_MM = (1500.0, 2400.0), 1900.0
+"""From toes to the top of the head along the bones, and that of a person 1.75 m tall."""
 SHOWN = 3
 """Labels listed in a note."""
 UNLABELLED = re.compile(r"^(\*\d*|u[_ ]?\d+|unl?abell?ed[ _-]*\d*|uname\*?\d*|new \d+)$", re.IGNORECASE)
@@ -175,10 +177,11 @@ def understand(
         raise DataError("recording: frame rate missing; give a rate, or rising times")
     labels, kept = _names(raw.labels, notes)
     positions = raw.positions if len(kept) == len(raw.labels) else raw.positions[:, kept]
-    positions = _without_sentinels(positions, labels, notes)
+    if raw.height is None:  # the joints of a body are always seen, also one at the origin
+        positions = _without_sentinels(positions, labels, notes)
     if (beyond := np.abs(positions) > MAX_COORDINATE).any():
         raise DataError(f"recording: coordinates must be at most {MAX_COORDINATE:g}, got {positions[beyond][0]:g}")
-    scale = _scale(positions, raw.units, units, notes)
+    scale = _scale(positions, raw.units, units, notes) if raw.height is None else _body_scale(raw.height, units, notes)
     positions = positions if scale == 1.0 else positions * scale
     positions = _without_absurd(positions, labels, notes)
     positions = _turned(positions, _axis(up, raw.up, notes))
@@ -296,6 +299,25 @@ def _scale(positions: Array, stated: str | None, units: str | None, notes: list[
         )
     elif not unit:
         notes.append(f"units are not stated: taken as mm{'' if size is None else f', the markers span {size:.0f}'}")
+    return factor
+
+
+def _body_scale(height: float, units: str | None, notes: list[str]) -> float:
+    """Factor to mm of a skeleton: as requested, else the unit that gives a person, else a person's usual size."""
+    unit = (
+        units.lower()
+        if units
+        else next((name for name, length in UNITS_MM.items() if PERSON_MM[0] <= height * length <= PERSON_MM[1]), "")
+    )
+    factor = UNITS_MM[unit] if unit else USUAL_PERSON_MM / height
+    tall = f"the skeleton is {height:.4g} long from toe to head"
+    if not units:
+        taken = (
+            f"taken as {unit}" if unit else f"in no usual unit: 1 is taken as {factor:.4g} mm, so that it is a person"
+        )
+        notes.append(f"units are not stated: {tall}, {taken}")
+    elif not PERSON_MM[0] <= height * factor <= PERSON_MM[1]:
+        notes.append(f"{tall}, {height * factor:.4g} mm, which is not a person: wrong units?")
     return factor
 
 

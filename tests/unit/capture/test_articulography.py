@@ -148,6 +148,41 @@ def test_joints_follow_their_parents():
     assert understand(raw, units="cm")[0].positions_mm[0, 0].tolist() == [10, 20, 30]
 
 
+def body(scale: float, frame: str = "0 0 0 0 0 0") -> bytes:
+    """A file of a made-up person, 1.9 units from toe to head at a scale of 1, with zero positions below the root."""
+    joint = "JOINT {} {{ OFFSET 0 {} 0 CHANNELS 3 Xposition Yposition Zposition {} }}"
+    end = "End Site {{ OFFSET 0 {} 0 }}"
+    leg = joint.format("LeftAnkle", -0.9 * scale, end.format(-0.1 * scale))
+    head = joint.format("Head", 0.7 * scale, end.format(0.2 * scale))
+    root = f"ROOT Hips {{ OFFSET 0 0 0 CHANNELS 3 Zrotation Xrotation Yrotation {leg} {head} }}"
+    return f"HIERARCHY {root} MOTION Frames: 1 Frame Time: 0.04 0 0 0 {frame}".encode()
+
+
+@pytest.mark.parametrize(
+    ("scale", "said", "mm"),
+    [
+        (1.0, "taken as m", 1000.0),
+        (100.0, "taken as cm", 10.0),
+        (10.0, "taken as dm", 100.0),
+        (39.4, "taken as in", 25.4),
+        (16.0, "1 is taken as 62.5 mm, so that it is a person", 62.5),
+    ],
+)
+def test_a_skeleton_tells_its_unit_by_its_height(scale, said, mm):
+    track, notes = understand(parse_bvh(body(scale)))
+    assert len(notes) == 2
+    assert notes[1].endswith(said)
+    places = dict(zip(track.labels, track.positions_mm[0], strict=True))
+    assert places["Head end"][1] - places["LeftAnkle end"][1] == pytest.approx(1.9 * scale * mm)
+    assert understand(parse_bvh(body(scale)), units="mm")[1][1].endswith("which is not a person: wrong units?")
+
+
+def test_positions_near_zero_are_added_to_offsets_and_others_replace_them():
+    near, replaced = parse_bvh(body(1, "0 0.1 0 0 0 0")), parse_bvh(body(1, "0 -0.8 0 0 0.6 0"))
+    assert dict(zip(near.labels, near.positions[0, :, 1], strict=True))["LeftAnkle"] == pytest.approx(-0.8)
+    assert dict(zip(replaced.labels, replaced.positions[0, :, 1], strict=True))["Head"] == pytest.approx(0.6)
+
+
 def test_the_ending_selects_the_reader(track, tmp_path):
     assert set(PARSERS) < set(RECORDINGS)
     for ending, data in ((".pos", pos_file(track)), (".tsv", wave_file(track)), (".mat", mview_file(track))):
