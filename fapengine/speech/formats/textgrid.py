@@ -7,8 +7,9 @@ The binary form has the same values: big-endian numbers, and texts after their l
 is what Praat writes (compared with the same grid saved as text).
 
 ELAN, ``.eaf`` (Max Planck Institute for Psycholinguistics, EAF schema 3.0): tiers of labels with times. Annotations
-that refer to others have no times of their own and are left out, as are those whose time slots have none. The language
-of a tier is that of ``LANG_REF``, else ``DEFAULT_LOCALE``, else the only ``LANGUAGE`` of the document.
+that refer to others have no times of their own and are left out. Slots without a time between two annotations, as in
+subdivided tiers, are spread evenly, as ELAN shows them. The language of a tier is that of ``LANG_REF``, else
+``DEFAULT_LOCALE``, else the only ``LANGUAGE`` of the document.
 """
 
 import re
@@ -32,6 +33,7 @@ class Tier:
     intervals: tuple[tuple[float, float, str], ...]
     """(start_s, end_s, label), as written."""
     language: str = ""
+    remarks: tuple[str, ...] = ()
 
 
 START = b"ooBinaryFile"
@@ -276,7 +278,7 @@ def track_of_tiers(tiers: tuple[Tier, ...], what: str, tier: str | None, alphabe
     kind = kind_of(chosen.name)
     if kind == "words" or (kind == "" and alphabet is None and guess(labels).words):
         _refuse_blanks(entries, "one word; is this a tier of words?")
-        track = track_of(entries, what, level="word", spelled=True)
+        track = track_of(entries, what, level="word", spelled=True, remarks=chosen.remarks)
         return replace(track, reading=replace(track.reading, language=chosen.language))
     _refuse_blanks(entries, "one phone; is this a tier of phones?")
     named = tuple(tier for tier in _same_owner(tiers, chosen) if kind_of(tier.name) == "words")
@@ -284,7 +286,7 @@ def track_of_tiers(tiers: tuple[Tier, ...], what: str, tier: str | None, alphabe
         words = _entries(choose_tier(named, None, WORD_TIERS, "words"))
     except DataError:
         words = []
-    return track_of(with_words(entries, words), what, alphabet=alphabet)
+    return track_of(with_words(entries, words), what, alphabet=alphabet, remarks=chosen.remarks)
 
 
 def _same_owner(tiers: tuple[Tier, ...], chosen: Tier) -> tuple[Tier, ...]:
@@ -357,11 +359,34 @@ def parse_elan(data: bytes, *, tier: str | None = None, alphabet: str | None = N
 def _tier(element: Element, slots_ms: dict[str, str | None], language: str) -> Tier:
     name = element.get("TIER_ID", "")
     intervals = []
-    for number, row in enumerate(element.iter("ALIGNABLE_ANNOTATION"), start=1):
-        where = f"tier {name!r}, annotation {number}"
-        times = [slots_ms.get(row.get(f"TIME_SLOT_REF{end}", "")) for end in (1, 2)]
-        if None not in times:
-            start_s, end_s = (number_of(str(time), "time", where) / 1000 for time in times)
-            intervals.append((start_s, end_s, (row.findtext("ANNOTATION_VALUE") or "").strip()))
+    slots_s: dict[str, float] = {}
+    rows = list(element.iter("ALIGNABLE_ANNOTATION"))
+    chain: list[str] = []
+    """Slots of annotations that follow each other: the first has a time, the others have none."""
+    for number, row in enumerate(rows, start=1):
+        start, end = (row.get(f"TIME_SLOT_REF{n}", "") for n in (1, 2))
+        if not chain or chain[-1] != start:
+            chain = [start]
+        chain.append(end)
+        for slot in (start, end):
+            if (time := slots_ms.get(slot)) is not None:
+                slots_s[slot] = number_of(time, "time", f"tier {name!r}, annotation {number}") / 1000
+        if end in slots_s:
+            if chain[0] in slots_s:
+                first_s, last_s, steps = slots_s[chain[0]], slots_s[end], len(chain) - 1
+                slots_s |= {slot: first_s + (last_s - first_s) * n / steps for n, slot in enumerate(chain[1:-1], 1)}
+            chain = [end]
+    untimed = 0
+    spread = sum(slots_ms.get(slot) is None for slot in slots_s)
+    for row in rows:
+        start, end = (row.get(f"TIME_SLOT_REF{n}", "") for n in (1, 2))
+        if start in slots_s and end in slots_s:
+            intervals.append((slots_s[start], slots_s[end], (row.findtext("ANNOTATION_VALUE") or "").strip()))
+        else:
+            untimed += 1
     intervals.sort(key=lambda row: row[:2])
-    return Tier(name, tuple(intervals), element.get("LANG_REF") or element.get("DEFAULT_LOCALE") or language)
+    remarks = [f"tier {name!r}: {untimed} annotations without times are left out"] if untimed else []
+    remarks += [f"tier {name!r}: {spread} boundaries without times are spread evenly"] if spread else []
+    return Tier(
+        name, tuple(intervals), element.get("LANG_REF") or element.get("DEFAULT_LOCALE") or language, tuple(remarks)
+    )

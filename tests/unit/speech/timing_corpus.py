@@ -241,13 +241,19 @@ NOTES = '<TIER TIER_ID="notes"><ANNOTATION><REF_ANNOTATION><ANNOTATION_VALUE>x</
 
 
 def eaf(tiers: str, languages: str = "") -> str:
-    order = f'<TIME_ORDER>{SLOTS}<TIME_SLOT TIME_SLOT_ID="none"/></TIME_ORDER>'
+    order = f'<TIME_ORDER>{SLOTS}<TIME_SLOT TIME_SLOT_ID="none"/><TIME_SLOT TIME_SLOT_ID="other"/></TIME_ORDER>'
     return (
         f'<?xml version="1.0" encoding="UTF-8"?>\n<ANNOTATION_DOCUMENT>{order}{tiers}{languages}</ANNOTATION_DOCUMENT>'
     )
 
 
 UNTIMED = ANNOTATIONS.replace('TIME_SLOT_REF2="02"', 'TIME_SLOT_REF2="none"')
+SUBDIVIDED = "".join(
+    f'<ANNOTATION><ALIGNABLE_ANNOTATION TIME_SLOT_REF1="{first}" TIME_SLOT_REF2="{last}"><ANNOTATION_VALUE>'
+    f"{word}</ANNOTATION_VALUE></ALIGNABLE_ANNOTATION></ANNOTATION>"
+    for first, last, word in (("01", "none", "un"), ("none", "other", "deux"), ("other", "02", "trois"))
+)
+STEP_S = (FR[0][2] - FR[0][1]) / 3
 ELAN = (
     Case("elan", "EAF schema 3.0: LANG_REF", eaf(f'<TIER TIER_ID="words" LANG_REF="fra">{ANNOTATIONS}</TIER>{NOTES}'), FR,
          ".eaf", language="fra"),
@@ -255,7 +261,12 @@ ELAN = (
          FR, ".eaf", language="fr"),
     Case("elan, one language", "EAF schema 3.0", eaf(f'<TIER TIER_ID="A">{ANNOTATIONS}</TIER>', '<LANGUAGE LANG_ID="fra"/>'),
          FR, ".eaf", language="fra"),
-    Case("elan, a slot without a time", "EAF schema 3.0", eaf(f'<TIER TIER_ID="words">{UNTIMED}</TIER>'), FR[1:], ".eaf"),
+    Case("elan, a slot without a time", "EAF schema 3.0", eaf(f'<TIER TIER_ID="words">{UNTIMED}</TIER>'), FR[1:], ".eaf",
+         remark="1 annotations without times are left out"),
+    # with the structure of dopefishh/pympi, test/sample_3.0.eaf
+    Case("elan, a subdivided tier", "EAF schema 3.0: Time_Subdivision", eaf(f'<TIER TIER_ID="words">{SUBDIVIDED}</TIER>'),
+         [(word, FR[0][1] + n * STEP_S, FR[0][1] + (n + 1) * STEP_S) for n, word in enumerate(("un", "deux", "trois"))], ".eaf",
+         remark="2 boundaries without times are spread evenly"),
     Case("elan, two tiers", "EAF schema 3.0", eaf(f'<TIER TIER_ID="A">{ANNOTATIONS}</TIER><TIER TIER_ID="B">{ANNOTATIONS}</TIER>'),
          "name one with tier=NAME", ".eaf"),
     Case("elan, a tier", "EAF schema 3.0", eaf(f'<TIER TIER_ID="A">{ANNOTATIONS}</TIER><TIER TIER_ID="B">{ANNOTATIONS}</TIER>'),
