@@ -94,7 +94,7 @@ class Surface:
 
         vertices = self.vertices_mm
         start = np.asarray(cKDTree(vertices).query(frozen(points_mm, "points_mm", ("N", 3), np.float64))[1])
-        paths = _links(self.triangles, len(vertices)).tocoo()
+        paths = mesh_links(self.triangles, len(vertices)).tocoo()
         first, second = paths.coords
         paths.data = np.linalg.norm(vertices[first] - vertices[second], axis=1) + TINY
         return np.asarray(dijkstra(paths.tocsr(), indices=start))
@@ -231,9 +231,10 @@ def ambient_light(points_mm: Array, normals: Array, *, directions: int = 60, cel
     one of its cell is in shadow. Cosine-weighted over the vertex's hemisphere.
     """
     light, total = np.zeros(len(points_mm)), np.zeros(len(points_mm))
-    for ray in sphere_directions(directions):
-        side = unit_vectors(np.cross(ray, [0.3, 0.8, 0.52]))
-        cells = np.floor(np.stack([points_mm @ side, points_mm @ np.cross(ray, side)]) / cell_mm).astype(np.int64)
+    rays = sphere_directions(directions)
+    sides = unit_vectors(np.cross(rays, [0.3, 0.8, 0.52]))
+    for ray, side, up in zip(rays, sides, np.cross(rays, sides), strict=True):
+        cells = np.floor(np.stack([points_mm @ side, points_mm @ up]) / cell_mm).astype(np.int64)
         cells -= cells.min(axis=1, keepdims=True)
         key = cells[0] * (cells[1].max() + 1) + cells[1]
         depth = points_mm @ ray
@@ -245,8 +246,8 @@ def ambient_light(points_mm: Array, normals: Array, *, directions: int = 60, cel
     return light / np.maximum(total, 1e-9)
 
 
-def _links(triangles: ArrayLike, count: int) -> "csr_array[np.float64]":
-    """(V, V): number of triangles at the edge between two vertices."""
+def mesh_links(triangles: ArrayLike, count: int) -> "csr_array[np.float64]":
+    """(V, V) sparse: number of triangles, (F, 3), at the edge between two of ``count`` vertices."""
     from scipy.sparse import csr_array
 
     edges = edges_of(triangles)
@@ -254,9 +255,11 @@ def _links(triangles: ArrayLike, count: int) -> "csr_array[np.float64]":
     return csr_array((np.ones(len(rows)), (rows, columns)), shape=(count, count))
 
 
-def average_over_mesh(values: Array, triangles: ArrayLike, rounds: int, weight: float | Array = 0.5) -> Array:
-    """(V, ...): values that move towards the mean of their neighbours in each round, by ``weight``, one or (V,)."""
-    links = _links(triangles, len(values))
+def average_over_mesh(values: Array, links: "csr_array[np.float64]", rounds: int, weight: float | Array = 0.5) -> Array:
+    """(V, ...): values that move towards the mean of their neighbours in each round, by ``weight``, one or (V,).
+
+    ``links`` are those of :func:`mesh_links`.
+    """
     degree: Array = links.sum(axis=1)
     share = np.broadcast_to(weight * (degree > 0), len(values))[:, None]
     average = values.reshape(len(values), math.prod(values.shape[1:])).copy()
@@ -287,7 +290,7 @@ def continue_smoothly(values: ArrayLike, known: ArrayLike, triangles: Indices) -
         raise UsageError("known: contains no vertex")
     if mask.all():
         return field.copy()
-    links = _links(triangles, len(field))
+    links = mesh_links(triangles, len(field))
     links.data[:] = 1.0
     degree: Array = links.sum(axis=1)
     laplacian = diags_array((degree > 0).astype(float)) - diags_array(1.0 / np.maximum(degree, 1.0)) @ links

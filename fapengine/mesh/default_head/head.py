@@ -9,12 +9,13 @@ from functools import lru_cache
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
+from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from fapengine._arrays import Array, Indices
 from fapengine.errors import UsageError
 from fapengine.geometry.smooth import smoothstep
-from fapengine.geometry.surface import ambient_light, average_over_mesh, unit_vectors, vertex_normals
+from fapengine.geometry.surface import ambient_light, average_over_mesh, mesh_links, unit_vectors, vertex_normals
 from fapengine.mesh.colours import EYE_COLOURS
 from fapengine.mesh.default_head import faces, parts
 from fapengine.mesh.default_head.basis import JAW_FAP, JAW_PIVOT, THROAT_FAPU, build_basis, teeth_by_light, throat
@@ -201,7 +202,7 @@ def _build_skin(builder: MeshBuilder, style: HeadStyle, detail: float) -> tuple[
     return grid, crown, blocks
 
 
-def _soften(points: Array, triangles: Indices, head: HeadParts, detail: float) -> Array:
+def _soften(points: Array, links: "csr_array[np.float64]", head: HeadParts, detail: float) -> Array:
     """Smooth the skin where the rings around mouth and eyes meet the grid."""
     rounds = max(1, round(4 * detail**2))
     weight, near = np.zeros(len(points)), np.zeros(len(points))
@@ -211,8 +212,8 @@ def _soften(points: Array, triangles: Indices, head: HeadParts, detail: float) -
     for rings, edge in softened_from:
         weight[rings.indices] = smoothstep((rings.level[:, None] - edge) / 0.25)
         near[rings.indices] = 1.0
-    blend = weight * np.clip(3.0 * average_over_mesh(near, triangles, rounds), 0, 1)
-    softened = average_over_mesh(points, triangles, rounds)
+    blend = weight * np.clip(3.0 * average_over_mesh(near, links, rounds), 0, 1)
+    softened = average_over_mesh(points, links, rounds)
     # Quads are cut along one diagonal, which pulls to one side: keep what both halves of the face agree on.
     mirror = np.array([-1.0, 1.0, 1.0])
     skin = np.flatnonzero(weight)
@@ -241,6 +242,7 @@ def _on_face(template: Array, builder: MeshBuilder, head: HeadParts, style: Head
 def _light_lids(
     points: Array,
     triangles: Indices,
+    links: "csr_array[np.float64]",
     head: HeadParts,
     basis: DeformationBasis,
     occlusion: Array,
@@ -255,7 +257,7 @@ def _light_lids(
     closing = length > 0
     owner = basis.entry_vertices
     shut = points + basis.displacement(length)
-    lit = average_over_mesh(ambient_light(shut, vertex_normals(shut, triangles)), triangles, 2)
+    lit = average_over_mesh(ambient_light(shut, vertex_normals(shut, triangles)), links, 2)
     folded = np.concatenate([eye.lids.indices[eye.lids.level < LID_FOLDS_AT].ravel() for eye in head.eyes])
     of_lid = closing[basis.entry_channels] & np.isin(owner, folded)
     lids = np.zeros(len(points), dtype=bool)
@@ -307,7 +309,9 @@ def _join_ears(points: Array, normals: Array, occlusion: Array, head: HeadParts)
         occlusion[mine] += share * (occlusion[under] - occlusion[mine])
 
 
-def _cast_shadows(points: Array, triangles: Indices, occlusion: Array, head: HeadParts, has_hair: bool) -> None:
+def _cast_shadows(
+    points: Array, links: "csr_array[np.float64]", occlusion: Array, head: HeadParts, has_hair: bool
+) -> None:
     """Darken ``occlusion`` of skin below hair and of the neck below the jaw, which shade it from the key lamp."""
     skin = head.grid.ravel()
     at = points[skin]
@@ -318,7 +322,7 @@ def _cast_shadows(points: Array, triangles: Indices, occlusion: Array, head: Hea
         distance = hair.query(at + 6.0 * KEY_FROM, distance_upper_bound=HAIR_NEAR_MM)[0]
         near = np.zeros(len(points))
         near[skin] = smoothstep(1 - np.minimum(distance, HAIR_NEAR_MM) / HAIR_NEAR_MM)
-        shade = HAIR_SHADE * average_over_mesh(near, triangles, 2)[skin]
+        shade = HAIR_SHADE * average_over_mesh(near, links, 2)[skin]
     chin = points[head.mouth.indices[0], 1].min()
     jaw = chin + 66.0 + np.interp(at[:, 2], EDGE_Z_MM, EDGE_Y_MM)
     below = smoothstep((jaw - at[:, 1]) / 24.0) * smoothstep((at[:, 2] + 20.0) / 40.0)
@@ -332,7 +336,8 @@ def _finish(
 ) -> FaceMesh:
     triangles = builder.triangles()
     template = builder.column("points_mm")
-    points = _soften(_on_face(template, builder, head, style), triangles, head, level.skin)
+    links = mesh_links(triangles, len(template))
+    points = _soften(_on_face(template, builder, head, style), links, head, level.skin)
     feature_points = locate(template, head)
     if reshape is not None:
         points, head = reshape(points, triangles, head, feature_points)
@@ -344,9 +349,9 @@ def _finish(
     normals[has_own] = given[has_own]
     seam = head.grid[:, [0, -1]]
     normals[seam] = unit_vectors(normals[seam].sum(axis=1, keepdims=True), 1e-9)
-    occlusion = average_over_mesh(ambient_light(points, normals), triangles, 2)
+    occlusion = average_over_mesh(ambient_light(points, normals), links, 2)
     _join_ears(points, normals, occlusion, head)
-    _cast_shadows(points, triangles, occlusion, head, bool(style.hair))
+    _cast_shadows(points, links, occlusion, head, bool(style.hair))
     # The inside of the mouth is seen when the lips part, in the light: the neutral shadow would be wrong.
     for material, light in LIT_INSIDE.items():
         occlusion = np.where(builder.column("material") == material, np.maximum(occlusion, light), occlusion)
@@ -355,11 +360,11 @@ def _finish(
     fapu = Fapu.measure({name: points[index] for name, index in feature_points.items()} | centres)
     places = builder.column("place")
     jaw_weight, basis, shades = build_basis(points, template, places, head, feature_points, fapu, style.age)
-    basis = even_out(basis, points, triangles, head, feature_points, level.skin)
+    basis = even_out(basis, points, links, head, feature_points, level.skin)
     on_jaw = jaw_weight > 0
     shades *= 0.45 + 0.55 * style.age  # a young skin folds less
     rest = np.where(builder.column("material") == Material.SKIN, resting_folds(template, style.age), 0.0)
-    _light_lids(points, triangles, head, basis, occlusion, shades, rest)
+    _light_lids(points, triangles, links, head, basis, occlusion, shades, rest)
     _light_mouth(points, head, basis, fapu.unit(FapUnit.MNS), shades, rest)
 
     # Grid vertices inside the openings and under the hair are not in any triangle and are left out.

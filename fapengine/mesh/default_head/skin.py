@@ -23,9 +23,10 @@ from functools import cache
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import RectBivariateSpline
+from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
-from fapengine._arrays import Array, Indices, read_table
+from fapengine._arrays import Array, read_table
 from fapengine.geometry.smooth import smoothstep
 from fapengine.geometry.surface import average_over_mesh
 from fapengine.mesh.default_head.faces import STEP_MM
@@ -109,15 +110,15 @@ correction.
 def even_out(
     basis: DeformationBasis,
     points: Array,
-    triangles: Indices,
+    links: "csr_array[np.float64]",
     head: HeadParts,
     feature_points: Mapping[str, int],
     detail: float,
 ) -> DeformationBasis:
     """Average the displacements of the cheeks over neighbours.
 
-    Points are (V, 3) mm, triangles (F, 3), feature points vertices by name; ``detail`` is that of the skin, see
-    :data:`fapengine.mesh.default_head.style.LEVELS`.
+    Points are (V, 3) mm, ``links`` those of :func:`fapengine.geometry.surface.mesh_links`, feature points vertices by
+    name; ``detail`` is that of the skin, see :data:`fapengine.mesh.default_head.style.LEVELS`.
     """
     mouth = head.mouth
     lips = np.unique(mouth.indices[mouth.level <= 1])
@@ -138,8 +139,8 @@ def even_out(
     to_margin = smoothstep(cKDTree(points[lids]).query(at)[0] / MARGIN_MM)
     lift[skin] = resting * smoothstep((TOP_OF_LIFTS - at[:, 1]) / FADE_MM) * to_margin
     every = [number for number in FAPS if number not in LIFTS]
-    evened = _averaged(basis, triangles, speech, every, round(ROUNDS * detail**2))
-    evened = _averaged(evened, triangles, lift, LIFTS, round(ROUNDS_OF_LIFTS * detail**2))
+    evened = _averaged(basis, links, speech, every, round(ROUNDS * detail**2))
+    evened = _averaged(evened, links, lift, LIFTS, round(ROUNDS_OF_LIFTS * detail**2))
     return _put_right(evened, basis, points, owners)
 
 
@@ -161,7 +162,7 @@ def _put_right(
 
 
 def _averaged(
-    basis: DeformationBasis, triangles: Indices, free: Array, faps: Iterable[int], rounds: int
+    basis: DeformationBasis, links: "csr_array[np.float64]", free: Array, faps: Iterable[int], rounds: int
 ) -> DeformationBasis:
     """Average the displacements of some FAPs over neighbours, where there are entries, weighted by ``free``, (V,).
 
@@ -170,11 +171,9 @@ def _averaged(
     chosen = np.array([number for number, channel in enumerate(basis.channels) if channel.fap in faps])
     mine = np.isin(basis.entry_channels, chosen)
     at = basis.entry_vertices[mine], np.searchsorted(chosen, basis.entry_channels[mine])
-    moves = np.zeros((len(free), len(chosen), 3))
-    moves[at] = basis.entry_mm[mine]
-    has_entry = np.zeros((len(free), len(chosen)))
-    has_entry[at] = 1.0
-    inside = np.clip(2 * average_over_mesh(has_entry, triangles, rounds, 0.5 * free) - 1, 0, 1)
+    moves = np.zeros((len(free), len(chosen), 4))  # the last is 1 at an entry
+    moves[at] = np.insert(basis.entry_mm[mine], 3, 1.0, axis=1)
+    evened = average_over_mesh(moves, links, rounds, 0.5 * free)[at]
     entries = basis.entry_mm.copy()
-    entries[mine] = (average_over_mesh(moves, triangles, rounds, 0.5 * free) * inside[..., None])[at]
+    entries[mine] = evened[:, :3] * np.clip(2 * evened[:, 3:] - 1, 0, 1)
     return replace(basis, entry_mm=entries)

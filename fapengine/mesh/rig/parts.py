@@ -24,7 +24,14 @@ from scipy.spatial import Delaunay, cKDTree
 
 from fapengine._arrays import Array, Indices
 from fapengine.geometry.smooth import smoothstep
-from fapengine.geometry.surface import ambient_light, average_over_mesh, continue_smoothly, edges_of, vertex_normals
+from fapengine.geometry.surface import (
+    ambient_light,
+    average_over_mesh,
+    continue_smoothly,
+    edges_of,
+    mesh_links,
+    vertex_normals,
+)
 from fapengine.mesh import colours
 from fapengine.mesh.face_mesh import Material
 from fapengine.mesh.rig.placed_mesh import PlacedMesh
@@ -277,7 +284,7 @@ def smooth_normals(mesh: PlacedMesh) -> Array:
 
 def baked_light(mesh: PlacedMesh, normals: Array, material: NDArray[np.uint8]) -> NDArray[np.float32]:
     """(V,): fraction of ambient light that arrives, 0..1."""
-    light = average_over_mesh(ambient_light(mesh.vertices_mm, normals), mesh.triangles, 2)
+    light = average_over_mesh(ambient_light(mesh.vertices_mm, normals), mesh_links(mesh.triangles, len(normals)), 2)
     inside = np.isin(material, (Material.TEETH, Material.TONGUE, Material.GUM))
     light = np.clip(light, 0.0, 1.0)
     return np.asarray(np.where(inside, np.maximum(light, MIN_MOUTH_LIGHT), light), np.float32)
@@ -351,7 +358,7 @@ def choose_colours(mesh: PlacedMesh, material: NDArray[np.uint8]) -> NDArray[np.
     if knows_lips:
         lips = np.zeros(len(vertices))
         lips[_lips(vertices, skin, mesh.positions)] = 1.0
-        share = average_over_mesh(lips, mesh.triangles, 2)[:, None]
+        share = average_over_mesh(lips, mesh_links(mesh.triangles, len(lips)), 2)[:, None]
         painted = np.where(share > 0, painted + share * (colours.LIP - painted), painted)
     return np.asarray(np.clip(painted, 0, 1), np.float32)
 
