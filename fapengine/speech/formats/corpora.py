@@ -24,6 +24,7 @@ which contain phones on request. aeneas writes ``fragments`` with ``begin``, ``e
 
 import csv
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -37,6 +38,8 @@ from fapengine.speech.formats.word_lists import labelled_track, words_track
 from fapengine.speech.phone_track import PhoneTrack
 
 HTK_HZ, GRID_HZ, TIMIT_HZ = 1e7, 25_000, 16_000
+ALTERNATIVES = ("<ALT_BEGIN>", "<ALT>", "<ALT_END>")
+"""Marks of a CTM around what a recognizer may have heard instead."""
 MAX_SAMPLES = 1_000_000
 """Largest whole number that is too small for HTK's units: 0.1 s."""
 _STATE = re.compile(r"(.+)\[(\d{1,2})\]")
@@ -206,18 +209,32 @@ def parse_rhubarb_tsv(data: bytes) -> PhoneTrack:
 
 
 def parse_ctm(data: bytes, *, tier: str | None = None, alphabet: str | None = None) -> PhoneTrack:
-    """Read a CTM; ``tier`` names the recording, if there are several."""
+    """Read a CTM; ``tier`` names the recording, if there are several, and its channel, if it has several: ``talk A``.
+
+    Of alternatives the first is read, with a remark. Layout: sctk, doc/infmts.htm (NIST).
+    """
     text = re.sub("^;;.*$", "", decode_text(data, "CTM"), flags=re.MULTILINE)
     rows = rows_of(text.encode(), "CTM", 5)
-    recording = _only({row[0] for _, row in rows}, tier, "CTM", "recordings")
+    channels = Counter(name for name, _ in {(row[0], row[1]) for _, row in rows})
+    recordings = [row[0] if channels[row[0]] == 1 else f"{row[0]} {row[1]}" for _, row in rows]
+    recording = _only(set(recordings), tier, "CTM", "recordings")
     entries: list[Entry] = []
-    for where, row in rows:
-        if row[0] == recording:
+    groups = alternative = 0
+    for (where, row), name in zip(rows, recordings, strict=True):
+        mark = row[4].upper() if name == recording else ""
+        if mark in ALTERNATIVES:
+            groups += mark == "<ALT_BEGIN>"
+            alternative = {"<ALT_BEGIN>": 1, "<ALT>": alternative + 1, "<ALT_END>": 0}[mark]
+        elif mark and alternative <= 1:
             start_s, length_s = (number_of(text, "time", where) for text in row[2:4])
             entries.append(Entry(start_s, start_s + length_s, row[4], where))
     if entries and all(re.fullmatch(r"\d+", entry.label) for entry in entries):
         raise UnsupportedError("CTM: got numbers of phones, expected labels; map them with phones.txt (int2sym.pl)")
-    return labelled_track(entries, "CTM", alphabet)
+    track = labelled_track(entries, "CTM", alphabet)
+    if not groups:
+        return track
+    remark = f"CTM: of alternatives ({groups}) the first is read"
+    return replace(track, reading=replace(track.reading, remarks=(remark, *track.reading.remarks)))
 
 
 def parse_timit(data: bytes, *, alphabet: str | None = None) -> PhoneTrack:

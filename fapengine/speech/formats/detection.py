@@ -81,7 +81,7 @@ def is_timit(sample: Sample) -> bool:
 
 def is_ctm(sample: Sample) -> bool:
     """Return whether each row is a recording, a channel, start, length and label."""
-    if not sample.every_row(rf"(;;.*|\S+\s+\S+\s+{NUMBER}\s+{NUMBER}\s+\S.*)"):
+    if not sample.every_row(rf"(;;.*|\S+\s+\S+\s+({NUMBER}\s+{NUMBER}|\*\s+\*)\s+\S.*)"):
         return False
     rows = [row.split() for row in sample.rows if not row.startswith(";;")]
     named = any(not re.fullmatch(NUMBER, row[4]) for row in rows)

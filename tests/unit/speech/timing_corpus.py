@@ -154,6 +154,15 @@ RECOGNIZERS = (
     Case("edge-tts", "rany2/edge-tts: WordBoundary", text(*(json.dumps(
         {"type": "WordBoundary", "offset": a * 1e7, "duration": (b - a) * 1e7, "text": label}) for label, a, b in EN)),
          EN),
+    # with the structure of usnistgov/SCTK, lvc_hypc.ctm
+    Case("ctm, alternatives", "usnistgov/SCTK: doc/infmts.htm", text(
+        f"talk B {EN[0][1]} {EN[0][2] - EN[0][1]:.2f} {EN[0][0]} 0.9", "talk B * * <ALT_BEGIN> 0.06",
+        f"talk B {EN[1][1]} {EN[1][2] - EN[1][1]:.2f} {EN[1][0]} 0.8", "talk B * * <ALT> 0.33",
+        f"talk B {EN[1][1]} 0.20 AT 0.8", "talk B * * <ALT_END> 0.26",
+        *(f"talk B {a} {b - a:.2f} {label} 0.9" for label, a, b in EN[2:])), EN, ".ctm",
+        remark="of alternatives (1) the first is read"),
+    Case("ctm, two channels", "usnistgov/SCTK: lvc_hyp.ctm", text(
+        "talk A 0.0 9.0 no", *(f"talk B {a} {b - a:.2f} {label}" for label, a, b in EN)), EN, ".ctm", {"tier": "talk B"}),
     Case("ctm", "kaldi-asr/kaldi: ctm", text(*(f"talk 1 {a} {b - a:.2f} {label}" for label, a, b in EN)), EN, ".ctm"),
     Case("gentle", "lowerquality/gentle: README", json.dumps({"words": [{"case": "success", **row}
                                                                   for row in timed(EN, "word")]}), EN),
