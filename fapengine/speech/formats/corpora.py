@@ -233,7 +233,7 @@ def parse_ctm(data: bytes, *, tier: str | None = None, alphabet: str | None = No
     track = labelled_track(entries, "CTM", alphabet)
     if not groups:
         return track
-    remark = f"CTM: of alternatives ({groups}) the first is read"
+    remark = f"CTM: {groups} choices of alternatives, of which the first is read"
     return replace(track, reading=replace(track.reading, remarks=(remark, *track.reading.remarks)))
 
 

@@ -160,7 +160,7 @@ RECOGNIZERS = (
         f"talk B {EN[1][1]} {EN[1][2] - EN[1][1]:.2f} {EN[1][0]} 0.8", "talk B * * <ALT> 0.33",
         f"talk B {EN[1][1]} 0.20 AT 0.8", "talk B * * <ALT_END> 0.26",
         *(f"talk B {a} {b - a:.2f} {label} 0.9" for label, a, b in EN[2:])), EN, ".ctm",
-        remark="of alternatives (1) the first is read"),
+        remark="1 choices of alternatives, of which the first is read"),
     Case("ctm, two channels", "usnistgov/SCTK: lvc_hyp.ctm", text(
         "talk A 0.0 9.0 no", *(f"talk B {a} {b - a:.2f} {label}" for label, a, b in EN)), EN, ".ctm", {"tier": "talk B"}),
     Case("ctm", "kaldi-asr/kaldi: ctm", text(*(f"talk 1 {a} {b - a:.2f} {label}" for label, a, b in EN)), EN, ".ctm"),
