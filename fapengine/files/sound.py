@@ -34,6 +34,8 @@ CONTAINERS = (
     "flv", "amr", "ac3", "eac3",
 )  # fmt: skip
 """FFmpeg's names of the containers that are read: self-contained audio and video."""
+COUNTED = ("flac", "aiff", "au", "ogg", "mov,mp4,m4a,3gp,3g2,mj2")
+"""Containers that state the length of their sound."""
 RECORDED = (".c3d", ".mat")
 """Endings of recordings of positions that may contain sound."""
 MAX_RATE_HZ = 48_000
@@ -50,6 +52,10 @@ LONG_VARIABLE = "FAPENGINE_LONG"
 """Environment variable that allows any length up to :data:`MAX_S`."""
 MARGIN_S = 60.0
 """Length of sound that is read beyond the motion or the timings that it belongs to."""
+SHORTER_S = 0.1
+"""Difference to the stated length from which the rest of a file is missing; codecs pad by less."""
+UNKNOWN_BYTES = 0x7FFF0000
+"""Sizes in a WAV from here on mean that the program did not know it."""
 WRITTEN_AT_ONCE = 1 << 20
 """Samples written at a time."""
 log = logging.getLogger("fapengine.sound")
@@ -68,7 +74,7 @@ class SoundInfo:
 
 def inspect_sound(path: Path) -> SoundInfo:
     """Read the audio properties of a file without decoding it. Raises as :func:`stream_sound`."""
-    with _opened(path) as container:
+    with _opened(path) as (container, _):
         stream = container.streams.audio[0]
         stated = stream.duration * stream.time_base if stream.duration and stream.time_base else 0
         duration_s = float(stated or (container.duration or 0) / 1e6)
@@ -97,8 +103,12 @@ def stream_sound(path: Path, *, rate_hz: int | None = None, channel: int | None 
         If the file cannot be read or has no such channel.
     DataError
         If its container is not supported, or it contains no audio, is damaged, or is longer than its size explains.
+
+    Notes
+    -----
+    A warning is logged if a file ends before the length that it states, or within a frame.
     """
-    with _opened(path) as container:
+    with _opened(path) as (container, stated_s):
         stream = container.streams.audio[0]
         if channel is not None and not 1 <= channel <= stream.channels:
             raise UsageError(f"channel: got {channel}, expected 1 to {stream.channels}, the channels of {path}")
@@ -107,7 +117,7 @@ def stream_sound(path: Path, *, rate_hz: int | None = None, channel: int | None 
         resampler = None
         if target_hz != source_hz:
             resampler = av.AudioResampler(format="s16", layout="mono", rate=target_hz)
-        decoded = 0
+        decoded, is_cut = 0, False
         try:
             for frame in container.decode(audio=0):
                 if frame.sample_rate != source_hz:
@@ -134,9 +144,22 @@ def stream_sound(path: Path, *, rate_hz: int | None = None, channel: int | None 
             raise
         except (av.FFmpegError, ValueError, MemoryError) as error:
             where = f"{decoded / source_hz:.2f} s"
-            raise DataError(f"{path}: cannot be decoded as sound ({reason(error)})", where=where) from error
+            if not decoded or _goes_on(container):
+                raise DataError(f"{path}: cannot be decoded as sound ({reason(error)})", where=where) from error
+            is_cut = True
         if resampler is not None:
             yield from _samples(resampler.resample(None))
+        if is_cut or decoded / source_hz < stated_s - SHORTER_S:
+            stated = f" of the {stated_s:.2f} s that it states" if stated_s else ""
+            log.warning("%s: has %.2f s%s: damaged or cut off", path, decoded / source_hz, stated)
+
+
+def _goes_on(container: Any) -> bool:
+    """Whether there is sound after damage."""
+    try:
+        return next(container.decode(audio=0), None) is not None
+    except (av.FFmpegError, ValueError, MemoryError):
+        return True
 
 
 def load_sound(
@@ -221,10 +244,11 @@ def _recorded(path: Path) -> BinaryIO:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[Any]:
-    """Open a container with decodable audio; it is closed at the end."""
+def _opened(path: Path) -> Iterator[tuple[Any, float]]:
+    """Open a container with decodable audio, and its stated length in s, 0 if missing; it is closed at the end."""
     with _recorded(path) if path.suffix.lower() in RECORDED else open_file(path) as file:
         check_samples(file, path)
+        wav_s, is_counted = _wav_s(file), _is_counted(file)
         try:
             options = {"format_whitelist": ",".join(CONTAINERS), "protocol_whitelist": "none"}
             container = av.open(file, mode="r", options=options, **_any_metadata())
@@ -236,7 +260,43 @@ def _opened(path: Path) -> Iterator[Any]:
             ) from error
         with container:
             _check(container, path)
-            yield container
+            stream, name = container.streams.audio[0], container.format.name
+            if name == "wav":
+                stated_s = wav_s
+            elif name in COUNTED or (name == "mp3" and is_counted):
+                stated_s = float(stream.duration * stream.time_base) if stream.duration and stream.time_base else 0.0
+            elif name == "matroska,webm" and len(container.streams) == 1:
+                stated_s = (container.duration or 0) / 1e6
+            else:
+                stated_s = 0.0
+            yield container, stated_s
+
+
+def _wav_s(file: BinaryIO) -> float:
+    """Length that a WAV states, in s; 0 if it does not, or is another file. FFmpeg tells that of the bytes it has."""
+    file.seek(0)
+    head = file.read(12)
+    bytes_per_s, is_wav = 0, head[:4] == b"RIFF" and head[8:] == b"WAVE"
+    while is_wav and len(head := file.read(8)) == 8:
+        size = int.from_bytes(head[4:], "little")
+        if head[:4] == b"data":
+            return size / bytes_per_s if bytes_per_s and size < UNKNOWN_BYTES else 0.0
+        if head[:4] == b"fmt ":
+            bytes_per_s = int.from_bytes(file.read(12)[8:], "little")
+            size -= 12
+        file.seek(max(size + size % 2, 0), os.SEEK_CUR)
+    return 0.0
+
+
+def _is_counted(file: BinaryIO) -> bool:
+    """Whether an MP3 states its number of frames; else its length is an estimate."""
+    file.seek(0)
+    tag = file.read(10)
+    is_tag = tag[:3] == b"ID3" and len(tag) == 10
+    file.seek(10 + sum(byte << 7 * (3 - n) for n, byte in enumerate(tag[6:])) if is_tag else 0)
+    head = file.read(4096)
+    file.seek(0)
+    return any(mark in head for mark in (b"Xing", b"Info", b"VBRI"))
 
 
 def _any_metadata() -> dict[str, Any]:

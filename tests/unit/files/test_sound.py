@@ -1,5 +1,6 @@
 """Sound of any kind in: what comes out right, and what is refused."""
 
+import re
 import struct
 import wave
 from collections.abc import Callable
@@ -119,6 +120,28 @@ def test_one_sample_is_a_sound_and_none_is_not(tmp_path: Path) -> None:
     (tmp_path / "empty.wav").write_bytes(b"")
     with pytest.raises(DataError, match="cannot be decoded as sound"):
         load_sound(tmp_path / "empty.wav")
+
+
+@pytest.mark.parametrize("suffix", [".wav", ".flac", ".mp3", ".mkv"])
+def test_a_file_that_was_cut_off_says_so(tmp_path: Path, suffix: str, caplog: pytest.LogCaptureFixture) -> None:
+    path = encoded(tmp_path / f"talk{suffix}")
+    whole = len(load_sound(path)[0])
+    assert not caplog.messages
+    path.write_bytes(path.read_bytes()[: path.stat().st_size * 6 // 10])
+    part = len(load_sound(path)[0])
+    assert 0.2 * whole < part < 0.7 * whole
+    said = re.escape(f"{path}: has {part / RATE_HZ:.2f} s of the 1.0") + "[0-3] s that it states: damaged or cut off"
+    assert len(caplog.messages) == 1
+    assert re.fullmatch(said, caplog.messages[0])
+
+
+def test_an_mp3_without_a_count_is_not_said_to_be_cut_off(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    path = encoded(tmp_path / "talk.mp3")
+    data = path.read_bytes()
+    mark = next(mark for mark in (b"Xing", b"Info") if mark in data)
+    path.write_bytes(data.replace(mark, b"none")[: len(data) * 6 // 10])
+    load_sound(path)
+    assert not caplog.messages
 
 
 @pytest.mark.parametrize(
