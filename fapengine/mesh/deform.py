@@ -153,8 +153,10 @@ BROWS, CORNERS = (31, 32, 33, 34, 35, 36), (12, 13, 59, 60, 6, 7, 53, 54)
 RESTING = (
     *(Resting({number: 100.0}, (number,), 350.0) for number in (19, 20)),
     *(Resting({number: 15.0}, (number,), 350.0) for number in (21, 22)),
-    Resting({12: 60.0, 13: 60.0, 59: 80.0, 60: 80.0, 6: 20.0, 7: 20.0, 53: 35.0, 54: 35.0}, (*CORNERS, *BROWS), 250.0),
-    Resting({41: 40.0, 42: 40.0}, (41, 42, *CORNERS, *BROWS), 250.0),
+    Resting(
+        {12: 85.0, 13: 85.0, 59: 110.0, 60: 110.0, 6: 20.0, 7: 20.0, 53: 35.0, 54: 35.0}, (*CORNERS, *BROWS), 250.0
+    ),
+    Resting({41: 60.0, 42: 60.0}, (41, 42, *CORNERS, *BROWS), 250.0),
 )
 LIMITS = dict.fromkeys((27, 28), 40.0) | dict.fromkeys((39, 40, 65, 66), 200.0) | dict.fromkeys((67, 68), 150.0)
 LIMITS |= dict.fromkeys((61, 62), 120.0) | dict.fromkeys((63, 64), 100.0)

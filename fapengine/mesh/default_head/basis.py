@@ -46,6 +46,8 @@ SMILE_TEETH_FAPU, TEETH_FALL_MM = (100.0, 330.0), (0.4, 4.5)
 """FAPU of both corners over which the upper and the lower teeth come down, and how far: a smile shows the upper ones
 alone, with a dark gap between their edges and the lip, but films of speech show both.
 """
+SMILE_CURVE = 0.0044
+"""Rise of the upper teeth in a smile, 1/mm of their distance from the middle squared: they follow the lower lip."""
 THROAT_FAPU = (340.0, 560.0)
 """FAPU of the jaw over which the throat becomes dark: from the widest vowels on."""
 BACK_BY_STRETCH = dict.fromkeys((6, 7, 53, 54), 0.5)
@@ -54,14 +56,14 @@ ROLL_OUT = 0.28
 """Pushed lips roll out: their outer edge and the skin around it move this fraction less than the inner edge. If all
 moved alike, u would look like a beak.
 """
-PURSE_FAPU, PURSE_MM, PURSE_OUT_MM, PURSE_FORWARD_MM = (200.0, 550.0), 3.6, 2.2, 4.2
+PURSE_FAPU, PURSE_MM, PURSE_OUT_MM, PURSE_FORWARD_MM = (200.0, 550.0), 4.2, 2.6, 4.2
 """FAPU of a lower lip pushed forward over which lips purse, as in u: how far their corners come in, how much thicker
 the upper lip becomes near them, the lower one 0.6 as much, and how far lips come forward, the corners 1.2 times as far.
 So the outline is round, and closed lips stay closed.
 """
-PURSED_CHEEK_MM = np.array([30.0, 24.0])
+PURSED_CHEEK_MM = np.array([46.0, 36.0])
 """How far beyond and above pursed corners the skin follows them: skin that stayed was a crease beside them."""
-PURSED_LEVEL_MM = 2.0
+PURSED_LEVEL_MM = 3.0
 """How far the skin beside their corners comes forward and that above it moves back."""
 PURSED_TEETH_MM = np.array([0.0, 4.5, -3.0])
 """How far the upper teeth move out of the opening of pursed lips, so that it is dark; the lower ones move down."""
@@ -162,9 +164,10 @@ def build_basis(
     for number in RAISE_CORNERS:
         start, stop = SMILE_TEETH_FAPU
         for teeth, way in zip((head.upper_teeth, head.lower_teeth), TEETH_FALL_MM, strict=True):
-            crowns = teeth[CROWNS].ravel()
-            fall = np.broadcast_to([0.0, -way / 2 / (stop - start), 0.0], (len(crowns), 3))
-            collector.add(Channel(number, start, stop), crowns, fall)
+            row = teeth.ravel() if teeth is head.upper_teeth else teeth[CROWNS].ravel()
+            curve = SMILE_CURVE * points[row, 0] ** 2 if teeth is head.upper_teeth else 0.0 * points[row, 0]
+            fall = (curve - way)[:, None] * [0.0, 0.5 / (stop - start), 0.0]
+            collector.add(Channel(number, start, stop), row, fall)
     collector.add_shade(Channel(JAW_FAP, *THROAT_FAPU), throat(head))
     chin = points[feature_points[fap.spec(JAW_FAP).point]]
     jaw_weight = _jaw_weight(points, head, skin, fields[JAW_FAP], chin)

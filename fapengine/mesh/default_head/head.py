@@ -18,7 +18,15 @@ from fapengine.geometry.smooth import smoothstep
 from fapengine.geometry.surface import ambient_light, average_over_mesh, mesh_links, unit_vectors, vertex_normals
 from fapengine.mesh.colours import EYE_COLOURS
 from fapengine.mesh.default_head import faces, parts
-from fapengine.mesh.default_head.basis import JAW_FAP, JAW_PIVOT, THROAT_FAPU, build_basis, teeth_by_light, throat
+from fapengine.mesh.default_head.basis import (
+    JAW_FAP,
+    JAW_PIVOT,
+    SMILE_TEETH_FAPU,
+    THROAT_FAPU,
+    build_basis,
+    teeth_by_light,
+    throat,
+)
 from fapengine.mesh.default_head.clothes import build_clothes, neck_weight
 from fapengine.mesh.default_head.eyes import build_lids
 from fapengine.mesh.default_head.folds import KEY_FROM, fold_map, resting_folds
@@ -43,6 +51,8 @@ TONGUE_LIGHT_PER_MM = 0.06
 """Change of the relative light on the tip of the tongue per millimetre forward."""
 TEETH_LIGHT_PER_MM = {16: -0.045, 12: 0.08, 13: 0.08}
 """Change of the relative light on teeth per millimetre of a FAP: lower lip pushed, corners raised."""
+SMILE_TEETH_LIGHT = 0.4
+"""Light that upper teeth gain in a smile, beyond that."""
 DARK_THROAT = 0.22
 """Light that the throat of a wide open mouth loses."""
 SHADED_TEETH = 0.03
@@ -169,7 +179,7 @@ def _build_skin(builder: MeshBuilder, style: HeadStyle, detail: float) -> tuple[
     points = position(angle, y, style)
     inside = nostril(radius(angle, y, style) * np.sin(angle), y, style.nose_width) * (np.cos(angle) > 0.5)
     # Nostrils are dark, and reddish rather than grey.
-    albedo = palette.skin(points) * (1 - inside[..., None] * np.array([0.86, 0.93, 0.95]))
+    albedo = palette.skin(points) * (1 - inside[..., None] * np.array([0.66, 0.80, 0.82]))
     if style.hair:
         roots = (
             ROOTS
@@ -294,6 +304,9 @@ def _light_mouth(
         chosen = (fap == number) & whole[basis.entry_channels] & np.isin(owner, teeth)
         shades[chosen] = TEETH_LIGHT_PER_MM[number] * mm_per_fapu
         rest[teeth] = -1.0
+        smile = np.array([(channel.fap, channel.start) == (number, SMILE_TEETH_FAPU[0]) for channel in basis.channels])
+        chosen = smile[basis.entry_channels] & np.isin(owner, teeth)
+        shades[chosen] = SMILE_TEETH_LIGHT / (SMILE_TEETH_FAPU[1] - SMILE_TEETH_FAPU[0])
 
 
 def _join_ears(points: Array, normals: Array, occlusion: Array, head: HeadParts) -> None:

@@ -5,6 +5,7 @@ follow the proportions of the measured head (feature points 8.1-8.10, 2.2-2.9).
 """
 
 import numpy as np
+from scipy.interpolate import PchipInterpolator
 
 from fapengine._arrays import Array, Indices, Mask
 from fapengine.geometry.smooth import smoothstep
@@ -24,6 +25,8 @@ APART = 0.004
 """Fraction by which those of the lower lip are closer to the middle: no two neutral feature points coincide."""
 OUTSIDE = (1.78, 1.58, 1.4, 1.25, 1.12, 1.0)
 LIP = (1.0, 0.88, 0.74, 0.58, 0.42, 0.26, 0.12, 0.0)
+BOW_MM = PchipInterpolator((0.0, 0.06, 0.22, 0.36, 0.55, 0.8, 1.0), (8.6, 8.8, 9.9, 9.3, 6.8, 2.6, 0.0))
+"""Height of the upper lip's edge above the mouth line, by position along it: a bow that tapers to the corners."""
 INSIDE = (  # level, away from the mouth line, backwards, share of the width, light
     (-0.08, 0.5, 1.2, 1.0, 1.0),
     (-0.2, 1.6, 3.2, 1.03, 1.0),
@@ -49,9 +52,9 @@ def with_half_way(t: Array, upper: Mask) -> Array:
 
 def outer_contour(t: Array, upper: Mask, fullness: float) -> Array:
     """(N,) height of the outer edge of the lips."""
-    bow = 9.5 * (1 - t**2) - 0.8 * np.exp(-((t / 0.16) ** 2))
-    lower = (1 - np.abs(t) ** 2.1) ** 0.92
-    return LINE_Y + fullness * np.where(upper, bow, -9.2 * lower)
+    bow = BOW_MM(np.abs(t))
+    lower = (1 - np.abs(t) ** 1.9) ** 1.05
+    return LINE_Y + fullness * np.where(upper, bow, -9.8 * lower)
 
 
 def line(t: Array) -> Array:

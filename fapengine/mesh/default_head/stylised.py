@@ -1,4 +1,4 @@
-"""Charm: the same head with larger eyes, smaller nose, ears and jaw, and a thinner neck, as in animated films.
+"""Charm: the same head with larger eyes, smaller nose and ears, full cheeks and a thin neck, as in animated films.
 
 A child's head is warped in the same way: its face is low and short below a large skull, on a thin neck.
 
@@ -105,22 +105,34 @@ def _with_face(points: Array, charm: float, childlike: float) -> Array:
     front = smoothstep((z - 70.0) / 15.0)
     nose = np.exp(-((x / 19.0) ** 4) - (y / 26.0) ** 4) * front
     smaller = min(charm, MAX_CHARM) * nose
-    moved[:, 0] -= 0.36 * smaller * x * smoothstep((np.abs(x) - 4.0) / 8.0)  # its bridge stays round
+    moved[:, 0] -= 0.26 * smaller * x * smoothstep((np.abs(x) - 4.0) / 8.0)  # its bridge stays round
     moved[:, 2] -= 0.48 * smaller * np.clip(z - 103.0, 0, None)
-    moved[:, 1] += charm * 2.2 * nose * smoothstep((8.0 - y) / 14.0)  # its tip is turned up
+    moved[:, 1] += charm * 1.4 * nose * smoothstep((8.0 - y) / 14.0)  # its tip is turned up
     moved[:, 2] -= charm * 3.0 * np.exp(-((x / 11.0) ** 2) - ((y - 31.0) / 14.0) ** 2) * front  # its root
-    moved[:, 2] += charm * 3.0 * np.exp(-((x / 20.0) ** 2) - ((y + 70.0) / 12.0) ** 2) * front  # the chin
+    moved[:, 2] += charm * 5.5 * np.exp(-((x / 20.0) ** 2) - ((y + 70.0) / 12.0) ** 2) * front  # the chin
     jaw = smoothstep((2.0 - y) / 72.0) * smoothstep((y + 112.0) / 40.0)
     moved[:, 0] *= 1 - charm * (0.08 + 0.10 * smoothstep((z - 20.0) / 40.0)) * jaw
     brows = np.exp(-(((y - 59.0) / np.where(y > 59.0, 17.0, 11.0)) ** 2) - ((np.abs(x) - 26.0) / 36.0) ** 4) * front
     moved[:, 1] -= charm * 4.8 * brows  # the larger eyes have moved them up
-    cheeks = np.exp(-((y / 24.0) ** 2) - ((np.abs(x) - 42.0) / 22.0) ** 2) * smoothstep((z - 50.0) / 30.0)
-    moved[:, 0] -= charm * 1.5 * cheeks * np.sign(x)
-    moved[:, 2] += charm * 1.5 * cheeks
+    cheeks = np.exp(-(((y - 2.0) / 20.0) ** 2) - ((np.abs(x) - 46.0) / 18.0) ** 2) * smoothstep((z - 50.0) / 30.0)
+    moved[:, 0] += charm * 0.5 * cheeks * np.sign(x)
+    moved[:, 2] += charm * (5.0 - 3.0 * childlike) * cheeks
+    # Full cheeks beside the mouth, down to a round jaw.
+    full = np.exp(-(((y + 58.0) / 28.0) ** 2) - ((z - 68.0) / 32.0) ** 2) * smoothstep((np.abs(x) - 18.0) / 30.0)
+    moved[:, 0] += charm * (7.5 - 4.5 * childlike) * full * np.sign(x)
+    hollow = np.exp(-(((y + 22.0) / 20.0) ** 2) - ((z - 44.0) / 20.0) ** 2) * smoothstep((np.abs(x) - 40.0) / 20.0)
+    moved[:, 0] -= charm * 1.5 * hollow * np.sign(x)
+    # Ears and the sides of the head come forward, so that a cheek is no plane from three quarters.
+    side = smoothstep((np.abs(x) - 30.0) / 30.0) * smoothstep((y + 95.0) / 40.0) * smoothstep((95.0 - y) / 50.0)
+    side *= np.exp(-((np.clip(z + 8.0, -20.0, None) / 46.0) ** 2)) * smoothstep((z + 90.0) / 70.0)
+    moved[:, 2] += charm * 15.0 * side
+    slim = smoothstep((58.0 - z) / 50.0) * smoothstep((y + 70.0) / 50.0) * smoothstep((62.0 - y) / 45.0)
+    moved[:, 0] *= 1 - charm * 0.07 * slim
+    moved[:, 0] += charm * 0.12 * x * np.exp(-((x / 36.0) ** 4) - ((y + 34.0) / 24.0) ** 2) * front  # the mouth
     # Below the jaw's edge the skin turns inwards, to a slim neck.
     edge = np.interp(z, EDGE_Z_MM, EDGE_Y_MM)
-    under = smoothstep((edge + 3.0 - y) / 24.0) * smoothstep((y + 122.0) / 40.0) * smoothstep((z + 25.0) / 40.0)
-    moved[:, 0] *= 1 - charm * 0.13 * under
+    under = smoothstep((edge - y) / 20.0) * smoothstep((y + 122.0) / 40.0) * smoothstep((z + 25.0) / 40.0)
+    moved[:, 0] *= 1 - charm * 0.17 * under
     short = charm * 3.0 * (1 - 0.7 * childlike)  # a child's face is short already
     moved[:, 1] += short * smoothstep((28.0 - y) / 62.0) * smoothstep((y + 240.0) / 60.0)
     lower = smoothstep((-6.0 - y) / 70.0) * smoothstep((y + 240.0) / 60.0)

@@ -50,8 +50,8 @@ NOSE_BUMPS = (
     (-1.2, (10.8, 6.0), (1.8, 4.0), 2.0),  # between tip and wing
 )
 """Height, centre, size and power of each bump beside the ridge, mm."""
-NOSTRIL_AT, NOSTRIL_SIZE = (7.4, -4.4), (2.9, 2.5)
-NOSTRIL_DEPTH = 3.0
+NOSTRIL_AT, NOSTRIL_SIZE = (7.2, -4.6), (2.6, 2.0)
+NOSTRIL_DEPTH = 2.4
 
 
 @cache
