@@ -2,8 +2,8 @@
 
 The first animation that moves a morph target or an expression is read, from time 0, which is that of the sound. Names
 decide which set of shapes they are (:mod:`fapengine.retarget.blend_tracks`): where a file has several, the one that
-moves. Rotations of the head, and of a VRM animation's gaze, are those of a face that looks along +z, in VRM 0.x along
--z.
+moves. Rotations are those of a face that looks along +z, in VRM 0.x along -z: of the head, and, where no shape turns the
+eyes, of their bones or a VRM animation's gaze.
 """
 
 from collections.abc import Mapping
@@ -51,8 +51,8 @@ def parse_animation(data: bytes) -> FapTrack:
             break
     else:
         raise DataError(NO_FACE)
-    head, gaze = _head(gltf, vrma), gltf.index(vrma.item("lookAt"), "node", "nodes") if "lookAt" in vrma else None
-    turning = [curves[node, "rotation"] for node in (head, gaze) if node is not None and (node, "rotation") in curves]
+    head, eyes = _head(gltf, vrma), _eyes(gltf, vrma)
+    turning = [curves[node, "rotation"] for node in (head, *eyes) if node is not None and (node, "rotation") in curves]
     end_s = max(float(times_s[-1]) for times_s, _, _ in (*(keys for keys, _, _ in shapes), *turning))
     rate_hz = _rate_of(np.concatenate([keys[0] for keys, _, _ in shapes]).round(4))
     times_s = np.arange(int(end_s * rate_hz + 0.5) + 1) / rate_hz
@@ -64,9 +64,11 @@ def parse_animation(data: bytes) -> FapTrack:
     if head is not None and (head, "rotation") in curves:
         turns = _turns(gltf, head, sample(curves[head, "rotation"], times_s))
         faps[:, [fap.column(number) for number in (49, 48, 50)]] += turns / AU_RAD
-    if gaze is not None and (gaze, "rotation") in curves and not faps[:, EYES].any():  # else shapes turn the eyes, too
-        turns = _turns(gltf, gaze, sample(curves[gaze, "rotation"], times_s))
-        faps[:, EYES] = turns[:, [0, 0, 1, 1]] / AU_RAD
+    if not faps[:, EYES].any():  # else shapes turn the eyes, too
+        for node, columns in eyes.items():
+            if (node, "rotation") in curves:
+                turns = _turns(gltf, node, sample(curves[node, "rotation"], times_s))
+                faps[:, columns] = np.repeat(turns[:, :2], len(columns) // 2, axis=1) / AU_RAD
     return FapTrack.from_values(to_codable(faps), rate_hz=rate_hz)
 
 
@@ -180,6 +182,14 @@ def _head(gltf: Gltf, vrma: Item) -> int | None:
     if "head" in bones:
         return gltf.index(bones.item("head"), "node", "nodes")
     return find_bones(gltf, world_transforms(gltf)[0]).get("head")
+
+
+def _eyes(gltf: Gltf, vrma: Item) -> dict[int, list[int]]:
+    """Columns of yaw, then of pitch, by the node that turns them: one for both eyes, or a bone for each."""
+    if "lookAt" in vrma:
+        return {gltf.index(vrma.item("lookAt"), "node", "nodes"): EYES}
+    bones = find_bones(gltf, world_transforms(gltf)[0])
+    return {bones[name]: EYES[n::2] for n, name in enumerate(("left eye", "right eye")) if name in bones}
 
 
 def _turns(gltf: Gltf, node: int, quaternions: Array) -> Array:

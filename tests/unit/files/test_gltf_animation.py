@@ -43,11 +43,12 @@ def avatar(
     return builder
 
 
-def turned(builder: Builder, quaternion: list[float], count: int) -> None:
+def turned(builder: Builder, quaternion: list[float], count: int, node: int = 1) -> None:
     (animation,) = builder.doc["animations"]
     curve = {"input": builder.accessor(np.arange(count) / 50), "output": builder.accessor([quaternion] * count)}
     animation["samplers"].append(curve)
-    animation["channels"].append({"sampler": 1, "target": {"node": 1, "path": "rotation"}})
+    sampler = len(animation["samplers"]) - 1
+    animation["channels"].append({"sampler": sampler, "target": {"node": node, "path": "rotation"}})
 
 
 ARKIT = [name[0].lower() + name[1:] for name in shape_set("arkit").names]
@@ -95,6 +96,22 @@ def test_the_head_turns_as_it_looks(*, is_vrm0: bool, sign: int) -> None:
         builder.doc["extensions"] = {"VRM": {}}
     track = parse_animation(builder.glb())
     assert track.values[0, fap.column(48)] * AU_RAD == pytest.approx(0.2 * sign, abs=1e-4)
+
+
+@pytest.mark.parametrize("has_look", [False, True])
+def test_bones_turn_the_eyes_where_no_shape_does(*, has_look: bool) -> None:
+    weights = np.zeros((4, len(ARKIT)))
+    weights[:, ARKIT.index("eyeLookDownLeft")] = 0.5 * has_look
+    builder = avatar(ARKIT, weights)
+    builder.doc["nodes"] += [{"name": "LeftEye"}, {"name": "RightEye"}]
+    turned(builder, [0.0, np.sin(0.1), 0.0, np.cos(0.1)], 4, node=2)  # 0.2 rad about y
+    turned(builder, [np.sin(0.05), 0.0, 0.0, np.cos(0.05)], 4, node=3)  # 0.1 rad about x
+    faps = parse_animation(builder.glb()).values[2, [fap.column(n) for n in (23, 24, 25, 26)]] * AU_RAD
+    if has_look:
+        np.testing.assert_allclose(faps[[0, 1, 3]], 0.0, atol=1e-4)
+        assert faps[2] > 0.1
+    else:
+        np.testing.assert_allclose(faps, [0.2, 0.0, 0.0, 0.1], atol=1e-4)
 
 
 def spoil(change: str) -> bytes:
