@@ -20,9 +20,13 @@ from tests.unit.recognition.speech import BABY, spoken
 SIZE = (900, 620)
 MICROPHONE = ("--use-fake-ui-for-media-stream", "--use-fake-device-for-media-stream")
 """Flags of a browser whose microphone is a file, over and over, and which asks nobody for leave."""
-FEW_TURNS = """
-    window.requestAnimationFrame = (turn) => setTimeout(() => turn(performance.now()), 50);
-    window.cancelAnimationFrame = clearTimeout;
+OWN_TURNS = "&turns=browser"
+"""Query of a page whose pictures are drawn when the browser asks for them."""
+FEW_TURNS = f"""
+    if (!location.search.includes("{OWN_TURNS}")) {{
+        window.requestAnimationFrame = (turn) => setTimeout(() => turn(performance.now()), 50);
+        window.cancelAnimationFrame = clearTimeout;
+    }}
 """
 """The screen turns 20 times a second: drawn by software, 60 would take two processors from all other tests."""
 PROGRAM, ROOT = "tests.browser.serve_page", Path(__file__).resolve().parents[2]

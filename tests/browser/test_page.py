@@ -17,7 +17,7 @@ from fapengine.recognition.protocol import RATE_HZ
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory.planner import plan
 from fapengine.trajectory.style import Style
-from tests.browser.conftest import Page
+from tests.browser.conftest import OWN_TURNS, Page
 from tests.unit.recognition.speech import BABY, spoken
 
 NEWEST = "page.session.jitterBuffer.frames.at(-1).faps"
@@ -113,7 +113,8 @@ def test_the_face_moves_while_it_speaks_and_rests_before_and_after(page: Page) -
 
 def test_lips_are_closed_on_m_and_open_on_a(page: Page) -> None:
     """The page is sent what the planner says, and draws it: whichever frames a busy machine had time for."""
-    page.open("clara")
+    page.open("clara", OWN_TURNS)
+    assert "[native code]" in page.run("String(requestAnimationFrame)")
     page.run(KEEP_FRAMES)
     say(page, "Mama, mama.")
     page.until("kept.texts.some((text) => text.kind === 'finished')")
