@@ -61,7 +61,6 @@ CLOTH_COLOURS: dict[str, tuple[float, float, float]] = {
 }
 """Colours of clothes by name, linear RGB."""
 CLOTH = np.array(CLOTH_COLOURS["blue"])
-T_SHIRT = np.array([0.56, 0.55, 0.54])
 
 BLOOD = np.array([0.35, 1.0, 0.9])
 """Fractions of red, green and blue that more blood in the skin absorbs."""

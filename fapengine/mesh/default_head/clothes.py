@@ -1,4 +1,4 @@
-"""Clothes at the end of the neck: a jumper over a T-shirt, a shirt, or a jumper with a high neck.
+"""Clothes at the end of the neck: a jumper, a shirt, or a jumper with a high neck.
 
 A garment is a grid of rings around the neck: from inside the collar up over its edge, and down over the shoulders.
 Collars fit around each neck and follow it as far as the skin below them does. On a shirt lie the leaves of its collar
@@ -12,7 +12,7 @@ from scipy.ndimage import gaussian_filter1d, map_coordinates, maximum_filter1d
 from fapengine._arrays import Array
 from fapengine.geometry.smooth import smoothstep
 from fapengine.geometry.surface import unit_vectors
-from fapengine.mesh.colours import CLOTH_COLOURS, T_SHIRT
+from fapengine.mesh.colours import CLOTH_COLOURS
 from fapengine.mesh.default_head import faces
 from fapengine.mesh.default_head.mesh_builder import MeshBuilder, resampled
 from fapengine.mesh.default_head.style import HeadStyle
@@ -23,30 +23,32 @@ HARMONICS = 5
 """Harmonics of the outline of a neck that a collar follows."""
 # fmt: off
 SHOULDERS = (  # as below
-    (-124, 80, 74, 19, 9.0, 0.55, 1, 0), (-131, 100, 78, 19, 12.0, 1, 1, 0), (-142, 132, 81, 18, 0, 1, 1, 0),
-    (-160, 168, 86, 16, 0, 1, 1, 0), (-195, 186, 95, 10, 0, 1, 1, 0), (-300, 192, 102, 0, 0, 1, 1, 0),
+    (-124, 80, 74, 19, 9.0, 0.55, 1), (-131, 100, 78, 19, 12.0, 1, 1), (-142, 132, 81, 18, 0, 1, 1),
+    (-160, 168, 86, 16, 0, 1, 1), (-195, 186, 95, 10, 0, 1, 1), (-300, 192, 102, 0, 0, 1, 1),
 )
 COLLARS = {  # height, half width, half depth, drop at the front; distance from the neck, share of the ellipse of the
-    # shoulders; light; share of the T-shirt's colour
+    # shoulders; light
     "crew_neck": (
-        (-112, 0, 0, 16, 0.6, 0, 1, 1), (-105.4, 0, 0, 17, 1.6, 0, 1, 1), (-105, 0, 0, 17, 2.6, 0, 1, 1),
-        (-110.4, 0, 0, 17, 3.4, 0, 0.45, 0), (-109.6, 0, 0, 17, 4.2, 0, 0.78, 0), (-109.8, 0, 0, 17, 5.6, 0, 0.78, 0),
-        (-112, 60, 66, 17.5, 6.9, 0.02, 0.78, 0), (-119.5, 66, 70, 18.5, 8.6, 0.08, 0.78, 0),
-        (-120.3, 67, 70, 18.5, 7.7, 0.11, 0.45, 0),
+        (-111, 0, 0, 16, 0.6, 0, 0.4), (-106, 0, 0, 17, 1.7, 0, 0.6), (-105.2, 0, 0, 17, 2.8, 0, 0.78),
+        (-106.5, 0, 0, 17, 4.4, 0, 0.82),
+        (-112, 60, 66, 17.5, 6.9, 0.02, 0.78), (-119.5, 66, 70, 18.5, 8.6, 0.08, 0.78),
+        (-120.3, 67, 70, 18.5, 7.7, 0.11, 0.45),
     ),
     "shirt": (
-        (-108, 0, 0, 16, 0.5, 0, 0.6, 0), (-101, 0, 0, 16, 1.4, 0, 0.9, 0), (-100, 0, 0, 16, 2.4, 0, 1, 0),
-        (-101, 0, 0, 16, 3.2, 0, 0.9, 0), (-108, 0, 0, 17, 3.6, 0, 0.7, 0), (-114, 62, 66, 18, 5.0, 0.03, 0.8, 0),
-        (-119.5, 66, 70, 18.5, 8.0, 0.1, 1, 0),
+        (-108, 0, 0, 16, 0.5, 0, 0.6), (-101, 0, 0, 16, 1.4, 0, 0.9), (-100, 0, 0, 16, 2.4, 0, 1),
+        (-101, 0, 0, 16, 3.2, 0, 0.9), (-108, 0, 0, 17, 3.6, 0, 0.7), (-114, 62, 66, 18, 5.0, 0.03, 0.8),
+        (-119.5, 66, 70, 18.5, 8.0, 0.1, 1),
     ),
     "high_neck": (
-        (-97, 0, 0, 12, 0.4, 0, 0.6, 0), (-92, 0, 0, 12, 1.6, 0, 0.9, 0), (-91, 0, 0, 12, 2.6, 0, 1, 0),
-        (-92.5, 0, 0, 12, 4.0, 0, 1, 0), (-100, 0, 0, 13.5, 5.0, 0, 1, 0), (-108.5, 0, 0, 15, 4.8, 0, 0.95, 0),
-        (-110.5, 0, 0, 15.5, 3.6, 0, 0.5, 0), (-111, 0, 0, 16, 3.0, 0, 0.6, 0), (-115, 62, 66, 17, 4.6, 0.02, 0.9, 0),
-        (-119.5, 66, 70, 18.5, 7.4, 0.09, 1, 0),
+        (-97, 0, 0, 12, 0.4, 0, 0.6), (-92, 0, 0, 12, 1.6, 0, 0.9), (-91, 0, 0, 12, 2.6, 0, 1),
+        (-92.5, 0, 0, 12, 4.0, 0, 1), (-100, 0, 0, 13.5, 5.0, 0, 1), (-108.5, 0, 0, 15, 4.8, 0, 0.95),
+        (-110.5, 0, 0, 15.5, 3.6, 0, 0.5), (-111, 0, 0, 16, 3.0, 0, 0.6), (-115, 62, 66, 17, 4.6, 0.02, 0.9),
+        (-119.5, 66, 70, 18.5, 7.4, 0.09, 1),
     ),
 }
 """Rings from the top inside."""
+FOLD_MM = 2.0
+"""Half the depth of folds."""
 FOLD = 2
 """Ring of a shirt at which the leaves of its collar begin."""
 LEAF = (  # from the fold to the edge: place, height above the shirt, mm, and light
@@ -58,6 +60,10 @@ LEAF_RINGS, POINT_RINGS, POINT_REACH, LEAF_SPREAD = 4.1, 2.6, 1.7, 0.34
 """
 STRIP = ((-8, 0.5, 0.6), (-7, 1, 0.95), (7, 1, 0.95), (8, 0.5, 0.6))
 """The strip with the buttons, across: x and height above the shirt, mm, and light."""
+SEAM = ((-2.0, 0.7, 0.98), (-0.8, 1.3, 1.06), (0.4, 0.9, 0.6), (2.0, 0.7, 0.96))
+"""A seam, across: place and height above the garment, mm, and light."""
+SEAMS_RAD = (0.55, 1.05), (-0.55, -1.05), (2.3, 2.0), (-2.3, -2.0)
+"""Angles where seams begin at the collar, and where they end."""
 # fmt: on
 
 
@@ -87,27 +93,28 @@ def build_clothes(builder: MeshBuilder, style: HeadStyle, detail: float) -> None
     """Add the garment of a style."""
     around = np.linspace(-np.pi, np.pi, max(32, round(44 * detail)) + 1)[:-1]
     table = resampled(COLLARS[style.garment] + SHOULDERS, max(1.0, detail))[:, :, None]
-    height, half_width, half_depth, drop, from_neck, share, light, tee = np.moveaxis(table, 1, 0)
+    height, half_width, half_depth, drop, from_neck, share, light = np.moveaxis(table, 1, 0)
     from_neck[0] -= 6.0 * max(0.0, 1.0 - detail)  # a coarse neck is narrower between its columns
-    y = height - drop * np.maximum(np.cos(around), 0)
+    front = np.cos(around)
+    y = height - drop * (front + np.sqrt(front**2 + 0.06)) / 2
     x, z = half_width * np.sign(np.sin(around)) * np.abs(np.sin(around)) ** 0.9, -8.0 + half_depth * np.cos(around)
     shoulders = np.stack([x, y, z], axis=-1)
     angle = np.broadcast_to(around, y.shape)
     away = _around_neck(angle, y, style) + from_neck
     collar = np.stack([away * np.sin(angle), y, AXIS_Z_MM + away * np.cos(angle)], axis=-1)
     points = collar + share[..., None] * (shoulders - collar)
-    folds = 1 + 0.04 * np.sin(around * 9 + height * 0.08)
-    albedo = CLOTH_COLOURS[style.cloth_colour] * (folds * light)[..., None]
-    albedo = albedo + (tee > 0.5)[..., None] * (T_SHIRT - albedo)
+    # Folds fall from the collar.
+    fold = np.sin(8 * around + 1.2 * np.sin(3 * around) + 0.04 * height) * smoothstep((-118.0 - height) / 30.0)
+    points[..., 1] += FOLD_MM * fold
+    albedo = CLOTH_COLOURS[style.cloth_colour] * ((1 + 0.08 * fold) * light)[..., None]
     weight = (1 - share) * neck_weight(y, points[..., 2])
     grid = builder.add(points, albedo=albedo, material=Material.CLOTH, head_weight=weight)
     builder.quads(grid[::-1], closed=True)
-    if style.garment == "shirt":
-        _add_leaves(builder, points, weight, CLOTH_COLOURS[style.cloth_colour], max(1.0, detail))
+    _add_sewn(builder, style, points, weight, max(1.0, detail))
 
 
-def _add_leaves(builder: MeshBuilder, rings: Array, weight: Array, colour: ArrayLike, detail: float) -> None:
-    """Add the leaves of a collar and the strip with the buttons to a grid of rings, (R, C, 3) mm, weights (R, C)."""
+def _add_sewn(builder: MeshBuilder, style: HeadStyle, rings: Array, weight: Array, detail: float) -> None:
+    """Add to a grid of rings, (R, C, 3) mm, weights (R, C), a shirt's leaves and strip with buttons, or seams."""
     columns = rings.shape[1]
     outwards = unit_vectors(np.cross(np.gradient(rings, axis=0), np.gradient(rings, axis=1)), 1e-6)
     fields = np.concatenate([rings, outwards, weight[..., None]], axis=-1)
@@ -119,15 +126,26 @@ def _add_leaves(builder: MeshBuilder, rings: Array, weight: Array, colour: Array
         return np.stack(laid[:3], axis=-1) + up_mm[..., None] * np.stack(laid[3:6], axis=-1), laid[6]
 
     def add(points: Array, weight: Array, light: Array) -> None:
-        albedo = np.asarray(colour) * np.broadcast_to(light, weight.shape)[..., None]
+        albedo = np.array(CLOTH_COLOURS[style.cloth_colour]) * np.broadcast_to(light, weight.shape)[..., None]
         builder.quads(builder.add(points, albedo=albedo, material=Material.CLOTH, head_weight=weight)[::-1])
 
+    last = (len(rings) - 0.99) / detail
+    if style.garment != "shirt":
+        across, up_mm, light = np.array(SEAM).T
+        for start, end in SEAMS_RAD:
+            share = np.linspace(0, 1, 9)[:, None]
+            ring = len(COLLARS[style.garment]) + share * ((len(rings) - 1) / detail - len(COLLARS[style.garment]))
+            add(
+                *at(ring, start + share**0.7 * (end - start) + across / np.interp(share, (0, 1), (70, 130)), up_mm),
+                light,
+            )
+        return
     around = np.linspace(0.04, 2 * np.pi - 0.04, columns + 1)
     pointed = np.clip(1 - np.minimum(around, 2 * np.pi - around) / POINT_REACH, 0, 1)
     place, up_mm, light = resampled(LEAF, detail).T[..., None]
     slant = LEAF_SPREAD * pointed * np.sign(np.pi - around)
     add(*at(FOLD + place * (LEAF_RINGS + POINT_RINGS * pointed), around + place * slant, up_mm), light)
     x, up_mm, light = np.array(STRIP).T
-    points, weight = at(np.arange(FOLD + 1, (len(rings) - 0.99) / detail)[:, None], 0 * x, up_mm)
+    points, weight = at(np.arange(FOLD + 1, last)[:, None], 0 * x, up_mm)
     points[..., 0] = x
     add(points, weight, light)

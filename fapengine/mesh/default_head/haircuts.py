@@ -26,10 +26,10 @@ TOP_MM = 144.0
 """Height above which the scalp is not measured."""
 EARS_MM = 36.0
 """Height from which long hair hangs."""
-FRONT_MM, SWEPT = 3.0, 0.25
+FRONT_MM, SWEPT = 3.8, 0.25
 """Additional height of short hair over the forehead; fraction of its height that moves over the parting to the right.
 """
-LOW_TOP, CLOSE_NAPE = 0.35, 0.75
+LOW_TOP, CLOSE_NAPE = 0.3, 0.75
 """Fractions of its height that hair loses at the top, and short hair at the nape."""
 ENDS_MM = (0.0, 0.28, 0.42, 0.55, 0.64, 0.76, 0.84, 0.92, 1.0), (4.0, 5.0, 8.0, 8.0, 3.0, 3.0, 6.0, 4.0, -1.0)
 """Height of the ends of short hair above the hairline over ``u``: higher behind the ears, lower before them."""
@@ -41,6 +41,8 @@ FRINGE_MM = (22.0, 76.0)
 """How far below the hairline, and down to what height, the surface is continued in front."""
 TURN, TURN_STEPS = 0.35, 4.0
 """How far hanging hair is smoothed where it turns down beside the face, and over how many steps of ``t``."""
+RELIEF_MM = 4.5
+"""Half the difference in height between the middles and the borders of groups of hair."""
 BEYOND, BEYOND_MM = 1.25, 72.0
 """How far the surface is continued below the front edge, in ``s``, and how low one step of ``s`` is there."""
 Table = tuple[tuple[float, ...], tuple[float, ...]]
@@ -109,6 +111,10 @@ class Cut(NamedTuple):
     outwards_mm: Table = ((0.0,), (0.0,))
     """Distance outwards, mm, over the distance below the ears."""
     waves: float = 0.0
+    groups: int = 0
+    """Groups of hair on either side."""
+    gather: float = 0.85
+    """How closely groups gather towards their ends, 0 to 1."""
     forward_mm: float = 0.0
     backward_mm: float = 0.0
     """Distances of the ends to the front and to the back over the shoulders."""
@@ -117,16 +123,17 @@ class Cut(NamedTuple):
 BEND_AT = (0.0, 0.5, 0.8, 1.0)
 HANGING = Cut(
     bend=((180.0, 112.0, 66.0, 50.0), (112.0, 124.0, 112.0, 88.0)),
-    rise=((0, 0.06, 0.25, 0.6, 1), (2.6, 5.4, 7.8, 8.4, 7.4)),
+    rise=((0, 0.06, 0.25, 0.6, 1), (2.6, 7.0, 11.0, 11.0, 7.4)),
     front=((-66, -50, -30, -8, 8, 18, 27, 36, 50, 66), (14.0, 20.0, 20.0, 14.0, 8.0, 5.0, 1.5, 6.0, 15.0, 14.0)),
     parting_deg=28.0,
     rows=20,
+    groups=3,
     layers=(),
     locks=(
-        # Beside the face.
-        Locks(4, ((-0.82, 0.06), (-0.74, 0.04)), ((-1.0, 0.74), (-0.88, 0.97)), (12, 19), (-1.0, 2.6, 1.6), stray=0.02),
-        Locks(4, ((0.80, 0.06), (0.74, 0.04)), ((1.0, 0.72), (0.90, 0.96)), (12, 19), (-1.0, 2.6, 1.6), stray=0.02),
-        # Single hairs: along the front edge of either side, at the ends and over the top.
+        # Before the cheeks.
+        Locks(3, ((-0.86, 0.04), (-0.76, 0.04)), ((-1.06, 0.72), (-0.93, 0.87)), (17, 20), (-1, 6, 7), bow=0.07),
+        Locks(3, ((0.86, 0.04), (0.76, 0.04)), ((1.05, 0.69), (0.93, 0.86)), (17, 20), (-1, 6, 7), bow=-0.07),
+        # Single hairs: along the front edge of either side, and over the top.
         Locks(
             26,
             ((-0.97, 0.0), (-0.98, 0.30)),
@@ -148,16 +155,6 @@ HANGING = Cut(
             is_single=True,
         ),
         Locks(
-            24,
-            ((-0.97, 0.70), (0.97, 0.70)),
-            ((-0.99, 0.97), (0.99, 0.97)),
-            (2.0, 2.0),
-            (-1.2, 1.6, 0.8),
-            uneven=0.05,
-            stray=0.03,
-            is_single=True,
-        ),
-        Locks(
             10,
             ((-0.75, 0.1), (0.75, 0.1)),
             ((-0.80, 0.38), (0.80, 0.38)),
@@ -173,14 +170,14 @@ HANGING = Cut(
 CUTS = {
     "short": Cut(
         bend=((180.0, 116.0, 72.0, 48.0), (96.0, 98.0, 100.0, 90.0)),
-        rise=((0, 0.06, 0.2, 0.5, 0.8, 1), (2.6, 6.4, 9.4, 10.0, 5.2, 0.4)),
+        rise=((0, 0.06, 0.2, 0.5, 0.8, 1), (2.6, 7.5, 10.2, 10.4, 5.6, 0.4)),
         front=(
             (-66, -50, -34, -16, 0, 16, 28, 36, 44, 54, 66),
             (0.0, 6.0, 10.0, 10.0, 7.0, 4.0, 1.5, 4.0, 8.0, 8.0, 0.0),
         ),
         parting_deg=29.0,
         rows=12,
-        layers=(Layer(12, 0.0, 0.90, 0.06, 0.84, (0.0, -0.6), lead=((0.80, 0.4), (0.84, 0.6)), shade=0.75),),
+        layers=(Layer(12, 0.0, 0.90, 0.06, 0.84, (0.0, -0.6), lead=((0.80, 0.4), (0.84, 0.6)), shade=0.78),),
         locks=(
             # Nape and back of the head; sides, combed behind the ears; crown; left of the parting.
             Locks(
@@ -253,7 +250,7 @@ CUTS = {
                 (0.4, 3.4, 0.8),
                 bow=0.01,
                 uneven=0.06,
-                stray=0.06,
+                stray=0.055,
                 is_single=True,
             ),
             Locks(
@@ -302,24 +299,25 @@ CUTS = {
     ),
     "bob": HANGING._replace(
         layers=(
-            Layer(28, 0.0, 0.96, 0.08, 0.80, (1.2, 0.0), lead=((0.78, 0.35), (0.86, 0.45), (0.92, 0.5))),
-            Layer(28, 0.40, 0.99, 0.06, 0.88, (-1.2, -1.6), reach=0.97, shade=0.85),
+            Layer(28, 0.0, 0.97, 0.03, 0.90, (1.2, 0.0), lead=((0.78, 0.35), (0.86, 0.45), (0.92, 0.5))),
+            Layer(28, 0.40, 0.99, 0.02, 0.93, (-1.2, -1.6), reach=0.97, shade=0.85),
             Layer(16, 0.42, 0.97, 0.05, 0.88, (-5.0, -5.0), reach=0.95, shade=0.6, is_inside=True),
         ),
         ends_mm=((0.0, 0.5, 1.0), (-58.0, -64.0, -76.0)),
         outwards_mm=((0, 25, 55, 80, 110), (0.0, 4.0, 3.5, -1.0, -9.0)),
         waves=0.2,
         forward_mm=20.0,
+        gather=0.3,
     ),
     "long": HANGING._replace(
         layers=(
-            Layer(27, 0.0, 0.95, 0.16, 0.72, (1.2, -0.2), lead=((0.75, 0.35), (0.83, 0.45), (0.90, 0.5))),
-            Layer(24, 0.40, 0.99, 0.09, 0.78, (-1.2, -1.6), reach=0.97, shade=0.9),
-            Layer(14, 0.42, 0.92, 0.05, 0.92, (-5.8, -7.8), reach=0.94, shade=0.6, is_inside=True),
+            Layer(27, 0.0, 0.98, 0.20, 0.84, (1.2, -0.2), lead=((0.75, 0.35), (0.83, 0.45), (0.90, 0.5))),
+            Layer(24, 0.40, 0.99, 0.14, 0.86, (-1.2, -1.6), reach=0.97, shade=0.9),
+            Layer(14, 0.42, 0.92, 0.10, 0.92, (-5.8, -7.8), reach=0.94, shade=0.6, is_inside=True),
         ),
         ends_mm=((0.0, 0.3, 0.55, 0.68, 0.85, 1.0), (-170.0, -166.0, -150.0, -142.0, -158.0, -150.0)),
-        outwards_mm=((0, 25, 60, 100, 140, 180), (0.0, 3.0, 4.0, 2.0, -3.0, -8.0)),
-        waves=1.0,
+        outwards_mm=((0, 25, 60, 100, 140, 180), (0.0, 3.0, 4.5, 3.5, -2.0, -12.0)),
+        waves=1.6,
         forward_mm=40.0,
         backward_mm=26.0,
     ),
@@ -334,6 +332,16 @@ class Fall:
     """(S, T, 3) mm: ``s`` from -:data:`BEYOND` to :data:`BEYOND`, ``t`` from 0 to 1."""
     outs: Array
     """(S, T, 3): outward unit normals."""
+    cut: Cut
+
+    def lengths(self) -> tuple[Array, Array]:
+        """(S,) and (S,) mm: ``s`` and the lengths of the lines of hair there."""
+        steps = np.linalg.norm(np.diff(self.points, axis=1), axis=2)
+        return np.linspace(-BEYOND, BEYOND, len(steps)), steps.sum(axis=1)
+
+    def crest(self, s: Array, t: Array) -> Array:
+        """(...): 1 in the middle of a group of hanging hair, -1 between two, 0 above them, at places, (...) each."""
+        return _grouped(self.cut, t) * np.cos(_phase(self.cut, s))
 
     def at(self, s: Array, t: Array) -> tuple[Array, Array]:
         """(..., 3) mm and (..., 3): points and outward unit normals at places, (...) each."""
@@ -363,7 +371,32 @@ def lay_fall(style: HeadStyle, cut: Cut) -> Fall:
     points[:, 1:] = gaussian_filter(points, (1.5, 1.5, 0), mode="nearest")[:, 1:]
     normals = unit_vectors(np.cross(np.gradient(points, axis=1), np.gradient(points, axis=0)), 1e-6)
     normals = np.where(((normals * rough).sum(axis=-1) > 0.3)[..., None], normals, rough)
-    return Fall(points, unit_vectors(gaussian_filter(normals, (2, 2, 0), mode="nearest"), 1e-6))
+    outs = unit_vectors(gaussian_filter(normals, (2, 2, 0), mode="nearest"), 1e-6)
+    if not cut.groups:
+        return Fall(points, outs, cut)
+    # Hair gathers in groups towards its ends.
+    gathered = s[:, None] - cut.gather * _grouped(cut, t) * (np.sin(_phase(cut, s)) / (2 * np.pi * cut.groups))[:, None]
+    rows = (gathered / BEYOND + 1) / 2 * (len(s) - 1), np.broadcast_to(np.arange(len(t)), gathered.shape)
+    points, outs = (
+        np.stack([map_coordinates(field[..., axis], rows, order=1, mode="nearest") for axis in range(3)], axis=-1)
+        for field in (points, outs)
+    )
+    crest = _grouped(cut, t) * np.cos(_phase(cut, s))[:, None]
+    points += (RELIEF_MM * (crest - 0.3 * np.abs(crest)) * smoothstep((1.05 - np.abs(s)) / 0.1)[:, None])[
+        ..., None
+    ] * outs
+    return Fall(points, outs, cut)
+
+
+def _phase(cut: Cut, s: Array) -> Array:
+    """(...) rad: place in a group of hair."""
+    u = np.minimum(np.abs(s), 1.0)
+    return np.asarray(2 * np.pi * cut.groups * (u + 0.035 * np.sin(2 * np.pi * u) + 0.03 * np.sin(np.pi * s)))
+
+
+def _grouped(cut: Cut, t: Array) -> Array:
+    """(...): how far hair has gathered in groups, 0 to 1."""
+    return np.asarray(smoothstep((t - 0.2) / 0.8) * (cut.groups > 0))
 
 
 def _on_head(style: HeadStyle, cut: Cut, s: Array, shares: Array) -> tuple[Array, Array]:
@@ -384,7 +417,7 @@ def _on_head(style: HeadStyle, cut: Cut, s: Array, shares: Array) -> tuple[Array
         last = np.interp(u, (0, 0.5, 0.68, 0.84, 1), (180, 122, 96, 75, 56))
         end = place(last * side, hairline(np.deg2rad(last)) + np.interp(u, *ENDS_MM))
     else:
-        end = place(np.interp(u, (0, 0.5, 1), (180, 118, 67)) * side, np.full(len(s), EARS_MM))
+        end = place(np.interp(u, (0, 0.5, 1, BEYOND), (180, 118, 67, 54)) * side, np.full(len(s), EARS_MM))
     edge = smoothstep((1 - u) / 0.22)
     lines, outs = [], []
     for share in shares:

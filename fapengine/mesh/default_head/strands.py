@@ -31,9 +31,11 @@ STEP_MM, ROUND_MM, TIP_ROUND_MM = 2.2, 1.6, 2.2
 """Height of upper strands above lower ones; height of a strand's middle above its edges, and what tips add to it."""
 PARTING_MM = (2.0, 1.4)
 """How far hair of either side goes beyond the parting, and its depth there."""
+SCALP_MM, SCALP = (0.2, 1.5), 0.35
+"""How far from the parting scalp is seen, and where hair begins; its share of the colour of skin: hair shades it."""
 WANDER = 0.018
 """How far the border between two strands wanders sideways, in ``s``."""
-TAPER_AT, TAPER = (0.0, 0.3, 0.7, 1.0), (1.0, 1.12, 0.8, 0.07)
+TAPER_AT, TAPER = (0.0, 0.3, 0.65, 1.0), (1.0, 1.1, 0.62, 0.07)
 """Width of a strand along its tip: it lies over its neighbours, then ends in a point. Narrower ends flicker."""
 LOCK_ROWS, MAX_LOCK_DETAIL = 5, 1.4
 """Rows of a lock without length, six more per ``t``; locks are not divided further at the finest levels."""
@@ -51,8 +53,10 @@ LIT_INSIDE = np.array([0.0, -1.0, 0.0])
 """Normal of the layer that is seen from inside: no lamp shines there."""
 SHEEN_FROM = unit_vectors(np.array([[-0.24, 0.44, 0.87], [-0.75, 0.55, 0.25], [0.75, 0.55, 0.25]]))
 """Half way between a lamp and a camera in front or at a side: hair across it is bright, as a bundle of cylinders is."""
-SHEEN, SHEEN_POWER, LOCK_SHEEN = np.array([1.6, 1.2, 1.5]), 18.0, 1.4
+SHEEN, SHEEN_POWER, LOCK_SHEEN = np.array([1.6, 1.2, 1.5]), 14.0, 1.15
 """Additional light on hair at its brightest, by direction; how narrow the bands are; and how much brighter on locks."""
+GROUPED = 0.35
+"""How much lighter groups of hair are in their middle, and darker between them."""
 THROUGH = 0.45
 """Additional light on hair that faces away from the camera in front: some comes through."""
 EVEN_LIGHT_HAIR = 3.1
@@ -75,12 +79,16 @@ def _add_layer(builder: MeshBuilder, fall: Fall, cut: Cut, seed: int, palette: P
     layer = cut.layers[seed]
     number, lead = np.arange(layer.strands) + 5 * seed, len(layer.lead)
     rows = round(cut.rows * max(detail, MIN_ROWS) * (layer.last - layer.first))
-    share = np.linspace(0, 1, max(7, rows))  # denser at the tips, and where hair bends over the crown
+    share = np.linspace(
+        0, 1, max(7, rows) + 2 * (not layer.first)
+    )  # denser at the tips, and where hair bends over the crown
     share = 1 - (1 - share) ** 1.15 if layer.first else share - DENSER * np.sin(2 * np.pi * share) / (2 * np.pi)
     across = resampled(ACROSS, max(detail, MIN_ACROSS[layer.first > 0]))
     side = 2 * across - 1
     level = np.where(number % 2, 0.45, 0.0) + 0.55 * golden(number, 2.3)
-    t, s, wide = _places(layer, number, level, share, side)
+    t, s, wide = _places(layer, fall, number, level, share, side)
+    if not layer.first:  # the scalp ends and hair begins at the second and the third row
+        t[:, 1:3] = np.array(SCALP_MM) / np.interp(s[:, 0, 1], *fall.lengths())[:, None]
     level, t = level[:, None, None], t[..., None]
     points, out = fall.at(s, t)
 
@@ -98,17 +106,22 @@ def _add_layer(builder: MeshBuilder, fall: Fall, cut: Cut, seed: int, palette: P
     own = _outwards(points, out)
     normals = 0.4 * out + LIT_INSIDE if layer.is_inside else own + EVEN_NORMALS * out
 
-    tint = np.interp(side**2, (0, 1), (1.05, 0.87)) * (1 - 0.2 * (1 - level) * side**2)
-    tint = tint * (0.9 + 0.14 * level + 0.1 * golden(number, 1.9)[:, None, None])
+    tint = np.interp(side**2, (0, 1), (1.03, 0.95)) * (1 - 0.1 * (1 - level) * side**2)
+    tint = tint * (0.94 + 0.07 * level + 0.06 * golden(number, 1.9)[:, None, None])
     tint = (
         (1 + raised * (tint - 1))
         * np.interp(t, (0, 0.03, 0.1), (0.6, 0.8, 1))
         * (1 + layer.shade**4 * raised * _sheen(points, out))
+        * (1 + GROUPED * fall.crest(s, t))
     )
     shade = layer.shade * tint * np.interp(share, (0, 0.85, 1), (1, 1, 0.9))[:, None]
+    albedo = _tinted(palette, shade, out)
+    if not layer.first:
+        bare = SCALP * smoothstep((np.abs(s[:, :2]) - 0.25) / 0.5)[..., None] * np.array([1.0, 0.7])[:, None, None]
+        albedo[:, :2] += bare * (palette.skin(points[:, :2]) - albedo[:, :2])
     grid = builder.add(
         points,
-        albedo=_tinted(palette, shade, out),
+        albedo=albedo,
         material=Material.HAIR,
         uv=strand_uv((0.05 + 0.65 * golden(number, 3.1))[:, None, None] + 0.25 * across, 0.05 + 0.9 * t),
         normal=unit_vectors(normals, 1e-6),
@@ -124,14 +137,20 @@ def _add_layer(builder: MeshBuilder, fall: Fall, cut: Cut, seed: int, palette: P
     return grid.ravel()
 
 
-def _places(layer: Layer, number: Indices, level: Array, share: Array, side: Array) -> tuple[Array, Array, Array]:
+def _places(
+    layer: Layer, fall: Fall, number: Indices, level: Array, share: Array, side: Array
+) -> tuple[Array, Array, Array]:
     """``t``, (N, R), and ``s``, (N, R, C), of strands at shares of their length, (R,), and across, (C,), -1 to 1.
 
     Last comes their width relative to that above their tips, (N, R).
     """
     lead, tapers_from = len(layer.lead), np.full(len(number), layer.tapers_from)
     width = 0.6 + 0.6 * golden(number, 3.7) + 0.3 * level
-    length = layer.last * (1 - layer.uneven * (golden(number, 2.9) + 0.5 * (1 - level)))
+    own = golden(number, 2.9) + 0.5 * (1 - level)
+    if fall.cut.groups:  # groups end in points
+        middle = layer.reach * (2 * (np.cumsum(width) - width / 2) / width.sum() - 1)
+        own = 0.2 * own + 0.5 * (1 - fall.crest(middle, np.ones(len(number))))
+    length = layer.last * (1 - layer.uneven * own)
     if lead:
         ends, widths = np.array(layer.lead).T
         width[:lead], width[: -lead - 1 : -1] = widths, widths
@@ -198,7 +217,7 @@ def _add_locks(builder: MeshBuilder, fall: Fall, cut: Cut, seed: int, palette: P
     points = middle[:, :, None] + (half[..., None] * side)[..., None] * across[:, :, None]
     points = points + (up[..., None] - ARCH * half[..., None] * side**2)[..., None] * out
     own = _outwards(points, out)
-    tint = np.interp(side**2, (0, 1), (1.18, 0.66)) * (0.95 + 0.1 * longer[..., None])
+    tint = np.interp(side**2, (0, 1), (1.14, 0.78)) * (0.95 + 0.1 * longer[..., None])
     tint = tint * np.interp(share, (0, 0.15, 0.5, 1), (0.55, 0.7, 1.0, 1.06))[:, None]
     grid = builder.add(
         points,
