@@ -13,6 +13,7 @@ import sys
 import tempfile
 import traceback
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 from typing import ParamSpec, TypeVar
 
@@ -31,6 +32,8 @@ WARM = (
     "score talk.fap --phones talk.pho --json",
 )
 """Commands that load what others need as well."""
+MODULES = ("av", "matplotlib.backends.backend_agg", "matplotlib.figure", "scipy.signal", "scipy.sparse.linalg")
+"""Of others, which would be imported by dozens of calls."""
 
 
 class Fresh:
@@ -76,6 +79,9 @@ def _warm_up() -> None:
     import fapengine
     from tests.snapshots import api, inputs, jobs, texts  # noqa: F401
     from tests.snapshots.run import run
+
+    for name in MODULES:
+        import_module(name)
 
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "talk.pho").write_text("m 100\na 200\nb 100\n")
