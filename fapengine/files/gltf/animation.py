@@ -2,8 +2,8 @@
 
 The first animation that moves a morph target or an expression is read, from time 0, which is that of the sound. Names
 decide which set of shapes they are (:mod:`fapengine.retarget.blend_tracks`): where a file has several, the one that
-moves. Rotations are those of a face that looks along +z, in VRM 0.x along -z: of the head, and, where no shape turns the
-eyes, of their bones or a VRM animation's gaze.
+moves. Rotations are those of a face that looks along +z, in VRM 0.x along -z: of the head and, where no shape turns
+the eyes, of their bones or a VRM animation's gaze.
 """
 
 from collections.abc import Mapping

@@ -104,6 +104,7 @@ def test_bones_turn_the_eyes_where_no_shape_does(*, has_look: bool) -> None:
     weights[:, ARKIT.index("eyeLookDownLeft")] = 0.5 * has_look
     builder = avatar(ARKIT, weights)
     builder.doc["nodes"] += [{"name": "LeftEye"}, {"name": "RightEye"}]
+    builder.doc["scenes"] = [{"nodes": [0, 1, 2, 3]}]
     turned(builder, [0.0, np.sin(0.1), 0.0, np.cos(0.1)], 4, node=2)  # 0.2 rad about y
     turned(builder, [np.sin(0.05), 0.0, 0.0, np.cos(0.05)], 4, node=3)  # 0.1 rad about x
     faps = parse_animation(builder.glb()).values[2, [fap.column(n) for n in (23, 24, 25, 26)]] * AU_RAD
