@@ -64,7 +64,7 @@ So the outline is round, and closed lips stay closed.
 PURSED_CHEEK_MM = np.array([46.0, 36.0])
 """How far beyond and above pursed corners the skin follows them: skin that stayed was a crease beside them."""
 PURSED_LEVEL_MM = 3.0
-"""How far the skin beside their corners comes forward and that above it moves back."""
+"""How far the skin beside their corners comes forward; that above it moves back by half of that."""
 PURSED_TEETH_MM = np.array([0.0, 4.5, -3.0])
 """How far the upper teeth move out of the opening of pursed lips, so that it is dark; the lower ones move down."""
 JAW_FAP = 3
@@ -265,8 +265,8 @@ def _purse_cheeks(
     near = falling > 0
     moves = _pursed(np.clip(across, -1, 1)) * falling[:, None]
     # Skin pushed forward with the upper lip would overhang that beside the corners.
-    above, outside = at[:, 1] - corner[1], (np.abs(at[:, 0]) - corner[0] - 5.0) / 10.0
-    level_out = np.exp(-(((above + 0.5) / 4.5) ** 2)) - np.exp(-(((above - 7.0) / 4.5) ** 2))
+    above, outside = at[:, 1] - corner[1], (np.abs(at[:, 0]) - corner[0] - 3.0) / 8.0
+    level_out = np.exp(-(((above - 1.5) / 4.0) ** 2)) - 0.5 * np.exp(-(((above - 7.0) / 4.5) ** 2))
     moves[:, 2] += PURSED_LEVEL_MM * level_out * np.exp(-(outside**2)) * np.minimum(4 * share, 1)
     moves = moves[near]
     collector.add(Channel(PUSH_LOWER_LIP, *PURSE_FAPU), skin[near], moves / (PURSE_FAPU[1] - PURSE_FAPU[0]))
