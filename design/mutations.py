@@ -80,7 +80,7 @@ MUTATIONS = (
     ),
     Mutation(
         "margin of rest", "fapengine/trajectory/targets.py", "REST_MARGIN_S = 0.12", "REST_MARGIN_S = 0.24",
-        "articulators start 120 ms before the sound",
+        "the face is neutral 120 ms after the last phone",
         ("tests/unit/trajectory/test_planner.py",),
     ),
     Mutation(

@@ -6,7 +6,7 @@ import { clamp, pathThrough, smoothstep } from "./path.js";
 const { LENGTHS, MAX_DURATION_S, MIN_DURATION_S, NEXT_FROM, PAUSE_S, REACH, TYPICAL_S } = context;
 const { AHEAD, HALF_GAIN, HOLE, LONG_S, NOTHING, PAUSE, PAUSE_S: LEAST_PAUSE_S, ROUND, WIDTH } = phonetics;
 const {
-  APART_S, CLOSEST_KEYS_S, GAP_S, HELD_PAUSE_S, HELD_STEP_S, JAW_SWAY, LIPS_SWAY, MIN_PAUSE_S, MAX_HELD, REST_MARGIN_S, SWAY_FROM_S,
+  APART_S, CLOSEST_KEYS_S, GAP_S, HELD_PAUSE_S, HELD_STEP_S, JAW_SWAY, LEAD_S, LIPS_SWAY, MIN_PAUSE_S, MAX_HELD, REST_MARGIN_S, SWAY_FROM_S,
   SWAY_RISE_S,
 } = targets;
 const { DB_PER_DOUBLE_DROP, DB_PER_DOUBLE_LIPS } = style;
@@ -94,7 +94,7 @@ function inContext({ values, insists }, rows, at) {
 // among them that are not IPA.
 export function speechPath(profile, phones, firstOwn = 0) {
   const row = new Row(profile);
-  phones.forEach((phone, number) => row.add(phone, number >= firstOwn, number > firstOwn));
+  phones.forEach((phone, number) => row.add(phone, number, firstOwn));
   const keys = row.finished();
   keys.sort((one, other) => one.time - other.time);
   const kept = farApart(keys);
@@ -111,10 +111,12 @@ class Row {
     this.letters = new Array(phonetics.REACH).fill(NOTHING);
   }
 
-  add(phone, isOwn, mayRest) {
+  add(phone, number, firstOwn) {
     const { profile, kinds, lengths, letters } = this;
     let { start } = phone;
     const { end } = phone;
+    const [isOwn, mayRest] = [number >= firstOwn, number > firstOwn];
+    const lead = start - this.now >= (number ? HELD_PAUSE_S : REST_MARGIN_S) ? Math.min(LEAD_S, start) : 0;
     if (start > this.now + GAP_S) {
       kinds.push(profile.silence);
       lengths.push(PAUSE_S);
@@ -132,7 +134,7 @@ class Row {
     if (isOwn) {
       if (!this.said.length) this.first = start;
       this.said.push([start === phone.start ? phone : { ...phone, start }, contact, rows.length > 1]);
-      this.own.push({ start, end, loudness: phone.loudness ?? 0, place: kinds.length, count: parts.length, letter: letters.length, letters: rows.length });
+      this.own.push({ start, end, lead, loudness: phone.loudness ?? 0, place: kinds.length, count: parts.length, letter: letters.length, letters: rows.length });
       if (isUnknown) this.unknown.push(phone.label);
     }
     kinds.push(...parts);
@@ -141,7 +143,7 @@ class Row {
   }
 
   rest(from, until) {
-    if (until - from >= HELD_PAUSE_S) this.rests.push(from + REST_MARGIN_S, until - REST_MARGIN_S);
+    if (until - from >= HELD_PAUSE_S) this.rests.push(from + REST_MARGIN_S, until - LEAD_S);
     else this.rests.push((from + until) / 2);
   }
 
@@ -153,9 +155,12 @@ class Row {
       this.lengths.push(PAUSE_S);
     }
     if (!this.said.length) return [];
-    this.rests.push(Math.max(this.first - REST_MARGIN_S, 0), this.spoken + REST_MARGIN_S);
+    this.rests.push(Math.max(this.first - LEAD_S, 0), this.spoken + REST_MARGIN_S);
     const tokens = new Tokens(this.profile, this.kinds, this.lengths);
-    const keys = this.own.flatMap((phone) => this.keysOf(phone, tokens));
+    const keys = this.own.flatMap((phone) => {
+      const own = this.keysOf(phone, tokens);
+      return phone.lead ? [{ ...own[0], time: phone.start - phone.lead / 2 }, ...own] : own;
+    });
     return [...keys, ...this.rests.map((time) => ({ time, target: null }))];
   }
 

@@ -70,6 +70,8 @@ LATEST_CLOSURE_S = 0.15
 """A bilabial that ended longer ago makes no closure."""
 SAME_S = 1e-3
 """Phones whose times differ by less are the same."""
+ROUNDING_S = 1e-6
+"""A fade that ends less than this after a frame is over in it, so that rounding does not decide."""
 
 
 @dataclass(slots=True)
@@ -102,7 +104,7 @@ class StreamPlan:
 
     def shortest_fade_s(self, time_s: float) -> float:
         """Length of the shorter of its fades that last at a time; infinity if none does."""
-        since_s = time_s - self.start_s
+        since_s = time_s - self.start_s + ROUNDING_S
         return self.momentum_s if since_s < self.momentum_s else self.fade_s if since_s < self.fade_s else np.inf
 
 

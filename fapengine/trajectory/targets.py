@@ -12,8 +12,9 @@ as the longest one, and others between them: it is reached in time, held, and le
 drifts a little and breathes, so there a target sways (:func:`sway_of`).
 
 Silence is the neutral face, the origin of the space: a long pause holds it, a short one only passes through it, and one
-of under a tenth of a second is ignored. A C2 path runs through all keyframes (:mod:`.hermite`, or another of
-:mod:`.methods`); it starts and ends neutral, with zero slope.
+of under a tenth of a second is ignored. After a long one, and by the method ``context``, lips prepare: they have the
+shape of the first phone before it is heard (:data:`LEAD_S`), as captured ones do. A C2 path runs through all keyframes
+(:mod:`.hermite`, or another of :mod:`.methods`); it starts and ends neutral, with zero slope.
 
 There is one implementation for files and streams. NumPy's calls cost more than its arithmetic, and a stream plans a
 dozen phones whenever one comes. So the phones of all tracks are laid in one row, far enough apart that no feature
@@ -63,11 +64,13 @@ costs 0.003 mm of lip error at natural rate and takes a third of the highest vel
 GAP_S = 0.005
 """Longest gap between two phones that is ignored: the later phone begins earlier by it."""
 REST_MARGIN_S = 0.12
-"""Time to leave the neutral face before speech, and to reach it afterwards. Articulators start about 120 ms before the
-sound (JALI, Edwards et al. 2016)."""
+"""Time to reach the neutral face after speech."""
+LEAD_S = 0.24
+"""Time to leave it before speech; halfway the lips have the shape of the first phone. In the 0.4 s before speech this
+takes a fifth of the lips' error away (``design/tried.md``). Less than the delay of live sound, so that it is shown."""
 MIN_PAUSE_S = 0.1
 """Least length of a pause that passes through the neutral face."""
-HELD_PAUSE_S = 0.3
+HELD_PAUSE_S = REST_MARGIN_S + LEAD_S
 """Least length of a pause that holds it, between two keyframes; a shorter one has one keyframe, in its middle."""
 CLOSEST_KEYS_S = 0.012
 """Nearer keyframes would make the spline swing; the later one is dropped."""
@@ -149,7 +152,7 @@ def speech_keys(tracks: Sequence[tuple[Sequence[Phone], int]], profile: Profile,
     context : bool
         Whether the profile's context model finds targets, if it has one; otherwise a phone's are always the same.
     """
-    labels, row = _labels(profile, context), _Row()
+    labels, row = _labels(profile, context), _Row(LEAD_S if context else REST_MARGIN_S)
     for number, (phones, first_own) in enumerate(tracks):
         row.add(number, phones, first_own, labels)
     numbers = np.array(row.numbers).reshape(-1, 7)
@@ -194,7 +197,12 @@ def speech_keys(tracks: Sequence[tuple[Sequence[Phone], int]], profile: Profile,
     targets = np.concatenate([weights, layer], axis=1)
     if len(swaying):
         targets[swaying] *= (1.0 + shares * sway_of(LIPS_SWAY, sways_s))[:, None]
-    return SpeechKeys(row.said, own[phone], times_s, targets, row.rests, row.unknown)
+    phone_of = own[phone]
+    if context and row.prepared:
+        awaited, early_s = zip(*row.prepared, strict=True)
+        every = np.append(np.arange(len(phone_of)), np.searchsorted(phone_of, awaited))
+        phone_of, targets, times_s = phone_of[every], targets[every], np.append(times_s, early_s)
+    return SpeechKeys(row.said, phone_of, times_s, targets, row.rests, row.unknown)
 
 
 def sway_of(waves: Iterable[tuple[float, float]], times_s: Array) -> Array:
@@ -254,6 +262,8 @@ class _Spelled(NamedTuple):
 class _Row:
     """Phones of all tracks in one row. Stateful: it grows phone by phone."""
 
+    lead_s: float
+    """Time to leave the neutral face before speech."""
     kinds: list[int] = field(default_factory=list)
     """Kind of every part, and of the silences between them."""
     letters: list[int] = field(default_factory=list)
@@ -263,6 +273,8 @@ class _Row:
     loud: list[tuple[int, float]] = field(default_factory=list)
     """Phones that are louder or quieter than usual, and by how much, dB."""
     rests: list[tuple[int, float]] = field(default_factory=list)
+    prepared: list[tuple[int, float]] = field(default_factory=list)
+    """Phones with keys that lips prepare for, by number among those, and when they are ready, s."""
     said: list[list[tuple[Phone, str]]] = field(default_factory=list)
     unknown: Counter[str] = field(default_factory=Counter)
     own_count: int = 0
@@ -276,6 +288,9 @@ class _Row:
         now_s, spoken_s, first_s = 0.0, -np.inf, 0.0
         for number, phone in enumerate(phones):
             start_s, end_s = phone.start_s, phone.end_s
+            lead_s = (
+                min(self.lead_s, start_s) if start_s - now_s >= (HELD_PAUSE_S if number else REST_MARGIN_S) else 0.0
+            )
             if start_s > now_s + GAP_S:
                 kinds.append(labels.silence)
                 if number > first_own and start_s - now_s >= MIN_PAUSE_S:
@@ -297,6 +312,8 @@ class _Row:
             kinds += parts
             letters += signs
             if is_own:
+                if lead_s:
+                    self.prepared.append((self.own_count, start_s - lead_s / 2))
                 self.own_count += 1
                 first_s = first_s if said else start_s
                 said.append((phone, contact))
@@ -308,11 +325,11 @@ class _Row:
         kinds += (labels.silence,) * REACH
         self.said.append(said)
         if said:
-            self.rests += ((track, max(first_s - REST_MARGIN_S, 0.0)), (track, spoken_s + REST_MARGIN_S))
+            self.rests += ((track, max(first_s - self.lead_s, 0.0)), (track, spoken_s + REST_MARGIN_S))
 
     def _rest(self, track: int, from_s: float, until_s: float) -> None:
         if until_s - from_s >= HELD_PAUSE_S:
-            self.rests += ((track, from_s + REST_MARGIN_S), (track, until_s - REST_MARGIN_S))
+            self.rests += ((track, from_s + REST_MARGIN_S), (track, until_s - self.lead_s))
         else:
             self.rests.append((track, (from_s + until_s) / 2))
 

@@ -82,7 +82,7 @@ PROMISES = (
     ("0.3 mm for {} ms, or the whole phone", 1e3 * closures.MIN_HOLD_S),
     ("any expressions up to strength {}", expression.MAX_WEIGHT),
     ("| overshoot | ≤ {} % of the range", 100 * hermite.OVERSHOOT),
-    ("reached {} s after the last phone", targets.REST_MARGIN_S),
+    ("left {} s before the first phone, reached {} s after the last phone", targets.LEAD_S, targets.REST_MARGIN_S),
 )  # fmt: skip
 
 

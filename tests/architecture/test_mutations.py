@@ -6,7 +6,7 @@
 * marker bits: a marker bit stands before every fourth sent bound
 * time code: a time code sets the clock at its plane, and time goes on from there
 * chin on the jaw: FAP 18 moves the chin against the jaw: what the jaw carries is taken off
-* margin of rest: articulators start 120 ms before the sound
+* margin of rest: the face is neutral 120 ms after the last phone
 * shortest pause: a pause of a tenth of a second or longer passes through rest
 * length of a closure: lips that touch stay together for 40 ms
 * quintic: value, velocity and acceleration are continuous along the path

@@ -40,7 +40,7 @@ BEGIN_S, QUARTER_S = 0.2, 0.005
 """When the first sentence begins, and how much later in a block each next one."""
 EVERY = 5
 """One of so many sentences is played in real time."""
-LEAST_R = 0.89
+LEAST_R = 0.87
 """At 0.25 s on the made clock; less would be a fault of the browser's side, for the phones are those of Python."""
 POLICY = "default-src 'self'; require-trusted-types-for 'script'"
 PAGE = f"""<!doctype html><html lang="en"><title>Hear</title><link rel="icon" href="package/icon.svg" />

@@ -240,7 +240,7 @@ def test_cancel_closes_the_mouth_and_is_idempotent():
 def test_cancel_of_one_lets_the_next_begin():
     face = engine()
     say(face, sentence(["a"] * 12))
-    say(face, sentence(["a"] * 12, lead_s=0.1), number=2)
+    say(face, sentence(["a"] * 12, lead_s=0.4), number=2)
     frames(face, 0.0, 0.7)
     face.apply("anna", Cancel(1, fade_s=0.1), 0.7)
     assert face.utterance("anna", 2).zero_s == pytest.approx(0.8)

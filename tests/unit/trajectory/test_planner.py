@@ -205,10 +205,25 @@ def test_a_pause_from_a_tenth_of_a_second_on_passes_through_rest(pause_s: float,
     assert (np.abs(middle).max() <= 2) == rests
 
 
-def test_a_pause_of_three_tenths_of_a_second_holds_rest() -> None:
-    phones = PhoneTrack.from_phones([Phone("ɑ", 0.3, 0.5), Phone(SILENCE, 0.5, 0.81), Phone("ɑ", 0.81, 1.0)])
-    held = values_of(phones, rate_hz=200.0)[124:139]  # from 0.12 s behind one to 0.12 s before the other
+def test_a_pause_of_four_tenths_of_a_second_holds_rest() -> None:
+    phones = PhoneTrack.from_phones([Phone("ɑ", 0.3, 0.5), Phone(SILENCE, 0.5, 0.91), Phone("ɑ", 0.91, 1.0)])
+    held = values_of(phones, rate_hz=200.0)[124:135]  # from 0.12 s behind one to 0.24 s before the other
     assert np.abs(held).max() <= 12  # a quarter of a millimetre
+
+
+@pytest.mark.parametrize("begin_s", [0.3, 1.2])
+def test_lips_have_the_shape_of_the_first_phone_before_it_is_heard(begin_s: float) -> None:
+    """Also after a pause; until just before, the face is neutral."""
+    before = [Phone(label, 0.3 + 0.1 * n, 0.4 + 0.1 * n) for n, label in enumerate("sin")] if begin_s > 1 else []
+    openings = []
+    for label in "bsɑ":
+        spoken = [Phone(label, begin_s, begin_s + 0.1), Phone("n", begin_s + 0.1, begin_s + 0.2)]
+        phones = PhoneTrack.from_phones([*before, *spoken])
+        neutral, ready, heard = weights_of(phones, english(), begin_s + np.array([-0.24, -0.12, 0.02]))
+        assert np.abs(neutral).max() < 1e-9
+        np.testing.assert_allclose(ready, heard, atol=1e-9)
+        openings.append(opening(values_of(phones))[round(100 * (begin_s - 0.12))])
+    assert np.diff(openings).min() > 50
 
 
 def test_a_track_lasts_until_the_face_is_at_rest_however_soon_its_phones_end() -> None:
