@@ -18,7 +18,8 @@ from fapengine._late import Late
 from fapengine.files.paths import replacing
 from fapengine.files.pictures import linear_rgb
 from fapengine.files.provenance import mark
-from fapengine.retarget.puppet import DOUBLE_SIDED, ICT_NOTICE, JOINTS, Part, Puppet, copyright_line
+from fapengine.retarget.ict_notice import ICT_NOTICE, copyright_line
+from fapengine.retarget.puppet import DOUBLE_SIDED, JOINTS, Part, Puppet
 from fapengine.retarget.rig_weights import rig_weights
 
 Gf, Sdf, Usd, UsdGeom, UsdSkel, Vt = (

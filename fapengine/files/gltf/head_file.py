@@ -16,18 +16,8 @@ from fapengine.files.gltf.writing import INDICES, VERTICES, Curves, Row, Writer,
 from fapengine.files.pictures import format_png
 from fapengine.files.provenance import mark
 from fapengine.retarget.blend import ARKIT_NAMES
-from fapengine.retarget.puppet import (
-    DOUBLE_SIDED,
-    HEAD,
-    ICT_COPYRIGHT,
-    ICT_NOTICE,
-    JOINTS,
-    LEFT_EYE,
-    RIGHT_EYE,
-    Part,
-    Puppet,
-    copyright_line,
-)
+from fapengine.retarget.ict_notice import ICT_COPYRIGHT, ICT_NOTICE, copyright_line
+from fapengine.retarget.puppet import DOUBLE_SIDED, HEAD, JOINTS, LEFT_EYE, RIGHT_EYE, Part, Puppet
 from fapengine.retarget.skeleton import PRESET_SHAPES, rest_matrices
 from fapengine.retarget.visemes import VRM1_NAMES
 

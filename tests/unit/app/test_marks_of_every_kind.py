@@ -18,7 +18,7 @@ from fapengine.app.outputs import OUTPUT_KINDS
 from fapengine.app.scene_files import Into, export_head
 from fapengine.files.provenance import NAME, SYNTHETIC, XMP_BOX, provenance
 from fapengine.mpeg4.track import FapTrack
-from fapengine.retarget.puppet import ICT_COPYRIGHT
+from fapengine.retarget.ict_notice import ICT_COPYRIGHT
 
 HEAD = "default:level=coarse"
 WITHOUT_A_PLACE = {".fap", ".fba", ".csv", ".json", ".tsv", ".xml", ".dat", ".wav"}

@@ -24,7 +24,7 @@ from fapengine.mpeg4 import fap
 from fapengine.render.drawing import RenderOptions
 from fapengine.render.renderer import FaceRenderer
 from fapengine.retarget.blend import ARKIT_NAMES
-from fapengine.retarget.puppet import ICT_COPYRIGHT
+from fapengine.retarget.ict_notice import ICT_COPYRIGHT
 from fapengine.retarget.rig_weights import choose_blendshapes
 from tests.unit.mesh.rigs import own_rig
 

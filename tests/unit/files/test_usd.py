@@ -17,7 +17,8 @@ from fapengine.files.provenance import SYNTHETIC, provenance
 from fapengine.mpeg4.track import FapTrack
 from fapengine.retarget.arkit import approximate_arkit
 from fapengine.retarget.blend import ARKIT_NAMES
-from fapengine.retarget.puppet import ICT_COPYRIGHT, make_puppet
+from fapengine.retarget.ict_notice import ICT_COPYRIGHT
+from fapengine.retarget.puppet import make_puppet
 
 HEAD = "default:level=coarse"
 ATOL = 1e-5

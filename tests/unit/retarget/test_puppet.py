@@ -20,8 +20,9 @@ from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import FaceMesh, Material
 from fapengine.mpeg4 import fap
 from fapengine.retarget.blend import ARKIT_NAMES
+from fapengine.retarget.ict_notice import ICT_COPYRIGHT
 from fapengine.retarget.moods import MOODS
-from fapengine.retarget.puppet import EYE_TEXELS, HEAD, ICT_COPYRIGHT, JAW, JOINTS, Puppet, eye_texture, make_puppet
+from fapengine.retarget.puppet import EYE_TEXELS, HEAD, JAW, JOINTS, Puppet, eye_texture, make_puppet
 from fapengine.retarget.rig_weights import OCULUS
 from fapengine.retarget.skeleton import CHEST, EXTRAS, arkit_shapes, extra_shapes, mood_shapes
 from fapengine.retarget.visemes import VRM1_NAMES, presets_to_faps
