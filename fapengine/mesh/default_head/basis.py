@@ -12,8 +12,8 @@ which are placed by their own FAPs (Table C.1: open_jaw does not move them), and
 skin follows the jaw's rotation. Lids turn about the eye in piecewise-linear steps (the standard's FaceDefTables).
 """
 
-from collections.abc import Callable
 from itertools import pairwise
+from typing import Protocol
 
 import numpy as np
 
@@ -178,7 +178,11 @@ def build_basis(
     return jaw_weight, *collector.gathered()
 
 
-Linear = Callable[..., None]
+class Linear(Protocol):
+    """The function of that name in :func:`build_basis`."""
+
+    def __call__(self, number: int, vertices: Indices, weight: Array, forward: Array | float = 0.0, /) -> None:
+        """Add one FAP."""
 
 
 def _along(t: Array, at: float) -> Array:
