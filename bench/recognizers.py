@@ -123,10 +123,14 @@ def alone(speech: Spoken) -> PhoneTrack:
 
 
 class Streamed:
-    """A recognizer as it hears live, new for each sentence."""
+    """A recognizer as it hears live, new for each sentence, made for the first. Stateful."""
 
-    def __init__(self, recognizer: Recognizer) -> None:
-        self._recognizer = recognizer
+    def __init__(self, make: Callable[[], Recognizer]) -> None:
+        self._make = make
+
+    @cached_property
+    def _recognizer(self) -> Recognizer:
+        return self._make()
 
     def __call__(self, speech: Spoken) -> PhoneTrack:
         """Hear a sentence."""
@@ -137,9 +141,9 @@ class Streamed:
 RECOGNIZERS: dict[str, Callable[[Spoken], PhoneTrack]] = {
     "with the text": aligned,
     "sound alone": alone,
-    "sound alone, streamed: sphinx": Streamed(SphinxRecognizer(0.15)),
-    "sound alone, streamed: small": Streamed(SmallRecognizer(0.15)),
-    "sound alone, streamed: both": Streamed(JointRecognizer(0.15)),
+    "sound alone, streamed: sphinx": Streamed(partial(SphinxRecognizer, 0.15)),
+    "sound alone, streamed: small": Streamed(partial(SmallRecognizer, 0.15)),
+    "sound alone, streamed: both": Streamed(partial(JointRecognizer, 0.15)),
     **rivals(),
 }
 """Name to what makes phones of a sentence; rivals where ``make oracles`` installed them."""
@@ -380,8 +384,8 @@ def main() -> None:
         weights = read_weights(options.weights.read_bytes())
         RECOGNIZERS.clear()
         RECOGNIZERS["small"], RECOGNIZERS["both"] = (
-            Streamed(SmallRecognizer(weights=weights)),
-            Streamed(JointRecognizer(weights=weights)),
+            Streamed(partial(SmallRecognizer, weights=weights)),
+            Streamed(partial(JointRecognizer, weights=weights)),
         )
     if options.languages:
         languages()
