@@ -14,9 +14,11 @@ and ``[[rules]]``: a regular expression and what is said, in which ``{1}`` is it
 ``n`` in words. Its group ``x`` is replaced, or all. ``scales`` are words between a number and its currency, ``of`` what
 stands after one, ``[short_scales]`` letters for them (``$5k``). ``starters`` begin a sentence after an abbreviation,
 whose point is then a full stop too. ``minus`` is said before a number, ``share`` between a fraction and its unit.
-``[date]`` has ``months``, what is ``said``, and forms of ``year`` and of ``day``, by what stands before the date.
+``[date]`` has ``months``, what is ``said``, and forms of ``year`` and of ``day``, by what stands before the date;
+``year_first`` is true where only 2024-05-12 is sure to be one.
 ``phones`` is a pattern of telephone numbers beside the usual one. ``joined`` is the greatest number of digits before a
-space in a number that the voice would read in parts.
+space in a number that the voice would read in parts. ``[[gender]]`` has ``nouns``, what the number in words before one
+becomes at its ``ends`` (regular expressions), and what must stand ``before`` both, if anything.
 
 Tags of SSML stay, what stands in ``say-as``, ``sub`` and ``phoneme``, and addresses of the web and of mail, but for
 their points if the table has a ``dot``.
@@ -149,7 +151,7 @@ def _rules(language: str) -> tuple[_Rule, ...]:
     table = _table(language)
     words, units = _words(table), _units(table, language)
     last = (units, words) if table.get("spaced", True) else (words, units)  # 1人 has a word of its own
-    first = _dates(table, language), _phones(table), _prices(table, language)
+    first = _dates(table, language), _phones(table), _prices(table, language), _genders(table, language)
     return tuple(chain(*first, _numbers(table, language), _fractions(table), _listed(table, language), *last))
 
 
@@ -169,6 +171,8 @@ def _dates(table: dict[str, Any], language: str) -> Iterator[_Rule]:
 
     def edits(match: re.Match[str]) -> list[Edit]:
         day, month, year = (match[name] or match[name[0]] for name in ("day", "month", "year"))
+        if date.get("year_first") and not match["year"]:
+            return [(*match.span(), match[0])]
         if not (1 <= int(day) <= 31 and 1 <= int(month) <= 12):
             return []
         before = match.string[: match.start()]
@@ -195,6 +199,35 @@ def _phones(table: dict[str, Any]) -> Iterator[_Rule]:
     before = r"(?<![\w.,/-])" if table.get("spaced", True) else r"(?<![\d.,/-])"
     pattern = f"{table['phones']}|{_PHONE}" if table["phones"] else _PHONE
     yield _Rule(re.compile(rf"{before}(?=(?:[ ()/.+-]*\d){{7}})(?:{pattern})(?!\d|[.,/:-]\d)"), edits)
+
+
+_COUNT = r"(?<![\w.,/:+(-])(?<!\d[ \u00a0\u202f])(?P<n>\d{1,3}(?:[. \u00a0\u202f]?\d{3})?)"
+
+
+def _genders(table: dict[str, Any], language: str) -> Iterator[_Rule]:
+    """Numbers that agree with a noun; those that a voice reads rightly stay."""
+    if genders := table.get("gender"):
+
+        def edits(match: re.Match[str]) -> list[Edit]:
+            said = _agreed(table, language, match["n"], match["noun"], match.string[: match.start()])
+            return [(*match.span("n"), said)] if said != match["n"] else []
+
+        nouns = "|".join(each["nouns"] for each in genders)
+        yield _Rule(re.compile(rf"{_COUNT}(?= (?P<noun>{nouns})\b)"), edits)
+
+
+def _agreed(table: dict[str, Any], language: str, number: str, noun: str, before: str) -> str:
+    """Number in words if they depend on the noun after it, or on what stands before both."""
+    digits = re.sub(r"[. \u00a0\u202f](?=\d{3}(?!\d))", "", number)
+    for each in table.get("gender", ()) if digits.isdecimal() and len(digits) <= 6 else ():
+        if re.match(rf"(?:{each['nouns']})\b", noun) and (
+            "before" not in each or re.search(rf"\b(?:{each['before']}) \Z", before)
+        ):
+            said = plain = _counted(digits, language, "cardinal")
+            for end, other in each["ends"].items():
+                said = re.sub(end, other, said)
+            return said if said != plain else number
+    return number
 
 
 def _numbers(table: dict[str, Any], language: str) -> Iterator[_Rule]:
@@ -266,6 +299,7 @@ def _prices(table: dict[str, Any], language: str) -> Iterator[_Rule]:
         if language == "cmn" or "joined" in table:
             whole = _whole(whole, language)
         unit = _form(currencies[symbol], whole, language)
+        whole = _agreed(table, language, whole, unit, "")
         if cents and int(cents[2]):
             return str(table["price"].format(whole=whole, unit=unit, cents=int(cents[2])))
         return f"{whole} {unit}" if spaced else f"{whole}{unit}"
@@ -312,7 +346,10 @@ def _units(table: dict[str, Any], language: str) -> Iterator[_Rule]:
         if "/" in number:
             said += f"{share} " if share and number != "1/2" else ""
             number = "0.5"
-        return [(*match.span("x"), said + _form(units[match["x"]], number, language) + _full_stop(match))]
+        unit = _form(units[match["x"]], number, language)
+        agreed = _agreed(table, language, number, unit, match.string[: match.start()])
+        counted = [(*match.span("n"), agreed)] if agreed != number and match["n"] == number else []
+        return [*counted, (*match.span("x"), said + unit + _full_stop(match))]
 
     number, (edge, end) = _number(language), _edges(table)
     if share is not None:
@@ -391,6 +428,7 @@ def _ordinal(number: str, language: str) -> str:
 
 _ENDINGS = {
     "feminine": {"o": "a", "ый": "ая", "ой": "ая", "ий": "ья"}, "neuter": {"ый": "ое", "ой": "ое", "ий": "ье"},
+    "short": {"primero": "primer", "tercero": "tercer"},
     "plural": {"ый": "ые", "ой": "ые", "ий": "ьи"},
     "genitive": {"ый": "ого", "ой": "ого", "ий": "ьего", "y": "ego", "i": "iego"},
     "prepositional": {"ый": "ом", "ой": "ом", "ий": "ьем", "y": "ym", "i": "im"},
