@@ -9,6 +9,7 @@ import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
+from itertools import zip_longest
 from typing import NamedTuple
 
 from fapengine.errors import UsageError
@@ -84,7 +85,7 @@ def visemes_of_phones(track: PhoneTrack, shapes: str, *, duration_s: float | Non
         raise UsageError("phones: got spelled words, expected phones; pronounce them first")
     silence = next(iter(VISEME_SETS[shapes]))
     rows: list[TimedViseme] = []
-    for phone, following in zip(track.phones, (*track.phones[1:], None), strict=True):
+    for phone, following in zip_longest(track.phones, track.phones[1:]):
         names = [silence] if phone.is_silence else _names(phone, following, shapes)
         middle_s = phone.start_s + FIRST_SHARE * phone.duration_s
         edges_s = (phone.start_s, phone.end_s) if len(names) == 1 else (phone.start_s, middle_s, phone.end_s)

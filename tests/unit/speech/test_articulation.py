@@ -99,3 +99,32 @@ def test_tables_change_only_on_purpose() -> None:
     tables = [rows, sorted(articulation.OPENINGS.items()), sorted(articulation.OPENINGS_ALONE.items())]
     tables.append([repr(each) for each in sorted(ipa.SOUNDS.items())])
     assert hashlib.sha256(repr(tables).encode()).hexdigest()[:16] == "f5f66ad9e9b5ef90"
+
+
+def cheapest(changes: np.ndarray, lost: float, around: float) -> float:
+    """Least cost of pairing two sequences, of all ways."""
+    rows, columns = changes.shape
+    chosen = itertools.combinations
+    return min(
+        cost(changes, list(zip(mine, other, strict=True)), lost, around)
+        for count in range(min(rows, columns) + 1)
+        for mine in chosen(range(rows), count)
+        for other in chosen(range(columns), count)
+    )
+
+
+def cost(changes: np.ndarray, pairs: list[tuple[int, int]], lost: float, around: float) -> float:
+    rows, columns = changes.shape
+    inside = range(pairs[0][1], pairs[-1][1] + 1) if pairs else range(0)
+    alone = len(inside) - len(pairs) + rows - len(pairs)
+    return float(sum(changes[pair] for pair in pairs) + lost * alone + around * (columns - len(inside)))
+
+
+@pytest.mark.parametrize("around", [0.0, 0.3, 0.8])
+def test_phones_are_paired_at_the_least_cost(around: float) -> None:
+    rng = np.random.default_rng(2)
+    for rows, columns in itertools.product(range(1, 5), range(1, 5)):
+        changes = rng.uniform(0.0, 1.5, (rows, columns)).round(2)
+        pairs = ipa.counterparts(changes.tolist(), 0.8, around)
+        assert pairs == sorted(set(pairs))
+        assert cost(changes, pairs, 0.8, around) == pytest.approx(cheapest(changes, 0.8, around))

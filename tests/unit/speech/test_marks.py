@@ -18,6 +18,7 @@ from fapengine.speech.marks import (
     read_marks,
     timed_marks,
     with_loudness,
+    words_of,
 )
 from fapengine.speech.phone_track import Phone
 
@@ -139,3 +140,11 @@ def test_strengths_change_only_on_purpose() -> None:
     shown += [repr(mark.act) for face in sorted(_EMOJI) for mark in read_marks(f"{face} x").marks]
     assert len(shown) >= 130
     assert hashlib.sha256("\n".join(shown).encode()).hexdigest()[:16] == "dfb140b1b960f35b"
+
+
+def test_a_word_lasts_from_its_first_phone_to_its_last() -> None:
+    phones = [
+        Phone(label, 0.1 * n, 0.1 * n + 0.1, word=word)
+        for n, (label, word) in enumerate(zip("mæpa", ("map",) * 3 + ("a",), strict=True))
+    ]
+    assert words_of(phones) == [("map", 0.0, pytest.approx(0.3)), ("a", pytest.approx(0.3), 0.4)]

@@ -1,11 +1,13 @@
 """Remarks on timings that look wrong."""
 
+import numpy as np
 import pytest
 
 from fapengine.errors import DataError
 from fapengine.speech.formats.registry import parse_timings
 from fapengine.speech.phone_track import Phone, PhoneTrack, Reading
-from fapengine.speech.plausible import dropped_remarks, refuse, remarks_on, script_remarks
+from fapengine.speech.plausible import dropped_remarks, refuse, remarks_on, script_remarks, sound_remarks
+from fapengine.speech.text.words import spelled_remarks
 
 FILE = Reading("ipa")
 
@@ -67,3 +69,19 @@ def test_remarks_are_refused_together() -> None:
     refuse((), "a.lab")
     with pytest.raises(DataError, match=r"one; two \(at a\.lab\)"):
         refuse(("one", "two"), "a.lab")
+
+
+@pytest.mark.parametrize(
+    ("spoken_s", "sound_s", "remark"),
+    [(0.4, 5.2, ""), (0.4, 5.6, "it lasts 5.60 s"), (4.0, 11.8, ""), (4.0, 12.2, "it lasts 12.20 s"),
+     (4.0, 3.8, ""), (4.0, 3.6, "it ends at 3.60 s")],
+)  # fmt: skip
+def test_sound_of_another_length_than_its_phones_is_remarked(spoken_s: float, sound_s: float, remark: str) -> None:
+    track = PhoneTrack.from_phones([Phone("a", 0.0, spoken_s)])
+    remarks = sound_remarks((np.full(round(sound_s * 1000), 3000, np.int16), 1000), track)
+    assert [remark in each for each in remarks] == [True] * bool(remark)
+
+
+def test_words_that_are_spelled_are_told_with_their_place() -> None:
+    (remark,) = spelled_remarks([("HTML", 4)])
+    assert remark.startswith("text: 'HTML' (letter 5) spoken letter by letter")

@@ -237,3 +237,19 @@ def test_the_nearest_letter_looks_alike(letter: str, known: str, expected: str) 
 def test_distance_is_symmetric_and_zero_only_for_lookalikes(one: str, other: str) -> None:
     assert ipa.distance(one, other) == ipa.distance(other, one) >= 0
     assert ipa.distance(one, one) == 0
+
+
+def test_an_error_in_a_textgrid_is_told_with_its_line() -> None:
+    with pytest.raises(DataError, match="got <oops>, expected a number.*at line 11"):
+        parse_textgrid(SHORT.replace("\n1\n2\n", "\n1\n<oops>\n").encode())
+
+
+@pytest.mark.parametrize("number", ["9007199254740992", "1e300"])
+def test_a_number_in_which_a_second_is_lost_is_refused(number: str) -> None:
+    with pytest.raises(DataError, match="expected a time or a count"):
+        parse_textgrid(SHORT.replace("0.4", number).encode())
+
+
+def test_one_pause_alone_is_refused() -> None:
+    with pytest.raises(DataError, match="got 1 silences, expected phones or words with times"):
+        parse_pho(b"_ 100\n")

@@ -10,7 +10,7 @@ from fapengine.errors import UsageError
 from fapengine.speech import ipa
 from fapengine.speech.formats.registry import ParseOptions, parse_timings
 from fapengine.speech.formats.visemes import VISEME_SETS, format_visemes, viseme_of, visemes_of_phones
-from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
+from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack, is_bilabial, is_labiodental
 
 LABELS = [SILENCE, "m", "aʊ", "h", "u", "tʃ", "f", "QQ", SILENCE]
 PHONES = PhoneTrack.from_phones([Phone(label, 0.1 * n, 0.1 * n + 0.1) for n, label in enumerate(LABELS)])
@@ -77,3 +77,18 @@ def test_what_has_no_visemes_is_refused() -> None:
         fapengine.visemes(PhoneTrack((Phone("hello", 0.0, 1.0),), "word", spelled=True), "azure")
     with pytest.raises(UsageError, match="source: got"):
         fapengine.visemes([1, 2], "azure")
+
+
+def test_nothing_said_is_silence() -> None:
+    assert [tuple(each) for each in visemes_of_phones(PhoneTrack(()), "oculus", duration_s=1.0)] == [("sil", 0.0, 1.0)]
+
+
+def test_azure_counts_in_tenths_of_a_microsecond() -> None:
+    track = PhoneTrack.from_phones([Phone("m", 0.0, 900.0), Phone("a", 900.0, 1000.0)])
+    events = json.loads(format_visemes(visemes_of_phones(track, "azure"), "azure", ".json"))
+    assert [event["audio_offset"] for event in events] == [0, 9_000_000_000, 10_000_000_000]
+
+
+def test_lips_and_teeth_touch_in_phones_of_their_own() -> None:
+    assert [is_labiodental(Phone(label, 0.0, 0.1)) for label in "fvm"] == [True, True, False]
+    assert [is_bilabial(Phone(label, 0.0, 0.1)) for label in "fvm"] == [False, False, True]

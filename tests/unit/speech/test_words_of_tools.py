@@ -12,7 +12,7 @@ from fapengine.speech.formats.documents import Node, walk
 from fapengine.speech.formats.entries import Entry
 from fapengine.speech.formats.registry import FORMATS, ParseOptions, parse_timings
 from fapengine.speech.formats.table import parse_columns
-from fapengine.speech.formats.word_lists import timed_words
+from fapengine.speech.formats.word_lists import subtitle_text, timed_words
 from fapengine.speech.phone_track import PhoneTrack
 
 from .samples import SAMPLES, SHORT_TEXTGRID, lines
@@ -348,3 +348,13 @@ def test_words_without_times_need_room_for_all_of_them() -> None:
     assert [word.label for word in timed_words(told, "x", "")] == ["a b c", "d"]
     told[3] = Entry(0.62, 1.0, "d", "")
     assert [word.label for word in timed_words(told, "x", "")] == ["a", "b", "c", "d"]
+
+
+def test_lines_of_subtitles_that_are_numbers_or_stay_for_the_next_cue() -> None:
+    cue = "{0}\n00:00:0{0},000 --> 00:00:0{1},000\n{2}\n\n"
+    text = cue.format(1, 2, "Platform\n42") + cue.format(2, 3, "42\nleaves") + "3\n" + cue.format(3, 4, "now")[2:]
+    assert subtitle_text(text) == "Platform\n42\nleaves\nnow"
+
+
+def test_frames_may_be_longer_than_a_second() -> None:
+    assert parse_columns("fps=0.5").unit_s == 2.0
