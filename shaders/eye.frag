@@ -27,8 +27,8 @@ vec3 iris_colour(vec2 at, float radius, float soft) {
     float around = atan(at.y, at.x);
     float fibres = 0.5 + 0.5 * sin(around * 37.0 + 3.0 * sin(around * 11.0)) * sin(around * 23.0 + share * 9.0);
     vec3 colour = u_iris_albedo * mix(1.0, 0.26, smoothstep(0.35, 0.95, share)) * (0.72 + 0.56 * fibres);
-    colour *= 1.0 + 0.85 * smoothstep(0.15, -0.9, at.y / u_iris.x);  // light gathers opposite the key
-    colour *= 1.0 - 0.85 * smoothstep(0.74, 1.0, share);  // limbus
+    colour *= 1.0 + 1.05 * smoothstep(0.3, -0.8, at.y / u_iris.x);  // light gathers opposite the key
+    colour *= 1.0 - 0.9 * smoothstep(0.70, 0.98, share);  // limbus
     return mix(vec3(0.003), colour, smoothstep(u_iris.y - soft, u_iris.y + soft, radius));
 }
 
@@ -55,6 +55,9 @@ void main() {
     float occlusion = mix(0.22, 1.0, smoothstep(-0.05, 0.36, below_upper));
     occlusion *= mix(0.66, 1.0, smoothstep(-0.03, 0.18, above_lower)) * mix(1.0, 0.55, smoothstep(0.55, 1.0, aside));
     vec3 colour = albedo * irradiance(normal, v_surface.z, occlusion) * mix(0.62, 1.0, occlusion);
+    // The upper lashes' line, thicker outside; it hides what is left of an eye that is nearly shut.
+    float lashes = mix(0.13, 0.015, smoothstep(0.0, 0.5, margins.x - margins.y)) + 0.06 * smoothstep(-0.1, 0.7, outwards);
+    colour *= smoothstep(lashes - 0.05, lashes + 0.02, below_upper);
 
     // The cornea stands out of the ball, so one small highlight of the key lies within the iris.
     vec3 gaze = head * (is_left ? u_bones[2][2].xyz : u_bones[3][2].xyz);
@@ -63,9 +66,9 @@ void main() {
     float facing = dot(front, view);
     float mirrored = half_way(KEY_FROM, view, dot(front, KEY_FROM) + facing);
     float edge = 0.6 * fwidth(mirrored);
-    float catchlight = smoothstep(0.9885 - edge, 0.9970 + edge, mirrored);
+    float catchlight = smoothstep(0.9830 - edge, 0.9930 + edge, mirrored);
     catchlight *= catchlight;  // or its soft edge would be as white as its middle
-    catchlight += 0.10 * smoothstep(0.985, 0.999, half_way(FILL_FROM, view, dot(front, FILL_FROM) + facing));
+    catchlight += 0.22 * smoothstep(0.990, 0.997, half_way(FILL_FROM, view, dot(front, FILL_FROM) + facing));
     colour += 1.1 * catchlight * mix(0.08, 1.0, on_cornea) * smoothstep(0.02, 0.10, below_upper) * KEY_COLOUR;
     // Tears stand on the lower lid.
     float tears = smoothstep(0.0, 0.025, above_lower) * smoothstep(0.065, 0.03, above_lower);

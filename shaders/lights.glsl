@@ -1,13 +1,13 @@
 // The studio's lights, and what every surface does with them; joined in front of face.vert, face.frag and eye.frag.
 
 const vec3 KEY_FROM = vec3(-0.47, 0.53, 0.706);
-const vec3 KEY_COLOUR = vec3(1.54, 1.44, 1.30);
+const vec3 KEY_COLOUR = vec3(1.53, 1.43, 1.35);
 const vec3 FILL_FROM = vec3(0.80, 0.10, 0.59);
-const vec3 FILL_COLOUR = vec3(0.27, 0.31, 0.385);
+const vec3 FILL_COLOUR = vec3(0.30, 0.30, 0.30);
 const vec3 RIM_FROM = vec3(0.62, 0.40, -0.68);
 const vec3 RIM_COLOUR = vec3(1.4, 1.52, 1.75);
-const vec3 SKY = vec3(0.38, 0.40, 0.44);
-const vec3 GROUND = vec3(0.22, 0.165, 0.14);
+const vec3 SKY = vec3(0.36, 0.365, 0.38);
+const vec3 GROUND = vec3(0.235, 0.165, 0.135);
 
 // Diffuse light that wraps round the surface: softness 0 is Lambert's.
 float wrapped_diffuse(float cosine, float softness) {

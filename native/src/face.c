@@ -106,14 +106,14 @@ INLINE V3 normalised(V3 a) { return scaled(a, 1 / root(dot(a, a))); }
 /* ---- lights.glsl ---- */
 
 #define KEY_FROM v3(-0.47f, 0.53f, 0.706f)
-#define KEY_COLOUR v3(1.54f, 1.44f, 1.30f)
+#define KEY_COLOUR v3(1.53f, 1.43f, 1.35f)
 #define FILL_FROM v3(0.80f, 0.10f, 0.59f)
-#define FILL_COLOUR v3(0.27f, 0.31f, 0.385f)
+#define FILL_COLOUR v3(0.30f, 0.30f, 0.30f)
 #define RIM_FROM v3(0.62f, 0.40f, -0.68f)
 #define RIM_FROM_RIGHT v3(-0.62f, 0.40f, -0.68f)
 #define RIM_COLOUR v3(1.4f, 1.52f, 1.75f)
-#define SKY v3(0.38f, 0.40f, 0.44f)
-#define GROUND v3(0.22f, 0.165f, 0.14f)
+#define SKY v3(0.36f, 0.365f, 0.38f)
+#define GROUND v3(0.235f, 0.165f, 0.135f)
 
 INLINE F wrapped_diffuse(F cosine, F softness) {
     F light = unit((cosine + softness) / (1 + softness));
@@ -767,8 +767,8 @@ INLINE V3 iris_colour(const float *u, F x, F y, F radius, F soft) {
     F share = radius / u[U_IRIS], around = angle(y, x);
     F fibres = 0.5f + 0.5f * sine(around * 37 + 3 * sine(around * 11)) * sine(around * 23 + share * 9);
     F k = mix(all(1), all(0.26f), step(0.35f, 0.95f, share)) * (0.72f + 0.56f * fibres);
-    k *= 1 + 0.85f * step_(all(0.15f), all(-0.9f), y / u[U_IRIS]);
-    k *= 1 - 0.85f * step(0.74f, 1, share);
+    k *= 1 + 1.05f * step_(all(0.3f), all(-0.8f), y / u[U_IRIS]);
+    k *= 1 - 0.9f * step(0.70f, 0.98f, share);
     V3 colour = {u[U_IRIS_ALBEDO] * k, u[U_IRIS_ALBEDO + 1] * k, u[U_IRIS_ALBEDO + 2] * k};
     const float pupil = u[U_IRIS + 1];
     return mix3(v3(0.003f, 0.003f, 0.003f), colour, step_(pupil - soft, pupil + soft, radius));
@@ -827,12 +827,14 @@ static I eye_colour(const float *u, const EyePlace *p, V3 ball, F softness) {
     F occlusion = mix(all(0.22f), all(1), step(-0.05f, 0.36f, below_upper));
     occlusion *= mix(all(0.66f), all(1), step(-0.03f, 0.18f, above_lower)) * mix(all(1), all(0.55f), step(0.55f, 1, aside));
     V3 light = scaled(irradiance(g.normal, softness, occlusion), mix(all(0.62f), all(1), occlusion));
+    F lashes = mix(all(0.13f), all(0.015f), step(0, 0.5f, upper_margin - lower_margin)) + 0.06f * step(-0.1f, 0.7f, outwards);
+    light = scaled(light, step_(lashes - 0.05f, lashes + 0.02f, below_upper));
     V3 colour = {albedo.x * light.x, albedo.y * light.y, albedo.z * light.z};
 
     F edge = 0.6f * (absolute(gx.mirrored - g.mirrored) + absolute(gy.mirrored - g.mirrored));
-    F catchlight = step_(0.9885f - edge, 0.9970f + edge, g.mirrored);
+    F catchlight = step_(0.9830f - edge, 0.9930f + edge, g.mirrored);
     catchlight *= catchlight;
-    catchlight += 0.10f * step(0.985f, 0.999f, half_way(FILL_FROM, g.view, dot(g.front, FILL_FROM) + g.facing));
+    catchlight += 0.22f * step(0.990f, 0.997f, half_way(FILL_FROM, g.view, dot(g.front, FILL_FROM) + g.facing));
     F k = 1.1f * catchlight * mix(all(0.08f), all(1), g.on_cornea) * step(0.02f, 0.10f, below_upper);
     colour = plus(colour, scaled(KEY_COLOUR, k));
     F tears = step(0, 0.025f, above_lower) * step_(all(0.065f), all(0.03f), above_lower);

@@ -336,7 +336,7 @@ def _brows(points: Array, head: HeadParts, skin: Indices, feature_points: dict[s
         heights = np.array([inner[1], middle[1], outer[1]])
         off = y - _parabola(at, knots) @ heights
         hairs = points[head.brows[side]]
-        thick = np.percentile(np.abs(hairs[:, 1] - _parabola(sign * hairs[:, 0], knots) @ heights), 92)
+        thick = np.percentile(np.abs(hairs[:, 1] - _parabola(sign * hairs[:, 0], knots) @ heights), 97)
         above = np.clip((off - thick) / BROW_ABOVE_MM, 0, 1)
         reach = BROW_TO_LID_MM - thick + BROW_TO_NOSE_MM * (1 - smoothstep((along / knots[0] - 0.3) / 1.3))
         below = np.clip((-off - thick) / reach, 0, 1)

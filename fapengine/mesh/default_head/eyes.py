@@ -26,11 +26,11 @@ RADIUS = 14.2
 CENTRE = np.array([31.4, 36.0, 81.2])
 """Left eyeball; the right one is its mirror image."""
 LID_THICKNESS = 1.15
-OPENED_BY_CHARM_MM = 2.8
+OPENED_BY_CHARM_MM = 3.2
 """Additional lid distance at charm 1; the iris, as high as the opening, grows with it."""
 INNER_CORNER, OUTER_CORNER = np.array([17.9, 32.6]), np.array([45.2, 35.0])
-OUTSIDE = (1.82, 1.66, 1.54, 1.46, 1.40, 1.34, 1.24, 1.12, 1.0)
-CREASE = 1.4
+OUTSIDE = (1.82, 1.66, 1.52, 1.42, 1.36, 1.32, 1.24, 1.12, 1.0)
+CREASE = 1.32
 EDGE = ((0.93, 0.42, 0.99), (0.8, 0.04, 0.965), (0.5, -1.2, 1.12))
 """Around the margin: level, height above the eyeball, size of the opening."""
 STRETCH_ROUNDS, STRETCH_COLUMNS = 7, 58
@@ -186,7 +186,7 @@ def _build_lashes(
     """Strands on the lids' margins in groups whose tips meet, the upper ones longer and bent upwards."""
     order = np.argsort(t)
     spines, half_widths, albedo, roots = [], [], [], []
-    for is_upper, count, length_mm in ((True, 30, 4.3), (False, 14, 1.9)):
+    for is_upper, count, length_mm in ((True, 26, 3.2), (False, 14, 1.5)):
         mine = order[(upper[order] == is_upper) & (np.abs(t[order]) < 1)]
         number = np.arange(max(8, round(count * min(detail, 1.5))))
         at = -0.74 + 1.68 * (number + 0.35 * (golden(number) - 0.5)) / (len(number) - 1)
@@ -210,7 +210,7 @@ def _build_lashes(
         middle = base + length[:, None] * (0.5 * outwards + 0.45 * aside + 0.32 * lift)
         tip = base + length[:, None] * (0.88 * outwards + aside + lift)
         spines.append(np.stack([base, middle, tip], axis=1))
-        half_widths.append(np.broadcast_to([0.34, 0.2, 0.03] if is_upper else [0.09, 0.06, 0.01], (len(at), 3)))
+        half_widths.append(np.broadcast_to([0.30, 0.15, 0.02] if is_upper else [0.09, 0.06, 0.01], (len(at), 3)))
         albedo.append(np.broadcast_to(colours.LASH if is_upper else 0.35 * skin + 0.65 * colours.LASH, (len(at), 3)))
         roots.append(mine[np.abs(t[mine] - at[:, None]).argmin(axis=1)])
     spine = np.concatenate(spines)

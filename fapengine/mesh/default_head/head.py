@@ -57,7 +57,7 @@ DARK_THROAT = 0.22
 """Light that the throat of a wide open mouth loses."""
 SHADED_TEETH = 0.03
 """Least light on upper teeth, which are in the shadow of the lip."""
-LID_FOLDS_AT = 1.46
+LID_FOLDS_AT = 1.4
 UPPER_LIDS = (19, 20)
 OPEN_LID, SHUT_LID = 0.60, 0.78
 """Least light on an open and on a closed lid."""

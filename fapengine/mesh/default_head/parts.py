@@ -137,9 +137,9 @@ def build_tongue(builder: MeshBuilder, detail: float) -> Indices:
 
 
 BROWS: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = {
-    "soft": ((54.6, 56.4, 58.3, 58.0, 54.3), (2.5, 3.3, 3.1, 2.2, 0.5)),
-    "straight": ((55.4, 56.8, 58.3, 58.0, 54.2), (3.0, 3.3, 3.1, 2.4, 0.7)),
-    "arched": ((55.0, 56.5, 58.3, 57.9, 53.8), (2.3, 2.9, 2.6, 1.7, 0.35)),
+    "soft": ((53.8, 55.4, 57.2, 57.0, 53.2), (2.6, 3.3, 3.0, 2.1, 0.5)),
+    "straight": ((55.2, 56.6, 58.1, 57.8, 54.0), (2.9, 3.2, 2.9, 2.2, 0.7)),
+    "arched": ((54.0, 55.4, 57.3, 57.0, 52.9), (2.3, 3.0, 2.7, 1.8, 0.4)),
 }
 """Height of the centre line and half width at five places, mm, from the nose outwards, by shape."""
 BROW_X = (12.5, 21.0, 32.0, 43.0, 53.5)

@@ -50,7 +50,7 @@ def test_levels_have_their_size_and_all_points(heads: dict[str, FaceMesh], level
 def test_levels_are_the_same_face(heads: dict[str, FaceMesh], level: str) -> None:
     head, normal = heads[level], heads["normal"]
     for name in ("2.1", "2.2", "2.4", "3.1", "3.7", "8.1", "8.3", "9.3", "4.3", "5.1"):
-        assert np.linalg.norm(head.point_mm(name) - normal.point_mm(name)) < 5.8, name  # mm: a coarse step
+        assert np.linalg.norm(head.point_mm(name) - normal.point_mm(name)) < 6.4, name  # mm: a coarse step
     for unit in fap.FapUnit:
         assert head.fapu.unit(unit) == pytest.approx(normal.fapu.unit(unit), rel=0.06)
 
