@@ -130,7 +130,8 @@ def hear(
     if recording.doubted:
         listed = ", ".join(f"{start_s:.1f} s to {end_s:.1f} s" for start_s, end_s in recording.doubted[:3])
         more = ", ..." if len(recording.doubted) > 3 else ""
-        notes.insert(0, f"unclear audio (noise, telephone?), aligned with the transcript nevertheless: {listed}{more}")
+        unclear = "unclear audio (noise, telephone?) or other words, aligned with the transcript nevertheless"
+        notes.insert(0, f"{unclear}: {listed}{more}")
     if aligner.pronounced:
         listed = ", ".join(aligner.pronounced[:12]) + (", ..." if len(aligner.pronounced) > 12 else "")
         notes.insert(0, f"not in the dictionary, pronounced by {pronouncer.by}: {listed}")

@@ -174,7 +174,9 @@ class Recording:
     unheard: float = 0.0
     """Fraction of the text's words that were not found, 0..1."""
     doubted: tuple[tuple[float, float], ...] = ()
-    """Pieces, start and end in s, whose text fits, though the phone loop finds other phones: noise, or a telephone."""
+    """Pieces, start and end in s, whose text fits, or is too short to judge, though the phone loop finds other phones:
+    noise, or a telephone. Of 80 right words of flite 4 are doubted in clear sound, and 44 beside pink noise at 10 dB;
+    of the 73 wrong ones that are let through in that noise, 64."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -292,7 +294,7 @@ def follow(
             is_short = sum(word.total for word in judged) < JUDGED_FRAMES
             is_said = (is_short and not aligner.dictionary) or fits(aligner, aligned, piece, is_short=is_short)
             missing = [] if is_said else [_all_of(judged)]
-            if is_said and not is_short:
+            if is_said:
                 doubted.append((gathered.now_s, gathered.now_s + len(piece) / RATE_HZ))
         unheard += sum(len(range(a, b)) for a, b, _, _ in missing) + (behind - cursor if not aligned else 0)
         mismatches += [

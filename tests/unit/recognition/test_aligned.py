@@ -159,6 +159,15 @@ def test_a_word_that_cannot_be_judged_is_believed() -> None:
         assert aligned(Spoken(text, in_noise(clean.samples, snr_db), clean.phones)).unheard == 0.0
 
 
+@pytest.mark.parametrize(("voice", "text", "other"), [("rms", "Water.", "People."), ("kal16", "Music.", "Seven.")])
+def test_a_word_that_noise_lets_through_is_doubted(voice: str, text: str, other: str) -> None:
+    clean = spoken(voice, text)
+    speech = Spoken(text, in_noise(clean.samples, 8.0), clean.phones)
+    whole = ((0.0, len(speech.samples) / RATE_HZ),)
+    assert (aligned(speech, other).unheard, aligned(speech, other).doubted) == (0.0, whole)
+    assert aligned(clean).doubted == ()
+
+
 def test_a_text_is_right_or_wrong_in_noise_too() -> None:
     clean = spoken("rms", BABY)
     speech = Spoken(clean.text, in_noise(clean.samples, 12.0), clean.phones)
