@@ -42,7 +42,7 @@ DARK_BROWS = 0.06
 """Mean linear RGB of hair above which brows are darker than the hair."""
 MOUTH = np.array([0.28, 0.092, 0.081])
 GUM = np.array([0.50, 0.16, 0.15])
-TONGUE = np.array([0.455, 0.148, 0.138])
+TONGUE = np.array([0.475, 0.151, 0.140])
 TEETH = np.array([0.795, 0.62, 0.545])
 """Warmer than ivory: light on teeth has been reflected by lips and tongue, and the renderer's light is that of the sky.
 """
@@ -99,7 +99,7 @@ class Palette:
         """(..., 3) skin: redder cheeks, nose, ears and chin, darker around the eyes, lighter bridge and forehead."""
         colour = np.broadcast_to(self.base, points.shape).copy()
         for centre, size, share in (
-            ((46, 0), (20, 15), 0.62), ((0, 0), (13, 10), 0.55), ((0, -66), (15, 9), 0.25), ((20, 0), (5, 10), 0.22),
+            ((46, 0), (20, 15), 0.64), ((0, 0), (13, 10), 0.55), ((0, -66), (15, 9), 0.25), ((20, 0), (5, 10), 0.22),
             ((0, -22), (30, 7), 0.10), ((78, 10), (12, 34), 0.55), ((31, 25), (15, 4), 0.14), ((31, 47), (19, 5), 0.22),
         ):  # fmt: skip
             colour += share * _spot(points, centre, size) * (self.blush - colour)
