@@ -254,7 +254,7 @@ class _Reader:
             self._ssml += match[0] if self._is_ssml else ""
             return self._is_ssml
         if match["close"]:
-            return self._close(name, match[0])
+            return self._close(name)
         given = {key.lower(): unescape(one or other) for key, one, other in _ATTRIBUTE.findall(match["rest"])}
         if name == "mark":
             self._named(given.get("name", ""))
@@ -294,7 +294,7 @@ class _Reader:
         self._ssml += opening
         self._open.append((name, closing, loudness))
 
-    def _close(self, name: str, tag: str) -> bool:
+    def _close(self, name: str) -> bool:
         if not self._open or self._open[-1][0] != name:
             return name == "expr"  # one too many is ignored
         _, closing, loudness = self._open.pop()

@@ -62,6 +62,8 @@ def test_words_in_a_script_that_the_voice_does_not_read() -> None:
     assert script_remarks(words, "ru", is_chosen=False) == ()
     with pytest.raises(DataError, match=r"does not read Cyrillic: 'мир' at 2\.000 s"):
         script_remarks(words[1:], "en-us", is_chosen=False)
+    with pytest.raises(DataError, match=r"'мир' at 2\.000 s and 3 more"):
+        script_remarks([*words, *words[2:] * 3], "en-us", is_chosen=False)
     assert len(script_remarks(words[1:], "en-us", is_chosen=True)) == 1
 
 
