@@ -44,7 +44,7 @@ from fapengine.mesh.face_mesh import Bone, DeformationBasis, FaceMesh, Folds, Ma
 from fapengine.mpeg4.fap import FapUnit
 from fapengine.mpeg4.fapu import Fapu
 
-LIT_INSIDE = {Material.TEETH: 0.20, Material.GUM: 0.5, Material.TONGUE: 0.6, Material.MOUTH: 0.72}
+LIT_INSIDE = {Material.TEETH: 0.26, Material.GUM: 0.5, Material.TONGUE: 0.6, Material.MOUTH: 0.72}
 """Least light, relative, on parts inside the mouth."""
 THRUST_TONGUE = 45
 TONGUE_LIGHT_PER_MM = 0.06
@@ -55,7 +55,7 @@ SMILE_TEETH_LIGHT = 0.4
 """Light that upper teeth gain in a smile, beyond that."""
 DARK_THROAT = 0.22
 """Light that the throat of a wide open mouth loses."""
-SHADED_TEETH = 0.03
+SHADED_TEETH = 0.005
 """Least light on upper teeth, which are in the shadow of the lip."""
 LID_FOLDS_AT = 1.4
 UPPER_LIDS = (19, 20)
