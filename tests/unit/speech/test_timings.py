@@ -240,7 +240,7 @@ def test_distance_is_symmetric_and_zero_only_for_lookalikes(one: str, other: str
 
 
 def test_an_error_in_a_textgrid_is_told_with_its_line() -> None:
-    with pytest.raises(DataError, match="got <oops>, expected a number.*at line 11"):
+    with pytest.raises(DataError, match=r"got <oops>, expected a number \(at line 11\)"):
         parse_textgrid(SHORT.replace("\n1\n2\n", "\n1\n<oops>\n").encode())
 
 
