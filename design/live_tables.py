@@ -141,7 +141,7 @@ def _constant(module: str, name: str) -> Any:
 def spoken_table() -> dict[str, Any]:
     """English's table of :mod:`fapengine.voices.spoken_form`, with its patterns as JavaScript spells them."""
     table = tomllib.loads((files("fapengine.voices") / "spoken" / "en.toml").read_text("utf-8"))
-    kinds = [{"kind": kind} for kind in ("phone", "before", "after", "fraction")]
+    kinds = [{"kind": kind} for kind in ("date", "phone", "before", "after", "fraction")]
     listed = [{"say": rule["say"]} | ({"form": rule["form"]} if "form" in rule else {}) for rule in table.pop("rules")]
     kinds += [*listed, {"kind": "unit"}, {"kind": "word"}]
     rules = zip(spoken_form._rules("en"), kinds, strict=True)
@@ -160,7 +160,7 @@ def javascript(pattern: str) -> str:
     pattern = re.sub(
         r"\(\?P<n>\(\?>((?:[^()]|\([^()]*(?:\([^()]*\)[^()]*)*\))*)\)\)", r"(?=(?<n>(?:\1)))\\k<n>", pattern
     )
-    return pattern.replace("(?P<", "(?<")
+    return re.sub(r"\(\?P=(\w+)\)", r"\\k<\1>", pattern).replace("(?P<", "(?<")
 
 
 def planner_tables(profile: Profile) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:

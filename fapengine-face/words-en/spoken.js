@@ -1,13 +1,13 @@
 // Prices, units, years and abbreviations as words: fapengine/voices/spoken_form.py, with its table of English.
 
-import { decade, roman, year } from "./numbers.js";
+import { decade, ordinal, roman, year } from "./numbers.js";
 import { SPOKEN } from "./table.js";
 
 const NUMBER_BEFORE = /\d[ \u00a0\u202f]?$/;
 const CENTS = /^(.*)[.,](\d\d)$/;
 const ADDRESSES = /\b(?:https?:\/\/|www\.)\S+|\b[\w.+-]{1,64}@[\w-]{1,64}\.\w\S*/g;
 const FORMS = { year: (found) => year(Number(found)), decade: (found) => decade(Number(found)), roman };
-const { currencies, cents, short_scales: shortScales, price, units, words, fractions, share } = SPOKEN;
+const { currencies, cents, date: dates, short_scales: shortScales, price, units, words, fractions, share } = SPOKEN;
 
 // Form of a word after a number: the only one; one or other.
 function formOf(forms, number) {
@@ -59,8 +59,17 @@ function phone({ 0: found, index }) {
   return parts.map(({ 0: part, index: at }) => [index + at, index + at + part.length, /\d/.test(part) ? [...part].join(" ") : " "]);
 }
 
+// 2024-05-12 is a date; 05/12/2024 may be one of two, and stays.
+function date({ 0: found, groups, indices }) {
+  if (!groups.year) return [[...indices[0], found]];
+  const [month, day] = [Number(groups.month), Number(groups.day)];
+  if (!(day >= 1 && day <= 31 && month >= 1 && month <= 12)) return [];
+  const said = { day: ordinal(day), month: dates.months[month - 1], year: year(Number(groups.year)) };
+  return [[...indices[0], dates.said.replace(/{(\w+)}/g, (_, name) => said[name])]];
+}
+
 const edits = {
-  phone,
+  date, phone,
   before: symbolBefore, after: symbolAfter, unit,
   fraction: ({ 0: found, indices }) => [[...indices[0], fractions[found]]],
   word: ({ 0: found, indices }) => [[...indices[0], words[found]]],
