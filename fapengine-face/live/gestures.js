@@ -1,5 +1,5 @@
-// What makes a face look alive: blinks, glances, nods on accents, a head that moves, breath and drifts. GestureGenerator and
-// gesture_faps of fapengine/trajectory/gestures.py. Stateful.
+// What makes a face look alive: blinks, glances, nods on accents, a head that moves, breath and drifts. GestureGenerator,
+// gesture_faps and add_gestures of fapengine/trajectory/gestures.py. Stateful.
 
 import { fap, fapu, gestures } from "./constants.js";
 import { clamp } from "./path.js";
@@ -9,9 +9,9 @@ import { Random } from "./random.js";
 const {
   BLINKS_PER_S, BLINK_BEFORE_END_S, BLINK_BEHIND_END_S, BLINK_CLOSE_S, BLINK_OPEN_S, BLINK_SHUT_S, BREATH_HZ, BREATH_RAD, BROW_FAPU,
   DB_PER_DOUBLE_LENGTH, DB_PER_DOUBLE_NOD, DRIFTS_FAPU, DRIFT_BAND_HZ, EDGE_S, FIRST_BLINK_S, FIXATION_S, GLANCE_RAD, HEAD_AMPLITUDE_RAD,
-  HEAD_BAND_HZ, KEPT_S, LIDS_FOLLOW, LOWER_LID, MIN_BLINK_INTERVAL_S, NOD_FALL_S, NOD_HOLD, NOD_RAD, NOD_RISE_S, NOD_STRENGTH, ONSET_AHEAD_S,
-  ONSET_PAUSE_S, ONSET_S, PAUSE_S, REACH_S, SACCADE_S, SECONDARY_DB, SETTLED, SETTLED_PITCH_RAD, SETTLE_S, SINES, STANCE_RAD, UPPER_LID,
-  USUAL_S,
+  HEAD_BAND_HZ, KEPT_S, LIDS_FOLLOW, LIDS_MEET, LOWER_LID, MIN_BLINK_INTERVAL_S, NOD_FALL_S, NOD_HOLD, NOD_RAD, NOD_RISE_S, NOD_STRENGTH,
+  ONSET_AHEAD_S, ONSET_PAUSE_S, ONSET_S, PAUSE_S, REACH_S, SACCADE_S, SECONDARY_DB, SETTLED, SETTLED_PITCH_RAD, SETTLE_S, SINES, STANCE_RAD,
+  UPPER_LID, UPPER_LID_MAX, USUAL_S,
 } = gestures;
 const { AU_RAD } = fapu;
 const CHANNELS = ["glanceYaw", "glancePitch", "blink", "nod", "headMotion", "idle", "stancePitch", "stanceYaw", "stanceRoll"];
@@ -25,6 +25,14 @@ const [BLINKS, HEAD, GAZE, IDLE, EMPHASIS] = [0, 1, 2, 3, 4]; // streams of rand
 function strengthOf({ start, end, stress, loudness }) {
   const length = DB_PER_DOUBLE_LENGTH * Math.log2((end - start) / USUAL_S);
   return Number(((stress === 1 ? 0 : -SECONDARY_DB) + loudness + length).toFixed(6));
+}
+
+// Adds gestures, or null, to FAPs in place; where lids would overlap, the lower one yields.
+export function addGestures(faps, gestures) {
+  for (let column = 0; gestures && column < faps.length; ++column) faps[column] += gestures[column];
+  for (const [upper, lower] of [[18, 20], [19, 21]]) {
+    faps[lower] = Math.min(faps[lower], LIDS_MEET - Math.min(faps[upper], UPPER_LID_MAX));
+  }
 }
 
 export class Gestures {

@@ -3,6 +3,7 @@
 
 import { closures, fap, phone_track, phonetics, speaking, stream, style as styles, targets } from "./constants.js";
 import { heldAt, holdLate, holdOf, holdUntil, settle } from "./closures.js";
+import { addGestures } from "./gestures.js";
 import { layerGain, speechPath } from "./keys.js";
 import { addFading, clamp, emptyJet, jetAt, neutralPath, placeAfter, placeOf, smoothstep, softPositive } from "./path.js";
 
@@ -69,10 +70,8 @@ class Composer {
     });
     if (expression) this.addExpression(expression, this.layerGain * weights[profile.modeCount + ROUND]);
     settle(faps, { ...held, open: held.open * this.openness }, profile.low, profile.high);
-    for (let column = 0; column < FAP_COUNT; ++column) {
-      const value = faps[column] + (gestures ? gestures[column] : 0);
-      out[column] = rounded(clamp(value, profile.low[column], profile.high[column]));
-    }
+    addGestures(faps, gestures);
+    for (let column = 0; column < FAP_COUNT; ++column) out[column] = rounded(clamp(faps[column], profile.low[column], profile.high[column]));
     return out;
   }
 

@@ -18,6 +18,7 @@ from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import Fapu, faps_of_displacements
 from fapengine.profiles import Profile
 from fapengine.trajectory.closures import settle
+from fapengine.trajectory.gestures import add_gestures
 from fapengine.trajectory.phonetics import ROUND, give_way, layer_faps, layer_gain
 from fapengine.trajectory.style import Style, jaw_share
 
@@ -113,5 +114,5 @@ class Composer:
         held[2] *= np.minimum(1.0, self._jaw_gain * jaw)
         settled = settle(faps, held) if self._settles else faps
         if overlay:
-            settled += overlay.gestures.T
+            add_gestures(settled, overlay.gestures.T)
         return settled

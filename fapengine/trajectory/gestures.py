@@ -20,6 +20,8 @@ evaluates them on an array of times; live :mod:`fapengine.engine.gestures` draws
   Human Movement Science 3).
 - The eyes counter the head (vestibulo-ocular reflex), so that the gaze rests where it was; lids follow the eyes, but
   for lids that a blink has shut.
+- Gestures are added to speech and expressions (:func:`add_gestures`). A lower lid that a smile has raised then yields
+  to a blink, so that the lids meet and do not overlap.
 - Phones that follow each other within :data:`PAUSE_S` are one *phrase*. They are added in any order; a stop's closure
   or a lost phone ends no phrase. Few accents (stressed phones) are *outstanding*: an accent is skipped for
   :data:`REACH_S` after an outstanding one, and while a stronger one of the same phrase follows within that time; but
@@ -39,7 +41,8 @@ from numpy.typing import NDArray
 
 from fapengine.expressions import EXPRESSIONS
 from fapengine.mpeg4 import fap
-from fapengine.mpeg4.fapu import AU_RAD
+from fapengine.mpeg4.fapu import AU_RAD, STEPS
+from fapengine.mpeg4.track import limits
 from fapengine.speaking import GENERATORS
 from fapengine.speech.phone_track import Phone
 from fapengine.trajectory.ramps import Ramp, pulse, sample_ramps
@@ -172,7 +175,11 @@ BLINK_BEFORE_END_S, BLINK_BEHIND_END_S = 0.1, 0.5
 BLINK_CLOSE_S, BLINK_SHUT_S, BLINK_OPEN_S = 0.09, 0.04, 0.17
 """Lids fall about twice as fast as they rise (Guitton et al. 1991, J. Neurophysiology 65)."""
 UPPER_LID, LOWER_LID = 960.0, 100.0
-"""FAPU of a full blink: together a little over the lid distance (1024), so that no slit remains."""
+"""FAPU of a full blink, before the lower lid yields: together a little over the lid distance, so no slit remains."""
+LIDS_MEET = float(STEPS)
+"""Sum of an eye's upper and lower lid at which they meet, FAPU: the lid distance is one IRISD."""
+UPPER_LID_MAX = limits(19)[1]
+"""Lowest upper lid that can be coded, FAPU."""
 HEAD_AMPLITUDE_RAD = {48: 0.022, 49: 0.030, 50: 0.013}
 """Pitch, yaw, roll: about 1.3, 1.7 and 0.7 degrees, an attentive speaker."""
 HEAD_BAND_HZ = (0.12, 0.55)
@@ -230,6 +237,7 @@ def _wave_sums() -> Array:
 
 _WAVE_SUMS = _wave_sums()
 BREATH_ROW = len(HEAD_AMPLITUDE_RAD)
+_UPPER_LIDS, _LOWER_LIDS = slice(fap.column(19), fap.column(20) + 1), slice(fap.column(21), fap.column(22) + 1)
 _PITCH, _YAW = fap.column(48), fap.column(49)
 _HEAD, _LIDS, _EYES, _BROWS = (
     slice(fap.column(first), fap.column(last) + 1) for first, last in ((48, 50), (19, 22), (23, 26), (31, 36))
@@ -462,7 +470,7 @@ def gesture_faps(levels: Array, waves: Array, since_s: Array) -> Array:
     Returns
     -------
     (68, N) float64, FAPU
-        To be added after :func:`.closures.settle`.
+        For :func:`add_gestures`, after :func:`.closures.settle`.
     """
     faps = np.zeros((fap.FAP_COUNT, levels.shape[1]))
     moving, idle, nod = levels[Channel.HEAD_MOTION], levels[Channel.IDLE], levels[Channel.NOD]
@@ -481,6 +489,20 @@ def gesture_faps(levels: Array, waves: Array, since_s: Array) -> Array:
     faps[_LIDS] += _LIDS_FOLLOW * (1.0 - shut) * faps[_EYES][-1]
     faps[_HEAD] += levels[_TURN] / AU_RAD  # the eyes turn with a head that a command turns
     return faps
+
+
+def add_gestures(faps: Array, gestures: Array) -> None:
+    """Add gestures to FAPs in place; where lids would overlap, the lower one yields.
+
+    Parameters
+    ----------
+    faps : (N, 68) float64, FAPU
+        Speech and expressions; overwritten.
+    gestures : (N, 68) float64, FAPU
+    """
+    faps += gestures
+    room = LIDS_MEET - np.minimum(faps[:, _UPPER_LIDS], UPPER_LID_MAX)
+    faps[:, _LOWER_LIDS] = np.minimum(faps[:, _LOWER_LIDS], room)
 
 
 def gestures_of(

@@ -18,7 +18,7 @@ const bytes = async (name) => {
 const profile = new Profile(await bytes(join(folder, "assets", "planner.bin")));
 const { streams = [], tracks = [], sounds = [], ramps = [], faces = [], said = [], followed = [] } = given;
 
-const played = ({ events, frames, rate, options, expression }) => {
+const played = ({ events, frames, rate, options, expression, gestures }) => {
   const planner = new Planner(profile, options);
   const waiting = [...events];
   const faps = [];
@@ -28,7 +28,7 @@ const played = ({ events, frames, rate, options, expression }) => {
       if (event.phones) planner.feed(event.phones);
       else planner.cancel(event.cancel, event.fade);
     }
-    faps.push([...planner.frame(number / rate, undefined, expression)]);
+    faps.push([...planner.frame(number / rate, undefined, expression, gestures)]);
   }
   return { faps, counts: planner.counts };
 };

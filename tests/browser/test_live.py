@@ -29,7 +29,7 @@ from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.trajectory.batch import BatchPlanner
 from fapengine.trajectory.expression import expression_faps
 from fapengine.trajectory.faps import Overlay
-from fapengine.trajectory.gestures import Channel, GestureGenerator, gesture_faps, start_levels
+from fapengine.trajectory.gestures import CHANNELS, Channel, GestureGenerator, gesture_faps, start_levels
 from fapengine.trajectory.planner import plan
 from fapengine.trajectory.ramps import Ramp, sample_ramps
 from fapengine.trajectory.style import Style
@@ -150,7 +150,10 @@ def stream_of(rng: np.random.Generator, profile: Profile, end_s: float) -> tuple
     options, style = style_of(rng)
     faces = expression_faps(profile)
     expression = faces @ (rng.uniform(0, 1, faces.shape[1]) * (rng.random(faces.shape[1]) < 0.2))
-    overlay = Overlay(expression[:, None], np.zeros((68, 1)), np.ones(1), np.ones(1))
+    levels = np.zeros((CHANNELS, 1))
+    levels[[Channel.BLINK, Channel.NOD, Channel.PITCH], 0] = rng.uniform(0, [1, 1, 0.05]) * (rng.random(3) < 0.5)
+    gestures = gesture_faps(levels, np.zeros((2, 1, 1)), np.zeros(1))
+    overlay = Overlay(expression[:, None], gestures, np.ones(1), np.ones(1))
     planner = BatchPlanner(profile, style, horizon_s=horizon_s)
     session = planner.open()
     events = events_of(rng, list(profile.phones), end_s)
@@ -170,7 +173,7 @@ def stream_of(rng: np.random.Generator, profile: Profile, end_s: float) -> tuple
         for at_s, told in events
     ]
     given = {"events": told_events, "frames": len(rows), "rate": rate_hz, "options": options | {"horizon": horizon_s}}
-    given["expression"] = expression.tolist()
+    given |= {"expression": expression.tolist(), "gestures": gestures[:, 0].tolist()}
     counts = planner.counts(session)
     return given, np.array(rows), [counts.late, counts.dropped, counts.revised, counts.cancelled, counts.unknown]
 

@@ -4,13 +4,17 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
+from fapengine.expressions import EXPRESSIONS, Expression
+from fapengine.files.profiles import load_profile
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD
-from fapengine.speaking import GENERATORS
+from fapengine.mpeg4.track import to_codable
+from fapengine.speaking import DEFAULT_PROFILE, GENERATORS
 from fapengine.speech.phone_track import Phone, PhoneTrack
+from fapengine.trajectory.expression import MAX_WEIGHT, expression_faps
 from fapengine.trajectory.gestures import (
     BLINK_CLOSE_S,
     BLINK_OPEN_S,
@@ -25,7 +29,10 @@ from fapengine.trajectory.gestures import (
     Channel,
     GestureGenerator,
     Phrases,
+    add_gestures,
+    gesture_faps,
     gestures_of,
+    start_levels,
 )
 from fapengine.trajectory.ramps import Ramp, Ramps, sample_ramps
 from fapengine.trajectory.style import Style
@@ -358,3 +365,61 @@ def test_ramps_are_the_same_sampled_and_frame_by_frame(ramps: list[Ramp], frames
     many.send(row, ramps)
     live = np.array([many.values(float(time_s))[:, row] for time_s in times])
     np.testing.assert_allclose(sample_ramps(start, ramps, times).T, live, atol=1e-9)
+
+
+LIDS = [fap.column(number) for number in (19, 20, 21, 22)]
+GESTURES = (
+    Channel.LOOK_YAW,
+    Channel.LOOK_PITCH,
+    Channel.GLANCE_PITCH,
+    Channel.PITCH,
+    Channel.NOD,
+    Channel.HEAD_MOTION,
+    Channel.IDLE,
+)
+weights = st.fixed_dictionaries({}, optional={expression: st.floats(0.0, MAX_WEIGHT) for expression in EXPRESSIONS})
+
+
+def added(weights: dict[Expression, float], blink: float, gestures: list[float]) -> tuple[np.ndarray, np.ndarray]:
+    """FAPs of a face with expressions and gestures, and their plain sum, (68,) FAPU as coded."""
+    levels = start_levels(Style())[:, None]
+    levels[[*GESTURES]] = np.array(gestures)[:, None] * np.array([0.5, 0.5, 0.05, 0.3, 1, 1, 1])[:, None]
+    levels[Channel.BLINK] = blink
+    waves = GestureGenerator(rng(), Style()).waves[..., None]
+    faps = expression_faps(load_profile(DEFAULT_PROFILE)) @ [weights.get(expression, 0.0) for expression in EXPRESSIONS]
+    gesture = gesture_faps(levels, waves, np.array([3.0])).T
+    plain = faps + gesture
+    shown = faps[None].copy()
+    add_gestures(shown, gesture)
+    return to_codable(shown)[0], to_codable(plain)[0]
+
+
+@given(weights=weights, blink=st.floats(0.0, 1.0), gestures=st.lists(st.floats(-1.0, 1.0), min_size=7, max_size=7))
+@example(weights={Expression.JOY: 1.0}, blink=1.0, gestures=[0.0] * 7)
+@example(weights={Expression.SADNESS: 2.0}, blink=1.0, gestures=[0.0] * 7)
+def test_lids_never_overlap(weights: dict[Expression, float], blink: float, gestures: list[float]) -> None:
+    shown, plain = added(weights, blink, gestures)
+    assert max(shown[LIDS[:2]] + shown[LIDS[2:]]) <= 1024 + 1  # both are rounded
+    yields = (plain[LIDS[:2]] + plain[LIDS[2:]]) > 1024
+    changed = np.flatnonzero(shown != plain)
+    assert set(changed) <= {lower for lower, does in zip(LIDS[2:], yields, strict=True) if does}
+    assert (shown <= plain).all()
+
+
+@given(
+    expression=st.sampled_from(EXPRESSIONS),
+    weight=st.floats(0.0, MAX_WEIGHT),
+    gestures=st.lists(st.floats(-1.0, 1.0), min_size=7, max_size=7),
+)
+def test_without_a_blink_lower_lids_are_the_expression_s(
+    expression: Expression, weight: float, gestures: list[float]
+) -> None:
+    shown, plain = added({expression: weight}, 0.0, gestures)
+    np.testing.assert_array_equal(shown, plain)
+
+
+@pytest.mark.parametrize("expression", [Expression.JOY, Expression.ANGER, Expression.SADNESS, Expression.DISGUST])
+def test_a_blink_shuts_the_eyes_of_an_expression_exactly(expression: Expression) -> None:
+    shown, plain = added({expression: 1.0}, 1.0, [0.0] * 7)
+    assert plain[LIDS[0]] + plain[LIDS[2]] > 1024
+    assert shown[LIDS[0]] + shown[LIDS[2]] == pytest.approx(1024, abs=1)
