@@ -1,11 +1,12 @@
 """Does planned motion live as captured motion does? Sizes, speeds, spectra, variation and undershoot of both.
 
-    python -m bench.alive [--train data/speech_train.npz] [--test B.npz] [--json]
+    python -m bench.alive [--train data/speech_train.npz] [--test B.npz] [--liveliness 0] [--words] [--json]
 
 Held-out sentences are planned from their phones and compared while they are spoken. Ratios are planned over captured.
 The AUC says how well a small network that sees one second, nine numbers a frame, tells the two apart; 0.5 is chance.
 Sentences whose phone times are wrong (:func:`design.fit_profile.is_mistimed`) are left out of training. A mean is
-smaller and smoother than what it is the mean of, so errors in mm alone reward what these figures show.
+smaller and smoother than what it is the mean of, so errors in mm alone reward what these figures show. ``--words``
+adds the share of words that the judge misreads (it needs JAX): natural variation may not cost too many.
 """
 
 import argparse
@@ -16,8 +17,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from bench.fidelity import Clip, add_files, learn, ours, read_files
-from bench.measures import COMPARED
+from bench.fidelity import Clip, Corpus, Learned, add_files, learn, ours, read_files
+from bench.measures import COMPARED, seen, train_judge
 from design.fit_profile import is_mistimed
 
 Array = np.ndarray
@@ -29,6 +30,8 @@ LEAST_TOKENS = 3
 WINDOW, STEP = 25, 3
 """Frames that the network sees, and from one window to the next."""
 UNITS, PASSES, BATCH, RATE = 48, 30, 64, 2e-3
+SEEDS = 4
+"""Of the variation: their mean is the AUC, and the share of misread words."""
 
 
 def channels(points: Array, names: Sequence[str]) -> dict[str, Array]:
@@ -131,13 +134,31 @@ def told_apart(training: tuple[Array, Array], tested: tuple[Array, Array]) -> fl
     return float(np.mean(other[:, None] > captured[None, :]))
 
 
+def misread(training: Sequence[Clip], tested: Corpus, learned: Learned, seeds: Sequence[int], is_varied: int) -> float:
+    """Share of the words of held-out sentences that the judge misreads, over seeds of the variation."""
+    judge, names = train_judge(training, tested.rate_hz), learned.profile.space.points
+    right = []
+    for seed in seeds:
+        move = ours("context", variation=seed if is_varied else None)
+        shown = [move(one, learned.profile, np.arange(len(one.points)) / tested.rate_hz) for one in tested.clips]
+        read = judge.read([seen(points, names) for points in shown])
+        right += [
+            words[n : n + 1] == [word.text]
+            for one, words in zip(tested.clips, read, strict=True)
+            for n, word in enumerate(one.words)
+        ]
+    return round(1.0 - float(np.mean(right)), 4)
+
+
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add_files(parser)
+    parser.add_argument("--liveliness", type=int, choices=(0, 1), default=1, help="0 measures the mean alone")
+    parser.add_argument("--words", action="store_true", help="words that are misread, too")
     parser.add_argument("--json", action="store_true", help="print every figure as JSON")
     options = parser.parse_args(arguments)
     training, tested = read_files(options, words=True)
-    rate_hz, move = tested.rate_hz, ours("context")
+    rate_hz, move = tested.rate_hz, ours("context", variation=0 if options.liveliness else None)
     learned = learn(training, rate_hz)
     names = learned.profile.space.points
 
@@ -173,14 +194,24 @@ def main(arguments: list[str] | None = None) -> int:
             kind: undershoot(tested.clips, a, rate_hz) for kind, a in zip(("captured", "planned"), opening, strict=True)
         },
     }
-    cut = [
-        [windows([np.stack([*track.values()], 1)[clip.spoken] for track, clip in zip(kind, clips, strict=True)])
-         for kind in kinds]
-        for kinds, clips in ((heard, training), (held_out, tested.clips))
-    ]  # fmt: skip
-    half = [kind[0][::2] for kind in cut], [kind[0][1::2] for kind in cut]
-    figures["auc"] = told_apart((cut[0][0], cut[0][1]), (cut[1][0], cut[1][1]))
+
+    def seen_of(method: Callable[..., Array]) -> list[Array]:
+        """Windows of the training's and of the held-out sentences."""
+        return [
+            windows([np.stack([*shown(clip, method).values()], 1)[clip.spoken] for clip in clips])
+            for clips in (training, tested.clips)
+        ]
+
+    real = seen_of(COMPARED["captured"])
+    half = [kind[::2] for kind in real], [kind[1::2] for kind in real]
+    others = [ours("context", variation=seed) for seed in range(SEEDS)] if options.liveliness else [move]
+    apart = [told_apart((real[0], made[0]), (real[1], made[1])) for made in map(seen_of, others)]
+    figures["auc"] = float(np.mean(apart))
     figures["auc_of_captured_against_captured"] = told_apart((half[0][0], half[1][0]), (half[0][1], half[1][1]))
+    if options.words:
+        figures["misread"] = misread(
+            training, tested, learned, range(SEEDS if options.liveliness else 1), options.liveliness
+        )
     if options.json:
         print(json.dumps(figures, indent=1))
         return 0
@@ -188,8 +219,9 @@ def main(arguments: list[str] | None = None) -> int:
     print(f"{'planned / captured':24} {'sd':>6} {'speed':>6} {'accel':>6}", *(f"{a:g}-{b:g} Hz" for a, b in BANDS_HZ))
     for name, row in ratios.items():
         print(f"{name:24}", *(f"{value:6.2f}" for value in row))
-    for name in ("variation_mm", "undershoot_mm", "auc", "auc_of_captured_against_captured"):
-        print(f"{name}: {figures[name]}")
+    for name in ("variation_mm", "undershoot_mm", "auc", "auc_of_captured_against_captured", "misread"):
+        if name in figures:
+            print(f"{name}: {figures[name]}")
     return 0
 
 

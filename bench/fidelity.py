@@ -17,6 +17,7 @@ all 65. Points come from a video tracker, good to about 0.7 mm: differences belo
 import argparse
 import json
 import sys
+import zlib
 from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from html import escape
@@ -51,8 +52,9 @@ from fapengine.trajectory.closures import close_lips, holds_of
 from fapengine.trajectory.faps import displacements_to_faps, speech_faps
 from fapengine.trajectory.methods import dominance as spread
 from fapengine.trajectory.methods import sample_path
-from fapengine.trajectory.phonetics import PUSHED, layer_faps
+from fapengine.trajectory.phonetics import PUSHED, ROUND, give_way, layer_faps
 from fapengine.trajectory.targets import keys_of as speech_keys_of
+from fapengine.trajectory.variation import draw_variation, variation_faps
 
 ARRAYS = (
     "ids", "text", "fps", "n_frames", "offset", "marker_delta", "marker_step_mm", "marker_mediapipe", "marker_is_lip",
@@ -281,8 +283,11 @@ def dominance(rate: float) -> Method:
     return method
 
 
-def ours(method: str) -> Method:
-    """Do what the product does by one of its methods: keyframes, path, closures."""
+def ours(method: str, *, variation: int | None = None) -> Method:
+    """Do what the product does by one of its methods: keyframes, path, closures; with natural variation of a seed.
+
+    Each clip varies by its name and the seed.
+    """
 
     def predict(clip: Clip, profile: Profile, times: Array) -> Array:
         keys, modes = speech_keys_of(clip.phones, profile, context=method == "context"), profile.space.mode_count
@@ -292,6 +297,10 @@ def ours(method: str) -> Method:
         layer = path[:, modes:] @ layer_faps(profile)
         layer[:, list(UNMEASURED)] = 0.0
         shown = speech_faps(profile, path[:, :modes], context=method == "context") + layer
+        if variation is not None:
+            waves = draw_variation(np.random.default_rng([variation, zlib.crc32(clip.name.encode())]))[..., None]
+            varied = variation_faps(np.ones(len(times)), waves, times)
+            shown += give_way(varied, path[:, modes + ROUND]).T
         change = close_lips(shown, times, holds_of(keys.said[0])) - faps
         for row in fap.FAPS:  # what the layer and the closures add to the FAPs, back as displacements
             shift = change[:, fap.column(row.number)]

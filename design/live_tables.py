@@ -46,6 +46,7 @@ from fapengine.trajectory import (
     stream,
     style,
     targets,
+    variation,
 )
 from fapengine.trajectory.expression import expression_faps
 from fapengine.trajectory.faps import speech_faps
@@ -58,7 +59,7 @@ MODULES: dict[str, ModuleType] = {
     for module in (
         closures, context, expression, fap, fapu, gestures, hearing, hermite, ipa, loudness, phone_track,
         phonetics, prosody, protocol, ramps, small_net, small_recognizer, speaking, stream, style, targets, entries,
-        phone_sets, pronounce, services,
+        phone_sets, pronounce, services, variation,
     )
 } | {"host_words": host_words}  # fmt: skip
 """Modules with constants that the JavaScript imports, by the name that it uses."""

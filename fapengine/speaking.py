@@ -115,6 +115,15 @@ Loudness = Annotated[
         config="style.loudness_db",
     ),
 ]
+Liveliness = Annotated[
+    float,
+    Between(0.0, 1.0),
+    Described(
+        "Natural variation of the mouth, {range}: 0 says a word the same way each time.",
+        python="Style.liveliness",
+        config="style.liveliness",
+    ),
+]
 MethodName = Annotated[
     str, Described("Motion planner: {choices}.", python="Style.method", config="style.method", choices=METHOD_NAMES)
 ]
@@ -132,7 +141,7 @@ Seed = Annotated[
     int,
     Between(0),
     Described(
-        "Random seed, {range}, for blinks, glances and head motion. The same seed gives the same motion.",
+        "Random seed, {range}, for blinks, glances, head motion and variation. The same seed gives the same motion.",
         python="speak.seed",
         config="face.seed",
     ),
@@ -150,6 +159,7 @@ class MannerOptions(Checked):
     jaw: Jaw = 1.0
     lips: Lips = 1.0
     loudness: Loudness = 0.0
+    liveliness: Liveliness = 1.0
     method: MethodName = "context"
     without: Without = ()
     seed: Seed = 1

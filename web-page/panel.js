@@ -7,7 +7,8 @@ const HEAD_OVER_S = 0.15; // a slider that is dragged sends more often than that
 const RAD = Math.PI / 180;
 const SHARE = { low: 0, high: 3, step: 0.05, value: 1 };
 const LOUDNESS = { low: -20, high: 20, step: 1, value: 0, text: (number) => `${number} dB` };
-const MANNERS = { articulation: ["Articulation", SHARE], jaw: ["Jaw", SHARE], lips: ["Lips", SHARE], loudness_db: ["Loudness", LOUDNESS] };
+const LIVELINESS = { ...SHARE, high: 1 };
+const MANNERS = { articulation: ["Articulation", SHARE], jaw: ["Jaw", SHARE], lips: ["Lips", SHARE], loudness_db: ["Loudness", LOUDNESS], liveliness: ["Liveliness", LIVELINESS] };
 // How far lips follow a jaw that opens by 1, as in speech; by the standard FAP 3 leaves them shut.
 const OPEN_JAW = 3;
 const LIPS_FOLLOW = { 5: -1.1, 10: -0.8, 11: -0.8, 12: -0.25, 13: -0.25, 52: -1.1, 57: -1, 58: -1, 59: -0.25, 60: -0.25 };

@@ -1,7 +1,7 @@
 // What makes a face look alive: blinks, glances, nods on accents, a head that moves, breath and drifts. GestureGenerator,
 // gesture_faps and add_gestures of fapengine/trajectory/gestures.py. Stateful.
 
-import { fap, fapu, gestures } from "./constants.js";
+import { fap, fapu, gestures, variation } from "./constants.js";
 import { clamp } from "./path.js";
 import { Ramp } from "./ramp.js";
 import { Random } from "./random.js";
@@ -14,12 +14,13 @@ const {
   UPPER_LID, UPPER_LID_MAX, USUAL_S,
 } = gestures;
 const { AU_RAD } = fapu;
-const CHANNELS = ["glanceYaw", "glancePitch", "blink", "nod", "headMotion", "idle", "stancePitch", "stanceYaw", "stanceRoll"];
+const { DIRECTIONS, FALL_S, QUANTILES_HZ, RISE_S } = variation;
+const CHANNELS = ["glanceYaw", "glancePitch", "blink", "nod", "headMotion", "idle", "stancePitch", "stanceYaw", "stanceRoll", "speaking"];
 const STANCES = ["stancePitch", "stanceYaw", "stanceRoll"];
 const MOST_BLINKS = Math.max(...Object.values(BLINKS_PER_S));
 const NEAR_S = 0.1; // a phrase whose beginning is revised by less is the same; two are farther apart
 const UNSEEN_S = 60; // what would have begun before a longer time without frames is not drawn
-const [BLINKS, HEAD, GAZE, IDLE, EMPHASIS] = [0, 1, 2, 3, 4]; // streams of random numbers, in the order of the generators there
+const [BLINKS, HEAD, GAZE, IDLE, EMPHASIS, VARIED] = [0, 1, 2, 3, 4, 5]; // streams of random numbers, in the order of the generators there
 
 // Strength of an accent, dB: its kind, loudness and length.
 function strengthOf({ start, end, stress, loudness }) {
@@ -38,13 +39,14 @@ export function addGestures(faps, gestures) {
 export class Gestures {
   // begins: time at which the face begins, neutral, s.
   constructor(seed, begins) {
-    this.random = [BLINKS, HEAD, GAZE, IDLE, EMPHASIS].map((stream) => new Random(seed, stream));
+    this.random = [BLINKS, HEAD, GAZE, IDLE, EMPHASIS, VARIED].map((stream) => new Random(seed, stream));
     this.begins = begins;
     this.channels = Object.fromEntries(CHANNELS.map((name) => [name, new Ramp()]));
     this.blinkAt = begins - BLINK_CLOSE_S + this.random[BLINKS].uniform(...FIRST_BLINK_S);
     this.hasBlinked = false;
     this.glanceAt = begins + this.fixation();
     this.waves = this.drawnWaves();
+    this.varied = this.drawnVariation();
     this.turned = STANCES.map(() => 0);
     this.phrases = []; // beginnings and ends, in the time of the phones
     this.nods = new Map(); // accents that are coming, by their beginning: since when each is known, and whether it was judged
@@ -64,6 +66,19 @@ export class Gestures {
       const rates = Array.from({ length: count }, () => 2 * Math.PI * this.random[stream].uniform(...band));
       return rates.map((rate) => [rate, this.random[stream].uniform(0, 2 * Math.PI)]);
     });
+  }
+
+  // Sums of sines of natural variation: frequencies in rad/s and phases of each direction.
+  drawnVariation() {
+    const random = this.random[VARIED];
+    const parts = QUANTILES_HZ.length - 1;
+    return DIRECTIONS.map(() =>
+      Array.from({ length: variation.SINES }, () => {
+        const place = random.uniform(0, parts);
+        const [low, high] = QUANTILES_HZ.slice(Math.floor(place));
+        return [2 * Math.PI * (low + (place % 1) * (high - low)), random.uniform(0, 2 * Math.PI)];
+      }),
+    );
   }
 
   fixation() {
@@ -185,6 +200,16 @@ export class Gestures {
     }
     const settled = this.turned.map((turn, index) => (index ? SETTLED * turn : SETTLED_PITCH_RAD));
     STANCES.forEach((name, index) => this.channels[name].to((isOnset ? this.turned : settled)[index], at, isOnset ? ONSET_S : SETTLE_S));
+    this.channels.speaking.to(isOnset ? 1 : 0, at, isOnset ? RISE_S : FALL_S);
+  }
+
+  // Adds natural variation, 0..1 of it, to the FAPs of an expression, FAPU.
+  vary(faps, now, liveliness) {
+    const level = liveliness * this.channels.speaking.value(now) * Math.sqrt(2 / variation.SINES);
+    DIRECTIONS.forEach((direction, index) => {
+      const sum = this.varied[index].reduce((total, [rate, phase]) => total + Math.sin(rate * (now - this.begins) + phase), 0);
+      for (const [number, size] of Object.entries(direction)) faps[number - 1] += level * sum * size;
+    });
   }
 
   // 68 FAPs of a time that is drawn, FAPU: to be added after contacts are made.

@@ -123,8 +123,10 @@ export interface LiveEventMap {
 export class Live extends EventTarget {
   static make(
     options?: LiveStyle & {
-      /** No blinks, glances, nods, head motion and drifts. */
+      /** No blinks, glances, nods, head motion, drifts and variation. */
       still?: boolean;
+      /** Natural variation of speech, 0 to 1 (default). */
+      liveliness?: number;
       /** Of these, an integer. */
       seed?: number;
       /** Addresses of the package's files elsewhere. */

@@ -48,17 +48,18 @@ const seconds = () => performance.now() / 1000;
 
 // Events: started, phone, finished, cancelled, lost, regained, error. Stateful.
 export class Live extends EventTarget {
-  // style: see Planner. still: no blinks, glances, nods, head motion and drifts. seed: of these, an integer; by default it is
-  // drawn. assets: addresses of planner.bin, recognizer.bin, words-en.bin,
+  // style: see Planner. still: no blinks, glances, nods, head motion, drifts and variation. liveliness: natural variation of
+  // speech, 0 to 1. seed: of these, an integer; by default it is drawn. assets: addresses of planner.bin, recognizer.bin, words-en.bin,
   // worker.js and tap-worklet.js elsewhere.
   static async make({ assets = {}, ...options } = {}) {
     const addresses = { ...ASSETS, ...assets };
     return new Live(new Profile(await bytesOf(addresses.planner)), options, addresses);
   }
 
-  constructor(profile, { still = false, seed = Math.floor(Math.random() * 2 ** 32), ...style } = {}, addresses = ASSETS) {
+  constructor(profile, { still = false, liveliness = 1, seed = Math.floor(Math.random() * 2 ** 32), ...style } = {}, addresses = ASSETS) {
     super();
-    Object.assign(this, { profile, style, addresses, still, seed });
+    if (!(liveliness >= 0 && liveliness <= 1)) throw new TypeError(`liveliness: must be 0 to 1, got ${liveliness}`);
+    Object.assign(this, { profile, style, addresses, still, liveliness, seed });
     this.gestures = null; // from the first frame on
     this.moods = profile.expressionNames.map(() => new Ramp());
     this.faps = new Float32Array(profile.low.length);
@@ -322,9 +323,11 @@ export class Live extends EventTarget {
   }
 
   expression(now) {
-    if (!this.isShowing) return null;
+    const isVaried = this.gestures && this.liveliness > 0;
+    if (!this.isShowing && !isVaried) return null;
     const { expressions, low } = this.profile;
     const faps = new Float64Array(low.length);
+    if (isVaried) this.gestures.vary(faps, now, this.liveliness * Math.min(1, this.style.articulation ?? 1));
     this.moods.forEach((mood, index) => {
       const level = mood.value(now);
       for (let column = 0; level && column < faps.length; ++column) faps[column] += level * expressions[index * faps.length + column];

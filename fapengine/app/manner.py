@@ -44,6 +44,7 @@ def manner_of(options: MannerOptions) -> Manner:
         jaw=options.jaw,
         lips=options.lips,
         loudness_db=options.loudness,
+        liveliness=options.liveliness,
         method=parse_method(options.method),
     ).without(options.without)
     return Manner(

@@ -33,7 +33,7 @@ from fapengine.trajectory.style import Style
 
 MIN_SEEN = 16
 """Least number of images of a video."""
-STILL = Style(blinks=False, gaze=False, idle=False, emphasis=False, head_motion=False)
+STILL = Style().without(["all"])
 """Nothing but the mouth moves."""
 RECOGNIZER = "small"
 """Recognizer of sound without a transcript: it knows the voices of speech synthesizers, too."""

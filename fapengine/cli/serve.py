@@ -119,6 +119,7 @@ def serve(
     jaw: speaking.Jaw | None = None,
     lips: speaking.Lips | None = None,
     loudness: speaking.Loudness | None = None,
+    liveliness: speaking.Liveliness | None = None,
     method: speaking.MethodName | None = None,
     without: speaking.Without = (),
     seed: speaking.Seed | None = None,
@@ -160,7 +161,15 @@ def serve(
     speaker = overridden(own.sound, session=play, device=device, microphone=mic, recognizer=recognizer)
     if speaker.device and not speaker.session:
         raise UsageError("--audio-device: requires --play SESSION")
-    style = overridden(own.style, articulation=articulation, jaw=jaw, lips=lips, loudness_db=loudness, method=method)
+    style = overridden(
+        own.style,
+        articulation=articulation,
+        jaw=jaw,
+        lips=lips,
+        loudness_db=loudness,
+        liveliness=liveliness,
+        method=method,
+    )
     calls = overridden(own.calls, on=True if webrtc else None)
     if calls.on and (no_page or listen.web_port is None):
         raise UsageError("--webrtc: requires the web page; remove --no-page, or set --web-port")

@@ -18,7 +18,9 @@ from fapengine.speech.phone_track import Phone
 from fapengine.trajectory.expression import MAX_WEIGHT
 
 Anchor = Literal["now", "at", "audio"]
-PARAMETERS = ("articulation", "jaw", "lips", "loudness_db", "blinks", "head_motion", "gaze", "idle", "emphasis")
+PARAMETERS = (
+    "articulation", "jaw", "lips", "loudness_db", "liveliness", "blinks", "head_motion", "gaze", "idle", "emphasis",
+)  # fmt: skip
 """Parameters of :class:`SetParameter`: fields of :class:`fapengine.trajectory.style.Style`."""
 MAX_TURN_RAD = 1.5
 MIN_DURATION_S, MAX_DURATION_S = 0.01, 60.0
@@ -210,7 +212,8 @@ class SetParameter(Command):
     """Change how a session speaks or moves from now on."""
 
     SPEC: ClassVar[CommandSpec] = CommandSpec(
-        doc="articulation, jaw, lips (0 to 3), loudness_db; blinks, head_motion, gaze, idle, emphasis (0 or 1)",
+        doc="articulation, jaw, lips (0 to 3), loudness_db, liveliness (0 to 1); "
+        "blinks, head_motion, gaze, idle, emphasis (0 or 1)",
         osc="/fap/1/param", one_shot="/param", json="manner",
         is_direct=True, is_repeatable=True, is_shown=True,
     )  # fmt: skip

@@ -19,7 +19,14 @@ from fapengine.speech.marks import Feel, Gesture, TimedMark
 from fapengine.speech.phone_track import Phone
 from fapengine.trajectory.expression import ATTACK_S, RELEASE_S, expression_faps, has_expression
 from fapengine.trajectory.faps import Overlay
-from fapengine.trajectory.gestures import Channel, GestureGenerator, blink, gesture_faps, start_levels
+from fapengine.trajectory.gestures import (
+    Channel,
+    GestureGenerator,
+    blink,
+    gesture_faps,
+    start_levels,
+    varied_faps,
+)
 from fapengine.trajectory.ramps import Ramp, Ramps
 from fapengine.trajectory.style import Style
 
@@ -197,6 +204,6 @@ class BatchGestures:
         for row in (self._due_s <= now_s).nonzero()[0]:
             self.draw(int(row), now_s)
         levels = self._ramps.values(now_s)
-        expression = self._expression_faps @ levels[: len(EXPRESSIONS)]
-        gestures = gesture_faps(levels, self._waves, now_s - self._begun_s)
-        return Overlay(expression, gestures, levels[Channel.JAW], levels[Channel.LIPS])
+        at = levels, self._waves, now_s - self._begun_s
+        expression = self._expression_faps @ levels[: len(EXPRESSIONS)] + varied_faps(*at)
+        return Overlay(expression, gesture_faps(*at), levels[Channel.JAW], levels[Channel.LIPS])

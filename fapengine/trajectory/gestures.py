@@ -47,6 +47,7 @@ from fapengine.speaking import GENERATORS
 from fapengine.speech.phone_track import Phone
 from fapengine.trajectory.ramps import Ramp, pulse, sample_ramps
 from fapengine.trajectory.style import Style
+from fapengine.trajectory.variation import FALL_S, RISE_S, WAVES, draw_variation, variation_faps
 
 PAUSE_S = 0.15
 """Silence between two phrases. Closures of stops are shorter, and are phones anyway."""
@@ -158,6 +159,8 @@ class Channel(IntEnum):
     STANCE_PITCH = auto()
     STANCE_YAW = auto()
     STANCE_ROLL = auto()
+    SPEAKING = auto()
+    VARIATION = auto()
 
 
 CHANNELS = len(EXPRESSIONS) + len(Channel)
@@ -273,7 +276,8 @@ class GestureGenerator:
     Parameters
     ----------
     rng : numpy.random.Generator
-        One generator is spawned from it for each of :data:`fapengine.speaking.GENERATORS`.
+        One generator is spawned from it for each of :data:`fapengine.speaking.GENERATORS`, and one for
+        :mod:`.variation`.
     style : Style
         Gestures that are shown.
     begins_s : float
@@ -281,7 +285,8 @@ class GestureGenerator:
     """
 
     def __init__(self, rng: np.random.Generator, style: Style, *, begins_s: float = 0.0) -> None:
-        self._rng = dict(zip(GENERATORS, rng.spawn(len(GENERATORS)), strict=True))
+        *own, varied = rng.spawn(len(GENERATORS) + 1)
+        self._rng = dict(zip(GENERATORS, own, strict=True))
         self._style = style
         self._begins_s, self._ends_s = begins_s, inf
         self._blink_s = begins_s - BLINK_CLOSE_S + self._rng["blinks"].uniform(*FIRST_BLINK_S)
@@ -294,8 +299,10 @@ class GestureGenerator:
         self._spoken_from_s: float | None = None
         """Where the phrase begins for which the head has moved; None while it has settled."""
         self._turned = dict.fromkeys(STANCE_RAD, 0.0)
-        self.waves = _draw_waves(self._rng["head_motion"], self._rng["idle"])
-        """(2, sines): frequencies in rad/s and phases in rad of what never ends, from ``begins_s`` on."""
+        own_waves = _draw_waves(self._rng["head_motion"], self._rng["idle"])
+        self.waves = np.concatenate([own_waves, draw_variation(varied)], axis=1)
+        """(2, sines): frequencies in rad/s and phases in rad of what never ends, from ``begins_s`` on; those of
+        :mod:`.variation` come last."""
 
     @property
     def due_s(self) -> float:
@@ -405,11 +412,13 @@ class GestureGenerator:
             for channel, sizes in STANCE_RAD.items():
                 side = 1.0 if channel is Channel.STANCE_PITCH else rng.choice((-1.0, 1.0))
                 self._turned[channel] = side * rng.uniform(*sizes)
-            return [Ramp(at_s, channel, rad, ONSET_S, takes_over=True) for channel, rad in self._turned.items()]
+            turns = [Ramp(at_s, channel, rad, ONSET_S, takes_over=True) for channel, rad in self._turned.items()]
+            return [*turns, Ramp(at_s, Channel.SPEAKING, 1.0, RISE_S, takes_over=True)]
         self._spoken_from_s = None
         settled = {channel: SETTLED * rad for channel, rad in self._turned.items()}
         settled[Channel.STANCE_PITCH] = SETTLED_PITCH_RAD
-        return [Ramp(at_s, channel, rad, SETTLE_S, takes_over=True) for channel, rad in settled.items()]
+        turns = [Ramp(at_s, channel, rad, SETTLE_S, takes_over=True) for channel, rad in settled.items()]
+        return [*turns, Ramp(at_s, Channel.SPEAKING, 0.0, FALL_S, takes_over=True)]
 
     def _next_glance_s(self) -> float:
         """Time of the next glance; the last one leads back before the end."""
@@ -443,7 +452,10 @@ def blink(at_s: float) -> tuple[Ramp, Ramp]:
 
 def _switches(style: Style, at_s: float, over_s: float) -> list[Ramp]:
     """Fade in what a style switches on, and fade out the rest."""
-    levels = ((Channel.HEAD_MOTION, style.head_motion), (Channel.IDLE, style.idle), (Channel.GAZE, style.gaze))
+    levels = (
+        (Channel.HEAD_MOTION, style.head_motion), (Channel.IDLE, style.idle), (Channel.GAZE, style.gaze),
+        (Channel.VARIATION, style.variation),
+    )  # fmt: skip
     return [Ramp(at_s, channel, float(level), over_s) for channel, level in levels]
 
 
@@ -451,7 +463,7 @@ def start_levels(style: Style) -> Array:
     """Return the initial levels of a style: (C,), one per channel."""
     levels = np.zeros(CHANNELS)
     levels[[Channel.JAW, Channel.LIPS]] = style.jaw_gain, style.lips_gain
-    levels[Channel.GAZE] = style.gaze
+    levels[[Channel.GAZE, Channel.VARIATION]] = style.gaze, style.variation
     return levels
 
 
@@ -475,7 +487,7 @@ def gesture_faps(levels: Array, waves: Array, since_s: Array) -> Array:
     faps = np.zeros((fap.FAP_COUNT, levels.shape[1]))
     moving, idle, nod = levels[Channel.HEAD_MOTION], levels[Channel.IDLE], levels[Channel.NOD]
     if moving.any() or idle.any():
-        wander = _WAVE_SUMS @ np.sin(waves[0] * since_s + waves[1])
+        wander = _WAVE_SUMS @ np.sin(waves[0, :-WAVES] * since_s + waves[1, :-WAVES])
         faps[_HEAD] = _HEAD_SIZES * moving * wander[:BREATH_ROW]
         faps[_HEAD] += levels[_STANCE] / AU_RAD * moving
         faps[_PITCH] += BREATH_RAD / AU_RAD * idle * wander[BREATH_ROW]
@@ -489,6 +501,14 @@ def gesture_faps(levels: Array, waves: Array, since_s: Array) -> Array:
     faps[_LIDS] += _LIDS_FOLLOW * (1.0 - shut) * faps[_EYES][-1]
     faps[_HEAD] += levels[_TURN] / AU_RAD  # the eyes turn with a head that a command turns
     return faps
+
+
+def varied_faps(levels: Array, waves: Array, since_s: Array) -> Array:
+    """Return the natural variation of speech, (68, N) FAPU, of the channels and waves of :func:`gesture_faps`.
+
+    It is added to the expression (:mod:`.variation`).
+    """
+    return variation_faps(levels[Channel.SPEAKING] * levels[Channel.VARIATION], waves[:, -WAVES:], since_s)
 
 
 def add_gestures(faps: Array, gestures: Array) -> None:
@@ -512,8 +532,8 @@ def gestures_of(
     style: Style,
     rng: np.random.Generator,
     wanted: Iterable[Ramp] = (),
-) -> Callable[[slice], Array]:
-    """Draw the gestures of a file.
+) -> Callable[[slice], tuple[Array, Array]]:
+    """Draw the gestures of a file, and its variation.
 
     Parameters
     ----------
@@ -529,10 +549,16 @@ def gestures_of(
     Returns
     -------
     callable
-        A slice of the times -> FAPs at these times, (68, N) float64, FAPU.
+        A slice of the times -> :func:`varied_faps` and :func:`gesture_faps` at these times, (68, N) float64, FAPU.
     """
     generator = GestureGenerator(rng, style)
     generator.hear(((phone.start_s, phone) for phone in phones), 0.0)
     ramps = [*generator.begin(), *generator.end(end_s, 0.0), *generator.draw(end_s)]
     levels = sample_ramps(start_levels(style), [*ramps, *wanted], times_s)
-    return lambda piece: gesture_faps(levels[:, piece], generator.waves[..., None], times_s[piece])
+    waves = generator.waves[..., None]
+
+    def moved(piece: slice) -> tuple[Array, Array]:
+        at = levels[:, piece], waves, times_s[piece]
+        return varied_faps(*at), gesture_faps(*at)
+
+    return moved

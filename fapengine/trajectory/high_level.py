@@ -57,7 +57,7 @@ KEPT = 128
 @lru_cache(maxsize=16)
 def viseme_faces(profile: Profile) -> Array:
     """(15, 68) float64, FAPU: the face of each viseme of Table C.4. Read-only."""
-    still = Style(blinks=False, head_motion=False, gaze=False, idle=False, emphasis=False)
+    still = Style.speech_only()
     faces = np.zeros((len(VISEMES), fap.FAP_COUNT))
     for viseme in VISEMES[1:]:
         phones = PhoneTrack.from_phones([Phone(viseme.phonemes[0], *SPOKEN_S)])

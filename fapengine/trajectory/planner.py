@@ -2,10 +2,10 @@
 
 Theory of operation
 -------------------
-Phones become keyframes, keyframes a path in the viseme space, the path displacements, these FAPs; expressions are added
-on the way. After the weights of the space the same path carries what is not recorded: how far lips come forward,
-and the tongue (:mod:`.phonetics`). Closures are settled last (:mod:`.closures`), then gestures added
-(:mod:`.gestures`).
+Phones become keyframes, keyframes a path in the viseme space, the path displacements, these FAPs; expressions and
+natural variation (:mod:`.variation`) are added on the way. After the weights of the space the same path carries what is
+not recorded: how far lips come forward, and the tongue (:mod:`.phonetics`). Closures are settled last
+(:mod:`.closures`), then gestures added (:mod:`.gestures`).
 
 Guaranteed, and tested, for phones of 50 ms and more at natural rate, spoken at 0.5 to 3 times that rate:
 
@@ -100,7 +100,8 @@ def plan(
     for start in range(0, len(times_s), PIECE):
         piece = slice(start, start + PIECE)
         near_s, one = times_s[piece], np.ones(len(times_s[piece]))
-        overlay = Overlay(expression_faps(profile) @ levels[:, piece], moved(piece), one, one)
+        varied, gestured = moved(piece)
+        overlay = Overlay(expression_faps(profile) @ levels[:, piece] + varied, gestured, one, one)
         values[piece] = to_codable(composer.faps(path[piece].T, held(near_s, holds.near(near_s)), overlay))
     return Plan(FapTrack.from_values(values, rate_hz=rate_hz), dict(keys.unknown))
 

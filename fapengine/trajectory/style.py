@@ -61,20 +61,24 @@ class Style:
     """Breath, and slow drifts of brows and mouth corners."""
     emphasis: bool = True
     """A nod and raised brows with the strongest accent of a phrase."""
+    liveliness: float = 1.0
+    """Natural variation of speech, 0..1: see :mod:`fapengine.trajectory.variation`."""
 
     def __post_init__(self) -> None:
         check_fields(self)
         for name in ("articulation", "jaw", "lips"):
             if not 0 <= getattr(self, name) <= MAX_GAIN:
                 raise UsageError(f"{name}: must be 0 to {MAX_GAIN:g}, got {getattr(self, name)}")
+        if not 0 <= self.liveliness <= 1:
+            raise UsageError(f"liveliness: must be 0 to 1, got {self.liveliness}")
         if not LOUDNESS_DB[0] <= self.loudness_db <= LOUDNESS_DB[1]:
             raise UsageError(f"loudness_db: must be {LOUDNESS_DB[0]:g} to {LOUDNESS_DB[1]:g}, got {self.loudness_db}")
         parse_method(self.method)
 
     @classmethod
     def speech_only(cls, *, articulation: float = 1.0, method: Method = "context") -> "Style":
-        """Speech alone: no gestures."""
-        return cls(articulation, method=method, blinks=False, head_motion=False, gaze=False, idle=False, emphasis=False)
+        """Speech alone: no gestures, no variation."""
+        return cls(articulation, method=method).without(["all"])
 
     @checked
     def without(self, names: Sequence[str]) -> "Style":
@@ -83,8 +87,8 @@ class Style:
         Parameters
         ----------
         names : sequence of str
-            Of :data:`GENERATORS`, with ``-`` or ``_``; ``"all"`` is every one. ``"provenance"`` is about files, and
-            changes nothing here.
+            Of :data:`GENERATORS`, with ``-`` or ``_``; ``"all"`` is every one, and variation. ``"provenance"`` is about
+            files, and changes nothing here.
 
         Raises
         ------
@@ -101,6 +105,8 @@ class Style:
             if name not in (*GENERATORS, "all", PROVENANCE):
                 raise UsageError(f"without: unknown value {name!r}; use one of {', '.join(WITHOUT)}")
         switched: dict[str, Any] = {name: False for name in GENERATORS if name in off or "all" in off}
+        if "all" in off:
+            switched["liveliness"] = 0.0
         return replace(self, **switched)
 
     @property
@@ -128,6 +134,11 @@ class Style:
     def lips_gain(self) -> float:
         """Size of the lips' movements in all."""
         return float(self.articulation * self.lips * 2.0 ** (self.loudness_db / DB_PER_DOUBLE_LIPS))
+
+    @property
+    def variation(self) -> float:
+        """Share of natural variation that is shown, 0..1; a face that hardly moves hardly varies."""
+        return self.liveliness * min(1.0, self.articulation)
 
     def gains(self, profile: Profile) -> NDArray[np.float64]:
         """Matrix that turns a path of weights, (T, K), into this style's: ``path @ gains``, (K, K)."""

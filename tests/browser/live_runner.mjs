@@ -58,7 +58,9 @@ const drawn = ({ seed, phones, times }) => {
   const gestures = new Gestures(seed, 0);
   return times.map((time) => {
     gestures.draw(time, phones.filter(({ known }) => known <= time), 0);
-    return [...gestures.faps(time)];
+    const faps = gestures.faps(time);
+    gestures.vary(faps, time, 1);
+    return [...faps];
   });
 };
 // A face that says phones, at times of its clock: its FAPs.

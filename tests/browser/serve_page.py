@@ -68,7 +68,7 @@ async def serve(
 
 
 if __name__ == "__main__":
-    still = Style(blinks=False, head_motion=False, gaze=False, idle=False, emphasis=False)
+    still = Style.speech_only()
     parser = argparse.ArgumentParser()
     parser.add_argument("port", type=int)
     parser.add_argument("head", type=Path)

@@ -29,7 +29,7 @@ from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.trajectory.batch import BatchPlanner
 from fapengine.trajectory.expression import expression_faps
 from fapengine.trajectory.faps import Overlay
-from fapengine.trajectory.gestures import CHANNELS, Channel, GestureGenerator, gesture_faps, start_levels
+from fapengine.trajectory.gestures import CHANNELS, Channel, GestureGenerator, gesture_faps, start_levels, varied_faps
 from fapengine.trajectory.planner import plan
 from fapengine.trajectory.ramps import Ramp, sample_ramps
 from fapengine.trajectory.style import Style
@@ -477,7 +477,8 @@ def test_gestures_are_pythons(package: Path, profile: Profile) -> None:
             made += generator.draw(now_s)
         levels = sample_ramps(start_levels(Style()), made, times_s)
         nods += sum(ramp.channel == Channel.NOD and ramp.goal > 0 for ramp in made)
-        expected.append(gesture_faps(levels, generator.waves[..., None], times_s).T)
+        at = levels, generator.waves[..., None], times_s
+        expected.append((gesture_faps(*at) + varied_faps(*at)).T)
         known = [as_json(phone) | {"known": at_s} for phone, at_s in zip(phones, known_s.tolist(), strict=True)]
         given.append({"seed": seed, "phones": known, "times": times_s.tolist()})
     found = np.array(node(package, RUNNER, {"faces": given})["drawn"])

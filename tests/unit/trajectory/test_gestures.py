@@ -52,7 +52,7 @@ def column(faps: np.ndarray, number: int) -> np.ndarray:
 def sample_gestures(
     times: np.ndarray, end_s: float, phones: Sequence[Phone], style: Style, rng: np.random.Generator
 ) -> np.ndarray:
-    return gestures_of(times, end_s, phones, style, rng)(slice(None)).T
+    return gestures_of(times, end_s, phones, style, rng)(slice(None))[1].T
 
 
 def only(*names: str, times: np.ndarray = TIMES, end_s: float = 20.0) -> np.ndarray:
