@@ -60,7 +60,7 @@ LEAF_RINGS, POINT_RINGS, POINT_REACH, LEAF_SPREAD = 4.1, 2.6, 1.7, 0.34
 """
 STRIP = ((-8, 0.5, 0.6), (-7, 1, 0.95), (7, 1, 0.95), (8, 0.5, 0.6))
 """The strip with the buttons, across: x and height above the shirt, mm, and light."""
-SEAM = ((-2.0, 0.7, 0.98), (-0.8, 1.3, 1.06), (0.4, 0.9, 0.6), (2.0, 0.7, 0.96))
+SEAM = ((-2.0, 0.2, 1.0), (-0.8, 1.6, 1.05), (0.6, 1.2, 0.6), (2.0, 0.2, 0.97))
 """A seam, across: place and height above the garment, mm, and light."""
 SEAMS_RAD = (0.55, 1.05), (-0.55, -1.05), (2.3, 2.0), (-2.3, -2.0)
 """Angles where seams begin at the collar, and where they end."""
@@ -133,7 +133,7 @@ def _add_sewn(builder: MeshBuilder, style: HeadStyle, rings: Array, weight: Arra
     if style.garment != "shirt":
         across, up_mm, light = np.array(SEAM).T
         for start, end in SEAMS_RAD:
-            share = np.linspace(0, 1, 9)[:, None]
+            share = np.linspace(0, 1, 13)[:, None]
             ring = len(COLLARS[style.garment]) + share * ((len(rings) - 1) / detail - len(COLLARS[style.garment]))
             add(
                 *at(ring, start + share**0.7 * (end - start) + across / np.interp(share, (0, 1), (70, 130)), up_mm),
