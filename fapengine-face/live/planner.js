@@ -7,7 +7,7 @@ import { addGestures } from "./gestures.js";
 import { layerGain, speechPath } from "./keys.js";
 import { addFading, clamp, emptyJet, jetAt, neutralPath, placeAfter, placeOf, smoothstep, softPositive } from "./path.js";
 
-const { AHEAD_PHONES, BEHIND_PHONES, FADE_S, KEYS_BEHIND, LATEST_CLOSURE_S, LONG_S, MAX_PULL, MIN_FADE_S, MOMENTUM_S, PLANNED_LETTERS, PLAN_EARLY_S, REACH, SAME_S } = stream;
+const { AHEAD_PHONES, BEHIND_PHONES, FADE_S, KEYS_BEHIND, LATEST_CLOSURE_S, LONG_S, MAX_PULL, MIN_FADE_S, MOMENTUM_S, PLANNED_LETTERS, PLAN_EARLY_S, REACH, ROUNDING_S, SAME_S } = stream;
 const { MIN_HOLD_S, RAMP_S } = closures;
 const { CORNERS, HELD, PUSHED, ROUND, SOFT_FAPU, WIDTH } = phonetics;
 const { LOUDNESS_DB, SILENCE } = phone_track;
@@ -252,7 +252,7 @@ export class Planner {
     const last = plans.at(-1);
     const leftTime = Math.max(last.start + last.fade - edge, MIN_FADE_S);
     if (leftTime < fade && edge > this.cancelledAt) fade = leftTime + share * (fade - leftTime);
-    const since = edge - last.start;
+    const since = edge - last.start + ROUNDING_S;
     const shortest = since < last.momentum ? last.momentum : since < last.fade ? last.fade : Infinity;
     const pull = Math.sqrt(MAX_PULL / Math.max(...left[2].map(Math.abs), 1));
     plans.push({ start: edge, path, fade, momentum: Math.min(fade, MOMENTUM_S, shortest, pull), left });
