@@ -78,7 +78,7 @@ def test_the_errors_are_those_of_takes_that_were_held_out(fitted):
     found, _ = fitted
     assert found.prediction is not None
     assert found.prediction.whole.lips_mm.value < 0.5 * found.prediction.whole.mean_pose_mm.value
-    assert found.prediction.whole.opening_r.value > 0.95
+    assert found.prediction.whole.opening_r.value > 0.88  # lips of made takes do not prepare before they speak
     kept = found.space.space.mode_count
     assert 0.1 < found.space.error_mm[kept - 1] < 0.35  # 0.1 mm of noise in three coordinates, and the last modes
     assert (np.diff(found.space.error_mm) < 0).all()
