@@ -72,7 +72,8 @@ def test_neutral_face_is_the_standards(head: FaceMesh) -> None:
 
 
 def test_the_head_is_symmetric() -> None:
-    points = build_head(HeadStyle(hair=False)).vertices_mm.astype(float)  # hair is parted
+    head = build_head(HeadStyle(hair=False))  # hair is parted, and cloth has folds
+    points = head.vertices_mm[head.material != Material.CLOTH].astype(float)
     distance, _ = cKDTree(points).query(points * MIRROR)
     assert distance.max() < 0.05
 

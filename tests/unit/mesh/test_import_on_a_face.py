@@ -88,7 +88,7 @@ def test_points_are_found_on_three_people(dense: Dense) -> None:
             assert off[name] < 5.0, (person, name)  # mm
         means.append(np.mean(list(off.values())))
     assert np.mean(means) < 3.2
-    assert max(means) < 3.6
+    assert max(means) < 3.8
 
 
 @pytest.fixture(scope="module")

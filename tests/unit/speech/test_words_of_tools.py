@@ -186,7 +186,7 @@ def test_kaldi_frames_are_no_phones_of_mbrola() -> None:
 
 
 def test_a_ctm_of_many_columns_is_no_list_of_pitches() -> None:
-    alternatives = "REC_1 1 0.5 0.2 hello 0.9 lex me\nREC_1 1 * * <ALT_BEGIN>\n"
+    alternatives = "REC_1 1 0.5 0.2 hello 0.9 lex me\nREC_1 1 * * other 0.9 lex me\n"
     with pytest.raises(DataError, match=r"time: got '\*', expected a number.*line 2"):
         read(alternatives, ending=".ctm")
 
