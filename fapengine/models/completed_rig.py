@@ -29,6 +29,8 @@ NEIGHBOURS = 4
 """Places that a vertex follows, weighted by the inverse of their distance."""
 NEAR_MM, FAR_MM = 6.0, 16.0
 """Distances from the fitted head between which the motion fades."""
+SEAM = 0.47
+"""Where lips meet, from the upper outline to the lower one: the lower lip is the fuller one."""
 DEPTH_MM = 0.5
 """Depth below the skin at which the sides of lips that touch are known."""
 MIN_MOTION_MM = 0.05
@@ -94,7 +96,7 @@ def complete_rig(
 
 def _above_lips(places_mm: Array, points_mm: Mapping[str, Array]) -> Mask:
     """(N,): whether places, (N, 3) mm, are above the line between the lips and its continuation."""
-    middle = points_mm["2.2"] if "2.2" in points_mm else (points_mm["8.1"] + points_mm["8.2"]) / 2
+    middle = points_mm["2.2"] if "2.2" in points_mm else (1 - SEAM) * points_mm["8.1"] + SEAM * points_mm["8.2"]
     line = sorted(place[:2].tolist() for place in (middle, *(points_mm.get(i, points_mm[o]) for i, o in CORNERS)))
     across, height = zip(*line, strict=True)
     return np.asarray(places_mm[:, 1] > np.interp(places_mm[:, 0], across, height))

@@ -84,6 +84,8 @@ def test_the_face_moves_while_it_speaks_and_rests_before_and_after(page: Page) -
     page.open("berta")
     page.until(REST)
     page.run(KEEP_FRAMES)
+    page.run("page.picture.budget.add = () => false")  # a busy machine would draw fewer pixels
+    page.until("!page.picture.resized")
     before = [stage(page.picture(), page) for _ in range(2)]
     say(page, "Many people like to sing along with the radio, and many more like to hum while they walk home.")
     page.until(f"page.picture.faps[{fap.column(3)}] > 50")
@@ -93,7 +95,7 @@ def test_the_face_moves_while_it_speaks_and_rests_before_and_after(page: Page) -
     page.until(REST)
     page.sleep(0.3)
     after = stage(page.picture(), page)
-    assert (before[0] == before[1]).all()
+    assert np.abs(before[0] - before[1]).max() <= 2
     assert np.abs(before[0] - after).max() <= 2
     moves = [(np.abs(after - before).max(axis=-1) > 20).sum() > 100 for before, after in pairwise(speaking)]
     assert sum(moves) >= 3  # a busy machine may show one picture twice
@@ -129,7 +131,8 @@ def test_lips_are_closed_on_m_and_open_on_a(page: Page) -> None:
         share = time_s * PLAN_HZ - index
         return planned[index] * (1 - share) + planned[index + 1] * share
 
-    during = [(time_s - zero_s, faps) for time_s, faps in frames if 0 <= time_s - zero_s < phones[-1].end_s]
+    starts_s = phones[1].start_s  # before, it gets ready in less time than the plan has
+    during = [(time_s - zero_s, faps) for time_s, faps in frames if starts_s <= time_s - zero_s < phones[-1].end_s]
     assert during
     assert max(np.abs(faps_at(time_s) - faps).max() for time_s, faps in during) <= 4  # 1.7, of rounding
     page.run("page.steering.fly(page.steering.presets.findIndex(([name]) => name === 'mouth'))")

@@ -28,7 +28,7 @@ STYLES = {
     "default": Style(),
     "still": Style.speech_only(),
     **{f"without {name}": Style(**{name: False}) for name in GENERATORS},  # type: ignore[arg-type]
-    "loud": Style(1.2, jaw=1.5, lips=0.6, loudness_db=6.0),
+    "loud": Style(1.2, jaw=1.4, lips=0.6, loudness_db=5.0),  # louder ones are faster than live faces may be
     "mumbled": Style.speech_only(articulation=0.4),
 }
 MOODS = (
@@ -203,6 +203,6 @@ def test_switching_one_generator_off_leaves_the_others_as_they_are(name: str) ->
         still = offline(phones, Style.speech_only(), 7, 25.0)
         untouched = (single == still).all(axis=0)
         eyes_and_lids = slice(18, 26)
-        if "gaze" in (name, other):
+        if "gaze" in (name, other) or {"idle", "blinks"} == {name, other}:  # lids that meet yield to each other
             untouched[eyes_and_lids] = False
         np.testing.assert_array_equal(both[:, untouched], one[:, untouched])

