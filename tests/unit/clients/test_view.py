@@ -147,9 +147,10 @@ def test_frames_of_a_port_are_shown(windows: list[FakeWindow]) -> None:
     assert windows[0].name.startswith("fapengine, port ")
 
 
-def test_a_server_that_is_not_there_is_told_of(windows: list[FakeWindow]) -> None:
+def test_a_server_that_is_not_there_is_told_of(windows: list[FakeWindow], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(FakeWindow, "is_open", property(lambda window: "no server: no answer" not in window.name))
     with pytest.raises(ResourceError, match=r"^server: no answer from 127.0.0.1:9: is fapengine serve running there"):
-        call("view", "http://127.0.0.1:9/", "--duration", "0.5")
+        call("view", "http://127.0.0.1:9/", "--duration", "60")
     assert "no server: no answer" in windows[0].name
     assert windows[0].is_closed
 
