@@ -31,7 +31,7 @@ STEP_MM, ROUND_MM, TIP_ROUND_MM = 2.2, 1.6, 2.2
 """Height of upper strands above lower ones; height of a strand's middle above its edges, and what tips add to it."""
 PARTING_MM = (2.0, 1.4)
 """How far hair of either side goes beyond the parting, and its depth there."""
-SCALP_MM, SCALP = (0.2, 1.5), np.array([0.58, 0.40, 0.32])
+SCALP_MM, SCALP = (0.2, 1.5), np.array([0.26, 0.19, 0.16])
 """How far from the parting scalp is seen, and where hair begins; its share of the colour of skin: hair shades it."""
 WANDER = 0.018
 """How far the border between two strands wanders sideways, in ``s``."""
