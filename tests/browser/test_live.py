@@ -45,6 +45,7 @@ PORTED = {
     "recognition/small_recognizer.py": "recognizer.js and search.js", "speech/prosody.py": "prosody.js",
     "trajectory/batch.py": "planner.js", "trajectory/closures.py": "closures.js", "trajectory/context.py": "keys.js",
     "trajectory/faps.py": "planner.js", "trajectory/gestures.py": "gestures.js",
+    "trajectory/variation.py": "gestures.js",
     "trajectory/hermite.py": "path.js", "trajectory/phonetics.py": "keys.js",
     "trajectory/planner.py": "planner.js", "trajectory/ramps.py": "ramp.js",
     "trajectory/stream.py": "planner.js", "trajectory/style.py": "planner.js",
