@@ -17,7 +17,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from bench.fidelity import Clip, Corpus, Learned, add_files, learn, ours, read_files
+from bench.fidelity import Clip, Corpus, Learned, Method, add_files, learn, ours, read_files
 from bench.measures import COMPARED, seen, train_judge
 from design.fit_profile import is_mistimed
 
@@ -134,12 +134,11 @@ def told_apart(training: tuple[Array, Array], tested: tuple[Array, Array]) -> fl
     return float(np.mean(other[:, None] > captured[None, :]))
 
 
-def misread(training: Sequence[Clip], tested: Corpus, learned: Learned, seeds: Sequence[int], is_varied: int) -> float:
-    """Share of the words of held-out sentences that the judge misreads, over seeds of the variation."""
+def misread(training: Sequence[Clip], tested: Corpus, learned: Learned, moves: Sequence[Method]) -> float:
+    """Share of the words of held-out sentences that the judge misreads, over several methods."""
     judge, names = train_judge(training, tested.rate_hz), learned.profile.space.points
     right = []
-    for seed in seeds:
-        move = ours("context", variation=seed if is_varied else None)
+    for move in moves:
         shown = [move(one, learned.profile, np.arange(len(one.points)) / tested.rate_hz) for one in tested.clips]
         read = judge.read([seen(points, names) for points in shown])
         right += [
@@ -158,7 +157,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--json", action="store_true", help="print every figure as JSON")
     options = parser.parse_args(arguments)
     training, tested = read_files(options, words=True)
-    rate_hz, move = tested.rate_hz, ours("context", variation=0 if options.liveliness else None)
+    rate_hz = tested.rate_hz
+    others = [ours("context", variation=seed) for seed in (range(SEEDS) if options.liveliness else (None,))]
     learned = learn(training, rate_hz)
     names = learned.profile.space.points
 
@@ -166,7 +166,7 @@ def main(arguments: list[str] | None = None) -> int:
         return channels(method(clip, learned.profile, np.arange(len(clip.points)) / rate_hz), names)
 
     def both(clips: Sequence[Clip]) -> list[list[dict[str, Array]]]:
-        return [[shown(clip, method) for clip in clips] for method in (COMPARED["captured"], move)]
+        return [[shown(clip, method) for clip in clips] for method in (COMPARED["captured"], others[0])]
 
     heard = both(training)
     right = [not is_mistimed(one["opening"], other["opening"]) for one, other in zip(*heard, strict=True)]
@@ -204,14 +204,11 @@ def main(arguments: list[str] | None = None) -> int:
 
     real = seen_of(COMPARED["captured"])
     half = [kind[::2] for kind in real], [kind[1::2] for kind in real]
-    others = [ours("context", variation=seed) for seed in range(SEEDS)] if options.liveliness else [move]
     apart = [told_apart((real[0], made[0]), (real[1], made[1])) for made in map(seen_of, others)]
     figures["auc"] = float(np.mean(apart))
     figures["auc_of_captured_against_captured"] = told_apart((half[0][0], half[1][0]), (half[0][1], half[1][1]))
     if options.words:
-        figures["misread"] = misread(
-            training, tested, learned, range(SEEDS if options.liveliness else 1), options.liveliness
-        )
+        figures["misread"] = misread(training, tested, learned, others)
     if options.json:
         print(json.dumps(figures, indent=1))
         return 0

@@ -2,14 +2,14 @@
 
 Theory of operation
 -------------------
-The plan is a mean. What a speaker's captured motion adds to it was measured on 417 sentences
-(``python -m design.speech_variation``): directions in which it goes (:data:`DIRECTIONS`), and how fast
-(:data:`QUANTILES_HZ`). Each direction moves by a sum of sines whose frequencies are drawn by the measured power and
-whose phases are random. So the variation at a time depends on the seed and that time alone: a stream equals its file.
+The plan is a mean. The residual of one speaker's captured motion was measured on 417 sentences
+(``python -m design.speech_variation``): its principal components (:data:`DIRECTIONS`) and its power spectrum
+(:data:`QUANTILES_HZ`). Each component is a sum of sines whose frequencies are drawn from the spectrum and whose phases
+are random. So the variation at a time depends on the seed and that time alone: a stream equals its file.
 
-The directions that both halves share have :data:`EVEN_SHARE` of their measured size. With all of it, 30 % of words are
-misread from the lips, since the variation of a person goes with what is said, and this does not. It is added before
-contacts are made (:mod:`.closures`), and gives way to rounded lips as an expression does.
+Symmetric components have :data:`SYMMETRIC_SHARE` of their measured size. At full size 30 % of words are misread from
+the lips, since a person's variation depends on what is said, and this does not. It is added before contacts are made
+(:mod:`.closures`), and gives way to rounded lips as an expression does.
 """
 
 import numpy as np
@@ -19,8 +19,8 @@ from fapengine.mpeg4 import fap
 
 Array = NDArray[np.float64]
 
-EVEN_SHARE, ODD_SHARE = 0.6, 1.0
-"""Share of the measured size that is shown, of directions that both halves of the mouth share and of the others."""
+SYMMETRIC_SHARE, ASYMMETRIC_SHARE = 0.6, 1.0
+"""Share of the measured size that is shown; :data:`DIRECTIONS` already contains it."""
 DIRECTIONS: tuple[dict[int, float], ...] = (
     {6: 4.7, 7: -4.7, 8: -1.9, 9: 1.9, 10: 0.9, 11: -0.9, 12: 2.2, 13: -2.2, 15: -5.3, 39: 1.7, 40: -1.7, 53: 4.7,
      54: -4.7, 55: -2.3, 56: 2.3, 59: 2.3, 60: -2.3},
@@ -44,7 +44,7 @@ QUANTILES_HZ = (
 SINES = 4
 """Number of sines of each direction."""
 RISE_S, FALL_S = 0.25, 0.12
-"""Time over which it comes before speech, and goes after it."""
+"""Time over which it fades in before speech, and out after it."""
 WAVES = SINES * len(DIRECTIONS)
 
 _MATRIX = np.zeros((fap.FAP_COUNT, len(DIRECTIONS)))
