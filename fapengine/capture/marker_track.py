@@ -105,7 +105,7 @@ class RawTrack:
     up: str | None = None
     """Axis that points up, such as ``"+z"``, if the file says so."""
     height: float | None = None
-    """Way from foot to head along the bones of a body, in the file's unit; None for other markers."""
+    """Length from foot to head along a skeleton's bones, in the file's unit; None for other markers."""
     notes: tuple[str, ...] = ()
     """Remarks about parts of the file that were skipped."""
 

@@ -1,4 +1,4 @@
-"""What the licence of ICT-FaceKit asks copies of its shapes to contain; the built-in heads are derived from it."""
+"""Licence notice of ICT-FaceKit, required in copies of its shapes; the built-in heads are derived from them."""
 
 ICT_COPYRIGHT = "shapes derived from ICT-FaceKit, Copyright (c) 2020 USC Institute for Creative Technologies, MIT"
 """Short form, for fields of one line."""

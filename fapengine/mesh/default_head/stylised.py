@@ -122,7 +122,7 @@ def _with_face(points: Array, charm: float, childlike: float) -> Array:
     moved[:, 0] += charm * (7.5 - 4.5 * childlike) * full * np.sign(x)
     hollow = np.exp(-(((y + 22.0) / 20.0) ** 2) - ((z - 44.0) / 20.0) ** 2) * smoothstep((np.abs(x) - 40.0) / 20.0)
     moved[:, 0] -= charm * 1.5 * hollow * np.sign(x)
-    # Ears and the sides of the head come forward, so that a cheek is no plane from three quarters.
+    # Ears and the sides of the head come forward, so that the cheek is not flat in three-quarter view.
     side = smoothstep((np.abs(x) - 30.0) / 30.0) * smoothstep((y + 95.0) / 40.0) * smoothstep((95.0 - y) / 50.0)
     side *= np.exp(-((np.clip(z + 8.0, -20.0, None) / 46.0) ** 2)) * smoothstep((z + 90.0) / 70.0)
     moved[:, 2] += charm * 15.0 * side
