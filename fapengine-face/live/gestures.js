@@ -71,11 +71,10 @@ export class Gestures {
   // Sums of sines of natural variation: frequencies in rad/s and phases of each direction.
   drawnVariation() {
     const random = this.random[VARIED];
-    const parts = QUANTILES_HZ.length - 1;
-    return DIRECTIONS.map(() =>
+    return QUANTILES_HZ.map((quantiles) =>
       Array.from({ length: variation.SINES }, () => {
-        const place = random.uniform(0, parts);
-        const [low, high] = QUANTILES_HZ.slice(Math.floor(place));
+        const place = random.uniform(0, variation.PARTS);
+        const [low, high] = quantiles.slice(Math.floor(place));
         return [2 * Math.PI * (low + (place % 1) * (high - low)), random.uniform(0, 2 * Math.PI)];
       }),
     );

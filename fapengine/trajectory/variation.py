@@ -2,14 +2,15 @@
 
 Theory of operation
 -------------------
-The plan is a mean. The residual of one speaker's captured motion was measured on 417 sentences
-(``python -m design.speech_variation``): its principal components (:data:`DIRECTIONS`) and its power spectrum
-(:data:`QUANTILES_HZ`). Each component is a sum of sines whose frequencies are drawn from the spectrum and whose phases
+The plan is a mean. The residual of one speaker's captured motion was measured on 420 sentences
+(``python -m design.speech_variation``): its principal components (:data:`DIRECTIONS`) and the power spectrum of each
+(:data:`QUANTILES_HZ`). Each component is a sum of sines whose frequencies are drawn from its spectrum and whose phases
 are random. So the variation at a time depends on the seed and that time alone: a stream equals its file.
 
-Symmetric components have :data:`SYMMETRIC_SHARE` of their measured size. At full size 30 % of words are misread from
-the lips, since a person's variation depends on what is said, and this does not. It is added before contacts are made
-(:mod:`.closures`), and gives way to rounded lips as an expression does.
+At full size 30 % of words are misread from the lips, since a person's variation depends on what is said, and this does
+not. So symmetric components show a part of their measured size: half or two thirds at the lips, nine tenths at the jaw,
+which tells a lip reader less. It is added before contacts are made (:mod:`.closures`), and gives way to rounded lips as
+an expression does.
 """
 
 import numpy as np
@@ -19,28 +20,35 @@ from fapengine.mpeg4 import fap
 
 Array = NDArray[np.float64]
 
-SYMMETRIC_SHARE, ASYMMETRIC_SHARE = 0.6, 1.0
-"""Share of the measured size that is shown; :data:`DIRECTIONS` already contains it."""
+PARTS = 16
+"""Number of equal parts of a spectrum's power."""
 DIRECTIONS: tuple[dict[int, float], ...] = (
-    {6: 4.7, 7: -4.7, 8: -1.9, 9: 1.9, 10: 0.9, 11: -0.9, 12: 2.2, 13: -2.2, 15: -5.3, 39: 1.7, 40: -1.7, 53: 4.7,
-     54: -4.7, 55: -2.3, 56: 2.3, 59: 2.3, 60: -2.3},
-    {6: 1.2, 7: -1.2, 8: 6.4, 9: -6.4, 10: -6.7, 11: 6.7, 12: -8.9, 13: 8.9, 15: 1.0, 41: -0.4, 42: 0.4, 53: 1.3,
-     54: -1.3, 55: 7.1, 56: -7.1, 57: -5.9, 58: 5.9, 59: -9.6, 60: 9.6},
-    {6: 0.8, 7: -0.8, 10: 0.7, 11: -0.7, 12: 0.8, 13: -0.8, 15: -3.9, 39: 0.8, 40: -0.8, 53: 1.0, 54: -1.0, 55: 0.4,
-     56: -0.4, 57: 1.2, 58: -1.2, 59: 1.1, 60: -1.1},
-    {3: 29.1, 4: -1.7, 5: -42.7, 8: 5.3, 9: 5.3, 10: -33.5, 11: -33.5, 12: -17.0, 13: -17.0, 18: -2.5, 39: 0.4,
-     40: 0.4, 41: -2.3, 42: -2.3, 51: 3.1, 52: -41.5, 53: 0.5, 54: 0.5, 55: 7.9, 56: 7.9, 57: -36.6, 58: -36.6,
-     59: -16.7, 60: -16.7},
-    {3: 2.6, 4: 28.1, 5: 12.6, 6: -1.3, 7: -1.3, 8: 21.1, 9: 21.1, 10: 4.2, 11: 4.2, 12: -10.9, 13: -10.9, 18: 2.0,
-     41: -3.2, 42: -3.2, 51: 20.8, 52: 8.6, 53: -1.7, 54: -1.7, 55: 17.6, 56: 17.6, 57: 4.5, 58: 4.5, 59: -11.3,
-     60: -11.3},
+    {6: 5.6, 7: -5.6, 8: -2.2, 9: 2.2, 10: 1.2, 11: -1.2, 12: 2.7, 13: -2.7, 15: -7.5, 39: 2.4, 40: -2.4, 53: 5.7,
+     54: -5.7, 55: -2.8, 56: 2.8, 57: 0.5, 58: -0.5, 59: 3.1, 60: -3.1},
+    {6: 1.2, 7: -1.2, 8: 7.5, 9: -7.5, 10: -7.8, 11: 7.8, 12: -10.4, 13: 10.4, 15: 1.0, 41: -0.5, 42: 0.5, 53: 1.3,
+     54: -1.3, 55: 8.2, 56: -8.2, 57: -6.9, 58: 6.9, 59: -11.1, 60: 11.1},
+    {8: -0.5, 9: 0.5, 10: -0.7, 11: 0.7, 15: 5.5, 39: -1.5, 40: 1.5, 53: -0.4, 54: 0.4, 55: -0.7, 56: 0.7, 57: -1.7,
+     58: 1.7, 59: -0.8, 60: 0.8},
+    {3: 50.3, 4: 3.0, 5: -37.9, 8: 8.3, 9: 8.3, 10: -30.7, 11: -30.7, 12: -30.0, 13: -30.0, 18: -1.8, 41: -2.8,
+     42: -2.8, 51: 6.0, 52: -37.9, 55: 10.1, 56: 10.1, 57: -33.7, 58: -33.7, 59: -29.8, 60: -29.8},
+    {3: -0.7, 4: 33.6, 5: 18.2, 6: -1.7, 7: -1.7, 8: 25.4, 9: 25.4, 10: 7.3, 11: 7.3, 12: -16.5, 13: -16.5, 18: 2.3,
+     41: -4.3, 42: -4.3, 51: 25.1, 52: 13.3, 53: -2.1, 54: -2.1, 55: 21.3, 56: 21.3, 57: 8.1, 58: 8.1, 59: -17.3,
+     60: -17.3},
+    {3: 3.2, 4: 4.1, 5: 2.6, 6: 5.9, 7: 5.9, 8: 1.8, 9: 1.8, 10: -0.5, 11: -0.5, 12: -1.4, 13: -1.4, 18: 1.4, 39: 1.7,
+     40: 1.7, 41: -1.1, 42: -1.1, 51: 2.1, 52: 4.9, 53: 5.7, 54: 5.7, 55: 0.9, 56: 0.9, 57: 2.2, 58: 2.2, 59: -0.9,
+     60: -0.9},
 )  # fmt: skip
-"""FAPU by FAP, one standard deviation: the mouth moves to a side; it tilts; the jaw moves to a side; lower lip and jaw;
-upper lip."""
+"""FAPU by FAP, what is shown of one standard deviation. Asymmetric: the mouth moves to a side; it tilts; the jaw moves
+to a side. Symmetric: lower lip and jaw; upper lip; width."""
 QUANTILES_HZ = (
-    0.0, 0.29, 0.58, 0.83, 1.07, 1.33, 1.62, 1.94, 2.27, 2.64, 3.05, 3.53, 4.11, 4.91, 6.16, 8.4, 12.5,
+    (0.0, 0.02, 0.03, 0.05, 0.07, 0.08, 0.24, 0.68, 1.01, 1.37, 1.86, 2.47, 3.19, 4.14, 5.55, 8.35, 12.5),
+    (0.0, 0.02, 0.04, 0.06, 0.09, 0.27, 0.54, 0.76, 0.96, 1.17, 1.41, 1.73, 2.2, 2.95, 4.17, 6.31, 12.5),
+    (0.0, 0.01, 0.03, 0.04, 0.06, 0.07, 0.09, 0.43, 0.88, 1.26, 1.67, 2.19, 2.85, 3.65, 4.61, 6.6, 12.5),
+    (0.0, 0.03, 0.05, 0.08, 0.4, 0.86, 1.26, 1.71, 2.23, 2.79, 3.31, 3.81, 4.29, 4.88, 5.78, 7.53, 12.5),
+    (0.0, 0.03, 0.05, 0.08, 0.4, 0.84, 1.22, 1.63, 2.06, 2.51, 2.98, 3.51, 4.1, 4.85, 6.0, 8.25, 12.5),
+    (0.0, 0.02, 0.04, 0.06, 0.08, 0.15, 0.66, 1.01, 1.34, 1.71, 2.14, 2.66, 3.34, 4.21, 5.53, 7.96, 12.5),
 )  # fmt: skip
-"""Frequencies that divide the measured power into sixteenths."""
+"""Frequencies that divide the measured power of each into :data:`PARTS`; the slowest are a sentence's posture."""
 SINES = 4
 """Number of sines of each direction."""
 RISE_S, FALL_S = 0.25, 0.12
@@ -50,13 +58,17 @@ WAVES = SINES * len(DIRECTIONS)
 _MATRIX = np.zeros((fap.FAP_COUNT, len(DIRECTIONS)))
 for _column, _direction in enumerate(DIRECTIONS):
     _MATRIX[[fap.column(number) for number in _direction], _column] = list(_direction.values())
+_QUANTILES = np.repeat(np.array(QUANTILES_HZ), SINES, axis=0)
+_QUANTILES = np.repeat(np.array(QUANTILES_HZ), SINES, axis=0)
 _SUMS = np.repeat(_MATRIX * np.sqrt(2.0 / SINES), SINES, axis=1)
 
 
 def draw_variation(rng: np.random.Generator) -> Array:
     """(2, :data:`WAVES`): frequencies in rad/s and phases in rad."""
     shares, turns = rng.uniform(size=2 * WAVES).reshape(WAVES, 2).T
-    return 2 * np.pi * np.stack([np.interp(shares, np.linspace(0, 1, len(QUANTILES_HZ)), QUANTILES_HZ), turns])
+    parts, place = np.divmod(PARTS * shares, 1.0)
+    low, high = (_QUANTILES[range(WAVES), parts.astype(int) + step] for step in (0, 1))
+    return 2 * np.pi * np.stack([low + place * (high - low), turns])
 
 
 def variation_faps(levels: Array, waves: Array, since_s: Array) -> Array:
