@@ -11,8 +11,6 @@ import json
 import re
 import shutil
 import struct
-import tomllib
-from importlib.resources import files
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -141,9 +139,10 @@ def _constant(module: str, name: str) -> Any:
 
 def spoken_table() -> dict[str, Any]:
     """English's table of :mod:`fapengine.voices.spoken_form`, with its patterns as JavaScript spells them."""
-    table = tomllib.loads((files("fapengine.voices") / "spoken" / "en.toml").read_text("utf-8"))
+    table = dict(spoken_form._table("en"))
     kinds = [{"kind": kind} for kind in ("date", "phone", "before", "after", "fraction")]
     listed = [{"say": rule["say"]} | ({"form": rule["form"]} if "form" in rule else {}) for rule in table.pop("rules")]
+    del table["mixed"]  # rules, too
     kinds += [*listed, {"kind": "unit"}, {"kind": "word"}]
     rules = zip(spoken_form._rules("en"), kinds, strict=True)
     return table | {"patterns": [{"find": javascript(rule.pattern.pattern)} | kind for rule, kind in rules]}

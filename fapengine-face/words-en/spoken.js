@@ -7,7 +7,7 @@ const NUMBER_BEFORE = /\d[ \u00a0\u202f]?$/;
 const CENTS = /^(.*)[.,](\d\d)$/;
 const ADDRESSES = /\b(?:https?:\/\/|www\.)\S+|\b[\w.+-]{1,64}@[\w-]{1,64}\.\w\S*/g;
 const FORMS = { year: (found) => year(Number(found)), decade: (found) => decade(Number(found)), roman };
-const { currencies, cents, date: dates, short_scales: shortScales, price, units, words, fractions, share } = SPOKEN;
+const { currencies, cents, date: dates, short_scales: shortScales, price, units, words, fractions, share, to: between } = SPOKEN;
 
 // Form of a word after a number: the only one; one or other.
 function formOf(forms, number) {
@@ -30,7 +30,8 @@ function symbolBefore({ groups, indices, index, input }) {
   const places = indices.groups;
   if (places.symbol[1] < places.n[0] && NUMBER_BEFORE.test(input.slice(Math.max(index - 2, 0), index))) return []; // 5 € 50
   const many = formOf(currencies[symbol], "5");
-  for (const [name, said] of [["scale", scale], ["short", short && ` ${shortScales[short]}`], ["to", to]]) {
+  const second = to && between + to.slice(1);
+  for (const [name, said] of [["scale", scale], ["short", short && ` ${shortScales[short]}`], ["to", second]]) {
     if (said) return [[...places.symbol, ""], [...places[name], `${said} ${many}`]];
   }
   return [[...indices[0], amount(n, symbol)]];
@@ -45,8 +46,8 @@ function symbolAfter({ groups, indices }) {
 function unit({ groups, indices }) {
   const { n, x } = groups;
   const gap = indices.groups.n[1] === indices.groups.x[0] ? " " : "";
-  if (!n.includes("/")) return [[...indices.groups.x, gap + formOf(units[x], n)]];
-  return [[...indices.groups.x, `${gap}${n === "1/2" ? "" : `${share} `}${formOf(units[x], "1")}`]];
+  if (!fractions[n]) return [[...indices.groups.x, gap + formOf(units[x], n)]];
+  return [[...indices.groups.x, `${gap}${fractions[n] === fractions["1/2"] ? "" : `${share} `}${formOf(units[x], "1")}`]];
 }
 
 const listed = ({ say, form }) => (match) => {

@@ -14,8 +14,9 @@ and ``[[rules]]``: a regular expression and what is said, in which ``{1}`` is it
 ``n`` in words. Its group ``x`` is replaced, or all. ``scales`` are words between a number and its currency, ``of`` what
 stands after one, ``[short_scales]`` letters for them (``$5k``). ``starters`` begin a sentence after an abbreviation,
 whose point is then a full stop too. ``minus`` is said before a number, ``share`` between a fraction and its unit.
-``[date]`` has ``months``, what is ``said``, and forms of ``year`` and of ``day``, by what stands before the date;
-``year_first`` is true where only 2024-05-12 is sure to be one.
+``[mixed]`` has what a fraction becomes after a whole number; ``to`` is said between two amounts. A fraction's sign
+(``½``) is what its digits are. ``[date]`` has ``months``, what is ``said``, and forms of ``year`` and of ``day``, by
+what stands before the date; ``year_first`` is true where only 2024-05-12 is sure to be one.
 ``phones`` is a pattern of telephone numbers beside the usual one. ``joined`` is the greatest number of digits before a
 space in a number that the voice would read in parts. ``[[gender]]`` has ``nouns``, what the number in words before one
 becomes at its ``ends`` (regular expressions), and what must stand ``before`` both, if anything.
@@ -39,10 +40,11 @@ from fapengine.speech.text.normal_form import SpeakableText
 LANGUAGES = ("ar", "bn", "cmn", "de", "en", "es", "fr", "hi", "id", "it", "ja", "pl", "pt", "ru", "sw", "tr")
 """Languages with a table."""
 _OCCASION = re.compile(
-    r"\d|\b\w{1,4}\.|[^\W\d_]\.\s*\w|[^\w\s.,;:!?'’\"<>/=-]|\bng['’]|\b[ДдГг]-|\b[IVX]{2}|[а-я] [IVX]\b"
+    r"\d|\b\w{1,4}\.|[^\W\d_]\.\s*\w|[^\w\s.,;:!?'’\"<>/=-]|\bng['’]|\b[ДдГг]-|\b[IVX]{2}|\bIer\b|[а-я] [IVX]\b"
+    r"|[¼-¾⅓⅔⅛]"
 )
-"""What a text contains that has an entry of a table: a digit, also a Roman one, a sign, a point after four letters or
-within."""
+"""What a text contains that has an entry of a table: a digit, also a Roman one, a fraction, a sign, a point after four
+letters or within."""
 _NUMBER = r"(?P<n>(?>\d+(?:[.,\u00a0\u202f]\d{3}(?!\d))*(?:[.,]\d+)?))"
 _SPACED_NUMBER = _NUMBER.replace("[.,", "[., ", 1)
 _NUMBER_BEFORE = re.compile(r"\d[ \u00a0\u202f]?$")
@@ -141,9 +143,20 @@ def edited(text: str, edits: list[Edit]) -> SpeakableText:
     return SpeakableText("".join(pieces), tuple(starts), tuple(stops))
 
 
+_SIGNS = {"1/2": "½", "1/3": "⅓", "2/3": "⅔", "1/4": "¼", "3/4": "¾", "1/8": "⅛"}
+
+
 @cache
 def _table(language: str) -> dict[str, Any]:
-    return tomllib.loads((files(__package__) / "spoken" / f"{language}.toml").read_text("utf-8"))
+    table = tomllib.loads((files(__package__) / "spoken" / f"{language}.toml").read_text("utf-8"))
+    fractions, gap = table.setdefault("fractions", {}), " " if table.get("spaced", True) else ""
+    for plain, sign in _SIGNS.items():
+        fractions |= {key.replace(plain, sign): said for key, said in fractions.items() if plain in key}
+        fractions |= {key.replace(f" {sign}", sign): said for key, said in fractions.items() if f" {sign}" in key}
+        if said := table.get("mixed", {}).get(plain):
+            joined, apart = rf"(?<=\d){sign}", rf"(?<=\d )(?:{sign}|{plain})(?![\d/])"
+            table.setdefault("rules", []).extend([{"find": joined, "say": gap + said}, {"find": apart, "say": said}])
+    return table
 
 
 @cache
@@ -287,11 +300,12 @@ def _prices(table: dict[str, Any], language: str) -> Iterator[_Rule]:
     if not currencies:
         return
     scale = f"(?P<scale>{table['scales']})" if "scales" in table else "(?P<scale>(?!))"
-    short, of = table.get("short_scales", {"": ""}), table.get("of", "")
+    short, of, to = table.get("short_scales", {"": ""}), table.get("of", ""), table.get("to", "–")
     number = _number(language)
     symbol, (edge, end) = f"(?P<symbol>{_any_of(currencies)})", _edges(table)
 
-    def amount(number: str, symbol: str) -> str:
+    def amount(match: re.Match[str]) -> str:
+        number, symbol = match["n"], match["symbol"]
         cents = _CENTS.fullmatch(number)
         if cents and cents[1] in ("0", "٠") and symbol in table.get("cents", {}):
             return f"{int(cents[2])} {_form(table['cents'][symbol], str(int(cents[2])), language)}"
@@ -299,7 +313,7 @@ def _prices(table: dict[str, Any], language: str) -> Iterator[_Rule]:
         if language == "cmn" or "joined" in table:
             whole = _whole(whole, language)
         unit = _form(currencies[symbol], whole, language)
-        whole = _agreed(table, language, whole, unit, "")
+        whole = _agreed(table, language, whole, unit, match.string[: match.start()])
         if cents and int(cents[2]):
             return str(table["price"].format(whole=whole, unit=unit, cents=int(cents[2])))
         return f"{whole} {unit}" if spaced else f"{whole}{unit}"
@@ -314,14 +328,15 @@ def _prices(table: dict[str, Any], language: str) -> Iterator[_Rule]:
             if said:
                 gap = " " if group == "short" else ""
                 said += f" {of}" if group == "scale" and of and said != "mil" else ""
+                said = to + said[1:] if group == "to" else said
                 return [(*match.span("symbol"), ""), (*match.span(group), f"{gap}{said} {many}")]
-        return [(*match.span(), amount(match["n"], match["symbol"]))]
+        return [(*match.span(), amount(match))]
 
     def after(match: re.Match[str]) -> list[Edit]:
         if match["scale"]:
             joint = f"{of} " if of and not match["of"] and match["scale"] != "mil" else ""
             return [(*match.span("symbol"), joint + _form(currencies[match["symbol"]], "5", language))]
-        return [(*match.span(), amount(match["n"], match["symbol"]))]
+        return [(*match.span(), amount(match))]
 
     yield _Rule(
         re.compile(rf"{edge}{symbol}{_GAP}{number}(?:[ -]{scale}|{_TO}|(?P<short>{_any_of(short)}))?{end}"), before
@@ -331,21 +346,24 @@ def _prices(table: dict[str, Any], language: str) -> Iterator[_Rule]:
 
 def _fractions(table: dict[str, Any]) -> Iterator[_Rule]:
     if fractions := table.get("fractions", {}):
-        pattern = re.compile(rf"(?<![\d/.,])(?:{_any_of(fractions)})(?![\d/])")
+        pattern = re.compile(rf"(?<![\d/.,])(?<!\d )(?:{_any_of(fractions)})(?![\d/])")
         yield _Rule(pattern, lambda match: [(*match.span(), fractions[match[0]])])
 
 
 def _units(table: dict[str, Any], language: str) -> Iterator[_Rule]:
     units, spaced, share = table.get("units", {}), table.get("spaced", True), table.get("share")
+    fractions = table["fractions"]
     if not units:
         return
 
     def edits(match: re.Match[str]) -> list[Edit]:
         number = match["n"]
         said = " " if spaced and match.end("n") == match.start("x") else ""
-        if "/" in number:
-            said += f"{share} " if share and number != "1/2" else ""
+        if number in fractions:
+            said += f"{share} " if share and number not in ("1/2", "½") else ""
             number = "0.5"
+        elif not number[-1].isdecimal():
+            number = "1.5"
         unit = _form(units[match["x"]], number, language)
         agreed = _agreed(table, language, number, unit, match.string[: match.start()])
         counted = [(*match.span("n"), agreed)] if agreed != number and match["n"] == number else []
@@ -353,7 +371,8 @@ def _units(table: dict[str, Any], language: str) -> Iterator[_Rule]:
 
     number, (edge, end) = _number(language), _edges(table)
     if share is not None:
-        number = number.replace("(?>", f"(?>{_any_of(table['fractions'])}|", 1)
+        signs = "".join(_SIGNS.values())
+        number = number.replace("(?>", rf"(?>{_any_of(fractions)}|\d+ ?[{signs}]|", 1)
     yield _Rule(re.compile(rf"{edge}{number}{_GAP}(?P<x>{_any_of(units)}){end}{_sentence(table)}"), edits)
 
 

@@ -243,7 +243,7 @@ SAYINGS = {
     "The nth xkcd: -5, 2x. 1,2": "ð i|ɛ n θ|ɛ k s k eɪ s i d i|m aɪ n ə s f aɪ v|t u ɛ k s|w ʌ n t u",
     "What is it made of": "w ʌ t|ɪ z|ɪ t|m eɪ d|ʌ v",
     "3:00 pm 3:05 AM 7am 3:00": "θ ɹ i|p i ɛ m|θ ɹ i oʊ f aɪ v|eɪ ɛ m|s ɛ v ə n eɪ ɛ m|θ ɹ i ə k l ɑ k",
-    "the '90s 1½ ½": "ð ə|n aɪ n t i z|w ʌ n ə n d w ʌ n h æ f|w ʌ n h æ f",
+    "the '90s 1½ ½": "ð ə|n aɪ n t i z|w ʌ n ə n d ə h æ f|w ʌ n h æ f",
     "A Q&A": "ə|k j u ə n d eɪ",
 }
 

@@ -13,6 +13,23 @@ from fapengine.voices.espeak import EspeakVoice
 from fapengine.voices.spoken_form import LANGUAGES, _rules, spoken_form
 
 CASES = [
+    ("de", "Es kostet nur 1 €, mit 1 €; sie kauft 1 Apfel und 1 Birne, er wartet 1 Tag. 1½ Stunden, ½ Liter, 1 Mio. €",
+     "Es kostet nur einen Euro, mit einem Euro; sie kauft einen Apfel und eine Birne, er wartet einen Tag. "
+     "anderthalb Stunden, ein halber Liter, eine Million Euro"),
+    ("en-us", "½ cup, 1½ hours, 2 1/2 cups, ¾ mi, 1¼ mi, $3–5, 1/8",
+     "one half cup, 1 and a half hours, 2 and a half cups, three quarters of a mile, 1 and a quarter miles, "
+     "3 to 5 dollars, one eighth"),
+    ("fr-fr", "François Ier, 1½ heure, 2½ heures, ½ tasse, 3–5 jours, ¾ d'heure",
+     "François premier, une heure et demie, 2 heures et demie, une demi-tasse, 3 à 5 jours, trois quarts d'heure"),
+    ("es", "½ litro, ½ hora, 1½ horas, 2½ kg, 3-5 €",
+     "medio litro, media hora, una hora y media, 2 y medio kilos, 3 a 5 euros"),
+    ("it", "½ litro, ½ ora, 1½ ore, 3-5 giorni", "mezzo litro, mezz'ora, un'ora e mezza, 3 a 5 giorni"),
+    ("pt", "½ litro, 2½ horas, 1½ hora", "meio litro, 2 horas e meia, uma hora e meia"),
+    ("ru", "½ литра, 1½ часа, 2½ км, глава IV",
+     "половина литра, полтора часа, 2 с половиной километра, глава четвёртая"),
+    ("pl", "½ litra, 1½ godziny", "pół litra, półtorej godziny"),
+    ("cmn", "1½杯", "1又二分之一杯"),
+    ("sw", "½, 1½", "nusu, 1 na nusu"),
     ("es", "El 21.º piso, el 3º de la lista, el 3.er día; el piso 21.º es caro.",
      "El vigésimo primer piso, el tercero de la lista, el tercer día; el piso vigésimo primero es caro."),
     ("es", "En 1901 había 1.200 personas, 221.000 casas y 21 libros a 21 €, 200 £; espera 1 hora y 31 min.",
@@ -47,14 +64,14 @@ CASES = [
     ("en-us", "Mail a5m@5km.com or https://x.org/1990?x=5m, v1.5.3 km.",
      "Mail a5m@5km.com or https://x.org/1990?x=5m, v1.5.3 km."),
     ("en-us", "£1.5bn, $5M, $2-million, $20-30, -$5.",
-     "1.5 billion pounds, 5 million dollars, 2-million dollars, 20-30 dollars, -5 dollars."),
+     "1.5 billion pounds, 5 million dollars, 2-million dollars, 20 to 30 dollars, -5 dollars."),
     ("en-us", "To St. Petersburg on Elm St. The fig. It is the part I like. Is he? No. I am.",
      "To Saint Petersburg on Elm Street. The fig. It is the part I like. Is he? No. I am."),
     ("de", "Am 1. und 2. Mai, in der 2. Klasse um 8:00 Uhr. 5 Min. Dann 5 € 50, 0,50 CHF.",
      "Am ersten und zweiten Mai, in der zweiten Klasse um 8 Uhr. 5 Minuten. Dann 5 Euro 50, 50 Rappen."),
     ("de", "10-20 €, 1990 Leute, 1.2.3", "10 bis 20 Euro, 1990 Leute, 1.2.3"),
     ("fr-fr", "Mon vol. Il part à 8h00, vol. 3, $5-6, 100 av. J.-C., 06 12 34 56 78.",
-     "Mon vol. Il part à 8 heures, volume 3, 5-6 dollars, 100 avant Jésus-Christ, 06 12 34 56 78."),
+     "Mon vol. Il part à 8 heures, volume 3, 5 à 6 dollars, 100 avant Jésus-Christ, 06 12 34 56 78."),
     ("fr-fr", "M. et Mme Roy", "monsieur et Mme Roy"),
     ("es", "1° de mayo, 30° y 30 ºC, 5 millones €", "primero de mayo, 30° y 30 grados Celsius, 5 millones de euros"),
     ("pt-br", "R$ 1.234,56; R$ 2 milhões; 1h30", "1.234 reais e 56;  2 milhões de reais; uma hora e 30"),
@@ -74,7 +91,7 @@ CASES = [
     ("bn", "ড. রহমান ৳৫০০ ৫ কিমি", "ডক্টর রহমান ৫০০ টাকা ৫ কিলোমিটার"),
     ("ar", "5 كم", "5 كيلومتر"),
     ("id", "Rp 5.000 di Jl. Sudirman", "5.000 rupiah di Jalan Sudirman"),
-    ("cmn", "2024年，25%，1/2，5km", "2 0 2 4 年，百分之25，2分之1，5公里"),
+    ("cmn", "2024年，25%，1/2，5km", "2 0 2 4 年，百分之25，二分之一，5公里"),
     ("ja", "5月3日、午後3時半。1人", "5がつ みっか 、ごご 3じはん 。ひとり "),
     ("sw", "ng'ombe", "ngombe"),
     ("de", "Ab 12.05.2024, am 24.12. und Mo-Fr 8-18 Uhr: 3:1, 1/2 l, -5 °C, 20 m², Ludwig II. von Bayern.",
@@ -147,10 +164,12 @@ def test_what_is_said(code: str, text: str, expected: str) -> None:
 def test_every_table_can_be_read_and_replaces_its_own_entries(language: str) -> None:
     table = tomllib.loads((files("fapengine.voices") / "spoken" / f"{language}.toml").read_text("utf-8"))
     texts, tables = (
-        {"price", "scales", "of", "starters", "spaced", "minus", "share", "phones", "joined", "dot"},
+        {"price", "scales", "of", "starters", "spaced", "minus", "share", "phones", "joined", "dot", "to"},
         {"short_scales", "cents"},
     )
-    assert set(table) <= texts | tables | {"words", "units", "currencies", "fractions", "rules", "date", "gender"}
+    parts = {"words", "units", "currencies", "fractions", "mixed", "rules", "date", "gender"}
+    assert set(table) <= texts | tables | parts
+    assert "½" not in spoken_form("½", language).text
     assert _rules(language)
     for key in table.get("words", {}):
         assert key not in spoken_form(f"5: {key} ", language).text.split()
