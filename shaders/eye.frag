@@ -71,7 +71,7 @@ void main() {
     catchlight += 0.22 * smoothstep(0.990, 0.997, half_way(FILL_FROM, view, dot(front, FILL_FROM) + facing));
     colour += 1.1 * catchlight * mix(0.08, 1.0, on_cornea) * smoothstep(0.02, 0.10, below_upper) * KEY_COLOUR;
     // Tears stand on the lower lid.
-    float tears = smoothstep(0.0, 0.025, above_lower) * smoothstep(0.065, 0.03, above_lower);
+    float tears = smoothstep(0.036, 0.012, above_lower);
     colour += 0.40 * tears * max(dot(normal, KEY_FROM), 0.0);
     o_colour = tone_map(colour);
 }

@@ -837,7 +837,7 @@ static I eye_colour(const float *u, const EyePlace *p, V3 ball, F softness) {
     catchlight += 0.22f * step(0.990f, 0.997f, half_way(FILL_FROM, g.view, dot(g.front, FILL_FROM) + g.facing));
     F k = 1.1f * catchlight * mix(all(0.08f), all(1), g.on_cornea) * step(0.02f, 0.10f, below_upper);
     colour = plus(colour, scaled(KEY_COLOUR, k));
-    F tears = step(0, 0.025f, above_lower) * step_(all(0.065f), all(0.03f), above_lower);
+    F tears = step_(all(0.036f), all(0.012f), above_lower);
     F wet = 0.40f * tears * fmax_(dot(g.normal, KEY_FROM), all(0));
     colour = (V3){colour.x + wet, colour.y + wet, colour.z + wet};
     return rgb(toned(colour));

@@ -33,7 +33,7 @@ from fapengine.mpeg4.fapu import AU_RAD, Fapu
 UPPER_LID_KNOTS = (0.0, 280.0, 560.0, 820.0, 1080.0)
 LOWER_LID_KNOTS = (0.0, 256.0, 512.0)
 WIDE_KNOTS = (0.0, -600.0)
-EASE, ROUND_TO_CORNER = 0.35, 0.35
+EASE, ROUND_TO_CORNER = 0.35, 0.55
 """Weight along the contour: fraction from middle to half way that is a cosine, the rest being a parabola; fraction from
 there to the corner that is of fourth order, the rest being a line. So contours of recorded speech have no kink half way
 and round ends.
@@ -56,7 +56,7 @@ ROLL_OUT = 0.28
 """Pushed lips roll out: their outer edge and the skin around it move this fraction less than the inner edge. If all
 moved alike, u would look like a beak.
 """
-PURSE_FAPU, PURSE_MM, PURSE_OUT_MM, PURSE_FORWARD_MM = (200.0, 550.0), 4.2, 2.6, 4.2
+PURSE_FAPU, PURSE_MM, PURSE_OUT_MM, PURSE_FORWARD_MM = (200.0, 550.0), 5.0, 1.4, 4.2
 """FAPU of a lower lip pushed forward over which lips purse, as in u: how far their corners come in, how much thicker
 the upper lip becomes near them, the lower one 0.6 as much, and how far lips come forward, the corners 1.2 times as far.
 So the outline is round, and closed lips stay closed.
@@ -71,7 +71,7 @@ JAW_FAP = 3
 JAW_PIVOT = np.array([0.0, 2.0, 18.0])
 """Midpoint of the axis through the jaw joints, mm."""
 LIFT_CHEEK, PUFF_CHEEKS = 41, (39, 40)
-SMILE_FAPU, SMILE_CHEEK_MM, SMILE_LID = (140.0, 450.0), 3.5, 170.0
+SMILE_FAPU, SMILE_CHEEK_MM, SMILE_LID = (140.0, 450.0), 3.5, 90.0
 """FAPU of a lip corner over which a smile lifts its cheek, how far, and by how many FAPU it raises the lower lid."""
 PUFF_MM, PUFF_FORWARD, PUFF_CORNER_MM = 40.0, 0.35, 36.0
 """A puffed cheek: its radius; its way forwards per millimetre outwards; and the distance from the corner of the lips
@@ -248,7 +248,7 @@ def _pursed(t: Array) -> Array:
     """(..., 3) mm: way of pursed lips, in and forwards."""
     return np.stack(
         [
-            -PURSE_MM * np.sign(t) * np.abs(t) ** 1.2,
+            -PURSE_MM * np.sign(t) * np.abs(t) ** 1.8,
             np.zeros_like(t),
             PURSE_FORWARD_MM * t**2 * (2.7 - 1.5 * t**2),
         ],

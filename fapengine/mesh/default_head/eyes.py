@@ -128,9 +128,9 @@ def build_lids(
         towards_face = smoothstep(((level - 1) * reach_mm - 0.6) / (7.0 + 0.5 * middle))
         points = on_ball + towards_face[:, None] * (face - on_ball)
         crease = np.exp(-(((level - CREASE) / 0.055) ** 2)) * np.where(upper, 1.0, 0.12) * middle
-        hood = np.exp(-(((level - 1.6) / 0.15) ** 2)) * np.where(upper, 1.1, 0.25 + 0.8 * style.age) * middle
-        points += (hood - 0.60 * crease)[:, None] * out
-        shade = 1 - 0.20 * crease - np.where(upper, 0.14, 0.04) * smoothstep((CREASE + 0.1 - level) / 0.45)
+        hood = np.exp(-(((level - 1.6) / 0.15) ** 2)) * np.where(upper, 0.5, 0.05 + 0.9 * style.age) * middle
+        points += (hood - 0.50 * crease)[:, None] * out
+        shade = 1 - 0.20 * crease - np.where(upper, 0.05, 0.04) * smoothstep((CREASE + 0.1 - level) / 0.45)
         lash = (level <= 1.0) * upper & (t > DARK_FROM)
         shade *= 1 - 0.3 * (level <= 1.0) * middle  # lashes of the lower lid
         albedo = np.where(lash[:, None], colours.LASH, palette.skin(points) * shade[:, None])

@@ -49,9 +49,9 @@ DRIVES: dict[int, tuple[Drive, ...]] = {
     FOREHEAD: ((31, 0.5, 5.0), (33, 0.6, 6.0)),
     BETWEEN_BROWS: ((37, 0.75, 4.0), (31, 0.4, -6.0)),
     CROWS_FEET: ((41, 1.0, 6.0),),
-    UNDER_EYE: ((41, 1.0, 6.0),),
+    UNDER_EYE: ((41, 0.6, 6.0),),
     NOSE: ((63, 0.6, 3.0), (55, 0.5, -9.0)),
-    BESIDE_NOSE: ((59, 0.8, 6.5), (55, 0.5, -9.0)),
+    BESIDE_NOSE: ((59, 0.45, 6.5), (55, 0.5, -9.0)),
     CHIN: ((18, 0.6, 1.2), (59, 0.5, -5.0)),
 }
 """FAPs that cause each fold; the right half has the FAPs of the right."""

@@ -59,10 +59,14 @@ SHADED_TEETH = 0.005
 """Least light on upper teeth, which are in the shadow of the lip."""
 LID_FOLDS_AT = 1.4
 UPPER_LIDS = (19, 20)
-OPEN_LID, SHUT_LID = 0.60, 0.78
+OPEN_LID, SHUT_LID = 0.68, 0.78
 """Least light on an open and on a closed lid."""
 HAIR_NEAR_MM, HAIR_SHADE, JAW_SHADE = 9.0, 0.55, 0.7
 """Distance within which hair shades skin; fraction of the light that hair and jaw remove."""
+SOCKET_TURNED = 0.5
+"""Share of the way that normals between an upper lid and its brow turn to the front."""
+MOUTH_CORNERS = 0.7
+"""Least light on the ends of the lips."""
 EAR_JOINS_MM = 3.5
 """Height above the skin over which an ear takes on its light."""
 SCALP_DEG, SCALP_MM = (30.0, 60.0, 110.0, 140.0), (26.0, 50.0, 50.0, 62.0)
@@ -322,6 +326,24 @@ def _join_ears(points: Array, normals: Array, occlusion: Array, head: HeadParts)
         occlusion[mine] += share * (occlusion[under] - occlusion[mine])
 
 
+def _soften_sockets(normals: Array, head: HeadParts) -> None:
+    """Turn ``normals`` of the skin between an upper lid and its brow to the front: deep sockets look tired."""
+    for eye in head.eyes:
+        level, rings = eye.lids.level, eye.lids.indices[:, eye.lids.upper]
+        share = SOCKET_TURNED * smoothstep((level - 1.32) / 0.08) * smoothstep((2.05 - level) / 0.4)
+        turned = normals[rings] + share[:, None, None] * (normals[rings[0]] + [0.0, 0.25, 0.5] - normals[rings])
+        normals[rings] = unit_vectors(turned, 1e-6)
+
+
+def _light_corners(occlusion: Array, head: HeadParts) -> None:
+    """Lift the ``occlusion`` of the ends of the lips: pursed, they were dark dots."""
+    mouth = head.mouth
+    lip = np.abs(mouth.level - 0.5) < 0.7
+    at_end = smoothstep((np.abs(mouth.t) - 0.7) / 0.25)
+    corners = mouth.indices[lip]
+    occlusion[corners] += at_end * np.maximum(MOUTH_CORNERS - occlusion[corners], 0.0)
+
+
 def _cast_shadows(
     points: Array, links: "csr_array[np.float64]", occlusion: Array, head: HeadParts, has_hair: bool
 ) -> None:
@@ -364,6 +386,8 @@ def _finish(
     normals[seam] = unit_vectors(normals[seam].sum(axis=1, keepdims=True), 1e-9)
     occlusion = average_over_mesh(ambient_light(points, normals), links, 2)
     _join_ears(points, normals, occlusion, head)
+    _soften_sockets(normals, head)
+    _light_corners(occlusion, head)
     _cast_shadows(points, links, occlusion, head, bool(style.hair))
     # The inside of the mouth is seen when the lips part, in the light: the neutral shadow would be wrong.
     for material, light in LIT_INSIDE.items():

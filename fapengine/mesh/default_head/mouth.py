@@ -25,14 +25,14 @@ APART = 0.004
 """Fraction by which those of the lower lip are closer to the middle: no two neutral feature points coincide."""
 OUTSIDE = (1.78, 1.58, 1.4, 1.25, 1.12, 1.0)
 LIP = (1.0, 0.88, 0.74, 0.58, 0.42, 0.26, 0.12, 0.0)
-BOW_MM = PchipInterpolator((0.0, 0.06, 0.22, 0.36, 0.55, 0.8, 1.0), (8.6, 8.8, 9.9, 9.3, 6.8, 2.6, 0.0))
+BOW_MM = PchipInterpolator((0.0, 0.06, 0.22, 0.36, 0.55, 0.8, 1.0), (8.1, 8.4, 10.0, 9.4, 6.8, 2.6, 0.0))
 """Height of the upper lip's edge above the mouth line, by position along it: a bow that tapers to the corners."""
 INSIDE = (  # level, away from the mouth line, backwards, share of the width, light
     (-0.08, 0.5, 1.2, 1.0, 1.0),
     (-0.2, 1.6, 3.2, 1.03, 1.0),
     (-0.4, 9.0, 5.0, 1.14, 1.0),
-    (-0.7, 13.0, 22.0, 1.36, 1.0),
-    (-1.0, 13.0, 42.0, 1.3, 0.57),
+    (-0.7, 13.0, 22.0, 1.36, 0.75),
+    (-1.0, 13.0, 42.0, 1.3, 0.45),
 )
 """The oral cavity. It widens behind the lips, so that the dental arch is in front of its wall."""
 

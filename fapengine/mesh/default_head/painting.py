@@ -190,7 +190,7 @@ def _round_eyes(x: Array, y: Array, front: Mask, style: HeadStyle) -> Array:
     line = near * (0.93 * upper * (y > (above + below) / 2) + 0.30 * lower * (y <= (above + below) / 2))
     up = y - above
     lid = near * smoothstep(up / 1.5) * np.exp(-np.clip(up - 2.0, 0, None) / 3.4)
-    return (1 - line[..., None]) * (1 - lid[..., None] * np.array([0.17, 0.27, 0.28]))
+    return (1 - line[..., None]) * (1 - lid[..., None] * np.array([0.08, 0.13, 0.13]))
 
 
 def _bearded(x: Array, y: Array, angle: Array, style: HeadStyle) -> Array:

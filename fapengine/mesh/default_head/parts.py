@@ -137,9 +137,9 @@ def build_tongue(builder: MeshBuilder, detail: float) -> Indices:
 
 
 BROWS: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = {
-    "soft": ((53.8, 55.4, 57.2, 57.0, 53.2), (2.6, 3.3, 3.0, 2.1, 0.5)),
-    "straight": ((55.2, 56.6, 58.1, 57.8, 54.0), (2.9, 3.2, 2.9, 2.2, 0.7)),
-    "arched": ((54.0, 55.4, 57.3, 57.0, 52.9), (2.3, 3.0, 2.7, 1.8, 0.4)),
+    "soft": ((53.5, 55.4, 57.5, 57.9, 54.6), (2.8, 3.4, 3.1, 2.2, 0.5)),
+    "straight": ((54.4, 56.0, 57.8, 58.1, 54.9), (2.9, 3.2, 2.9, 2.2, 0.7)),
+    "arched": ((53.6, 55.1, 57.3, 57.4, 53.6), (2.3, 3.0, 2.7, 1.8, 0.4)),
 }
 """Height of the centre line and half width at five places, mm, from the nose outwards, by shape."""
 BROW_X = (12.5, 21.0, 32.0, 43.0, 53.5)
@@ -259,7 +259,7 @@ RIM_MIDDLE, RIM_HALF = np.array([32.0, 32.5]), np.array([24.0, 19.0])
 RIM_SQUARENESS = 2.7
 WRAP_PER_MM = 0.0042
 """Curvature of the front around the face."""
-CLEAR_MM, SIDE_CLEAR_MM = 2.6, 3.0
+CLEAR_MM, SIDE_CLEAR_MM = 3.6, 3.0
 EAR_Z_MM, EAR_Y_MM = 2.0, 36.0
 """Place where a temple rests on the ear and bends."""
 

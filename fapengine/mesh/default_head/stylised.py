@@ -22,7 +22,7 @@ LARGER_EYES, APART_MM = 0.60, 3.8
 """Growth of the eyes, and how far each moves outwards, at charm 1."""
 MAX_CHARM = 0.7
 """Charm beyond which eyes and nose stay as they are: skin between larger eyes would fold."""
-DEEPER = 0.72
+DEEPER = 0.45
 """Fraction of a ball's growth by which it moves back into the head."""
 NEAR_MM, FAR_MM = 24.0, 70.0
 """Distance from an eye up to which skin moves with it fully, and from which not at all."""
