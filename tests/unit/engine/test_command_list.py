@@ -4,6 +4,7 @@ import inspect
 import json
 import re
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 from typing import Annotated, ClassVar
 
@@ -13,7 +14,7 @@ import pytest
 from design import command_tables
 from fapengine.clients.sender import Client
 from fapengine.engine import commands
-from fapengine.engine.command_table import Angle, Command, CommandSpec, Duration, Time, fields_of
+from fapengine.engine.command_table import Angle, Command, CommandSpec, Duration, Time, checked, fields_of
 from fapengine.engine.engine import Engine
 from fapengine.engine.gestures import BatchGestures
 from fapengine.errors import DataError, UsageError
@@ -147,11 +148,22 @@ def test_commands_that_may_be_repeated_are_these():
     assert repeatable == {"Express", "Look", "TurnHead", "SetParameter"}
 
 
+def test_pages_that_join_later_are_told_what_lasts():
+    lasting = {kind.__name__ for kind in commands.COMMANDS if kind.SPEC.is_shown}
+    assert lasting == {"Express", "TurnHead", "SetParameter"}
+
+
 def test_times_from_the_arrival_are_whole_microseconds_and_zero_is_now():
     time = Time(osc="at_us")
     assert (time.to_osc(1.5), time.to_osc(None), time.to_osc(-3.0)) == (1_500_000, -1, -1)
     assert [time.from_osc(value) for value in (1_500_000, 1, 0, -1)] == [1.5, 1e-6, None, None]
+    for named, message in ((time, "at_us: got inf"), (Time(), "time: got inf")):
+        with pytest.raises(UsageError, match=f"^{message}, expected a finite time"):
+            named.checked(inf)
 
 
-def test_numbers_of_the_server_s_own_utterances_fit_into_the_int32_of_osc():
+def test_numbers_of_the_server_s_own_utterances_and_of_phones_fit_into_the_int32_of_osc():
     assert commands.VOICE_UTTERANCES + 1_000_000 < 2**31
+    assert checked(most := commands.End(1, 2**31 - 1, 1.0)) == most
+    with pytest.raises(UsageError, match="got 2147483648"):
+        checked(commands.End(1, 2**31, 1.0))

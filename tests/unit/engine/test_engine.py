@@ -208,10 +208,15 @@ def test_a_time_that_lies_too_far_ahead_is_refused():
 def test_events_tell_where_the_utterance_was():
     one = engine()
     say(one, sentence())
+    say(one, sentence(), number=2, anchor="audio")
     frames(one, 0.0, 1.0)
     one.apply("anna", Cancel(), 1.0)
-    told = {event.kind: event.position_s for event in one.events()}
-    assert told == {"started": pytest.approx(0.0, abs=0.03), "cancelled": pytest.approx(1.0)}
+    told = {(event.utterance, event.kind): event.position_s for event in one.events()}
+    assert told == {
+        (1, "started"): pytest.approx(0.0, abs=0.03),
+        (1, "cancelled"): pytest.approx(1.0),
+        (2, "cancelled"): 0.0,  # it had no place
+    }
 
 
 def test_what_is_wished_for_the_future_has_a_limit():
@@ -491,6 +496,16 @@ def test_speech_that_stops_coming_is_an_underrun_and_ends_by_itself():
     assert kinds(face) == ["error"]
 
 
+def test_speech_that_stops_after_a_revision_is_an_underrun_too():
+    face = engine()
+    face.apply("anna", Begin(1), 0.0)
+    face.apply("anna", Append(1, 0, sentence(["a"] * 4)), 0.0)
+    frames(face, 0.0, 0.5)
+    face.apply("anna", Begin(1, revision=1), 0.5)  # what is said stays, and nothing follows
+    frames(face, 0.5, 1.0)
+    assert kinds(face) == ["started", "underrun"]
+
+
 def test_phones_lost_for_good_are_counted():
     face = engine()
     face.apply("anna", Begin(1), 0.0)
@@ -528,6 +543,13 @@ def test_an_expression_takes_over_from_where_the_last_one_is():
     assert abs(seen[0]) > 5
     assert seen[-1] == 0
     assert np.abs(np.diff(seen, 2)).max() < 12
+
+
+def test_an_expression_ends_the_hold_of_the_last_one():
+    face = engine()
+    face.apply("anna", Express(Expression.JOY, 0.8, hold_s=0.2), 0.0)
+    face.apply("anna", Express(Expression.JOY, 0.8), 0.1)
+    assert frames(face, 0.0, 4.0)[-1, fap.column(12)] > 20  # it holds until the next one
 
 
 def test_looks_turns_and_blinks_reach_their_faps():
@@ -648,8 +670,10 @@ def test_rows_stay_with_their_sessions_when_others_close():
     say(face, sentence(["a"] * 20), session="d")
     face.apply("c", Express(Expression.JOY), 0.0)
     frames(face, 0.0, 0.5)
-    face.close("anna", 0.5)
+    face.apply("anna", Begin(1), 0.5)
+    face.close("anna", 0.55)
     assert "anna" not in face
+    assert [(event.session, event.time_s) for event in face.events() if event.kind == "cancelled"] == [("anna", 0.55)]
     frame = face.frame(0.8)
     assert sorted(frame.sessions) == ["b", "c", "d"]
     shown = dict(zip(frame.sessions, frame.faps, strict=True))
@@ -792,6 +816,20 @@ def test_a_session_that_fails_is_ended_alone(part, monkeypatch):
     assert opening(frames(face, 1.0, 2.0, row=1)).max() > 100
 
 
+def test_a_frame_that_fails_for_no_session_s_fault_says_so(monkeypatch):
+    face, calls = engine(), []
+
+    def fail(*_):
+        calls.append(1)
+        raise OverflowError("too much")
+
+    monkeypatch.setattr(type(face._batch), "frames", fail)
+    with pytest.raises(OverflowError):
+        face.frame(0.0)
+    assert len(calls) == 1  # the same frame would fail again
+    assert face.sessions == ("anna",)
+
+
 @pytest.mark.parametrize(
     "told",
     [
@@ -810,7 +848,7 @@ def test_no_mouth_moves_faster_than_half_as_much_again_as_speech(told):
     rows = []
     for number in range(120):
         for command in told if number == 45 else ():
-            face.apply("anna", command, number / 60)
+            assert face.apply("anna", command, number / 60) == ""
         rows.append(face.frame(number / 60).faps.copy())
     steps = np.abs(np.diff(rows, axis=0))[:, :, fap.column(3) : fap.column(18) + 1].max(axis=(0, 2))
     assert steps[1] < 509  # speech alone, the fastest of 60 random texts
@@ -846,6 +884,29 @@ def test_late_phones_are_reported_once_each_even_after_one_that_was_dropped():
     assert [counts for _, counts in reported] == [[1], [1], [1], []]
     counters = face.counters("anna")
     assert (counters.dropped, counters.late) == (1, 2)
+
+
+def test_of_a_partial_result_only_phones_that_are_new_are_late():
+    face = engine()
+    face.apply("anna", Begin(1), 0.0)
+    face.apply("anna", Append(1, 0, sentence(["a"] * 6)), 0.0)
+    frames(face, 0.0, 0.8)
+    replaced = tuple(Phone("o", 0.75 + n / 10, 0.85 + n / 10) for n in range(2))  # 4 and 5 are replaced
+    face.apply("anna", Append(1, 4, (*replaced, Phone("i", 0.6, 0.9)), revision=1, keeps_earlier=True), 0.8)
+    assert face.utterance("anna", 1).slack_s(0.8) == pytest.approx(-0.2)
+    face.frame(0.8)
+    assert [event.count for event in face.events() if event.kind == "late"] == [1]
+
+
+def test_of_what_was_to_begin_earlier_the_phones_that_are_over_are_counted_as_dropped():
+    dropped = {}
+    for anchor in ("at", "now"):
+        face = engine()
+        face.frame(1.0)
+        say(face, sentence(["a"] * 12), now_s=1.0, anchor=anchor, at_s=0.3)
+        frames(face, 1.0, 1.1)
+        dropped[anchor] = face.counters("anna").dropped
+    assert dropped == {"at": 4, "now": 0}
 
 
 def test_phones_wait_a_twentieth_of_a_second_for_the_rest_of_their_clause(monkeypatch):
@@ -966,9 +1027,9 @@ def test_stressed_phones_nod_once_though_their_sound_jumps():
     assert nods == [0, 2]  # each phone is given to the gestures once more, not twice
 
 
-@pytest.mark.parametrize("opened_s", [0.0, 50.0])
-def test_an_utterance_without_an_end_is_looked_at_only_when_something_is_due(opened_s, monkeypatch):
-    face = Engine(english(), rng=np.random.default_rng(1), style=STILL, limits=Limits(silence_s=0.5))
+@pytest.mark.parametrize(("opened_s", "silence_s", "due_s"), [(0.0, 0.5, [2.3]), (50.0, 2.8, [2.3, 2.8])])
+def test_an_utterance_without_an_end_is_looked_at_only_when_something_is_due(opened_s, silence_s, due_s, monkeypatch):
+    face = Engine(english(), rng=np.random.default_rng(1), style=STILL, limits=Limits(silence_s=silence_s))
     face.open("anna", opened_s)
     face.apply("anna", Begin(1), opened_s)
     face.apply("anna", Append(1, 0, sentence(["a"] * 20)), opened_s)
@@ -980,7 +1041,7 @@ def test_an_utterance_without_an_end_is_looked_at_only_when_something_is_due(ope
     for n in range(160):
         face.frame(opened_s + n / RATE_HZ)
     assert kinds(face) == ["started", "underrun", "finished"]
-    assert [round(look_s, 1) for look_s in looks if look_s > 0.1] == [2.3]
+    assert [round(look_s, 1) for look_s in looks if look_s > 0.1] == due_s
 
 
 @pytest.mark.parametrize("state", list(UtteranceState))
