@@ -13,7 +13,7 @@ from fapengine.errors import FapEngineError
 if TYPE_CHECKING:
     from importlib.metadata import Distribution
 
-ESSENTIAL = ("renderer", "video")
+ESSENTIAL = ("profile", "renderer", "video")
 """Parts that rendering needs; without them ``doctor`` exits with 3."""
 
 
@@ -181,11 +181,15 @@ def _print_table(findings: list[Finding]) -> None:
     from rich.markup import escape
     from rich.table import Table
 
-    table = Table("", "part", "found", "to fix it", box=None, pad_edge=False)
+    table = Table.grid(padding=(0, 1))
     for finding in findings:
-        sign = "[green]✓[/]" if finding.works else "[red]✗[/]"
-        table.add_row(sign, finding.part, escape(finding.found), escape(finding.fix))
-    Console().print(table)
+        sign = "[green]✓[/]" if finding.works else "[red]✗[/]" if finding.part in ESSENTIAL else "[dim]–[/]"
+        fix = f"\n→ {escape(finding.fix)}" if finding.fix else ""
+        table.add_row(sign, finding.part, escape(finding.found) + fix)
+    console = Console()
+    console.print(table)
+    if any(not finding.works and finding.part not in ESSENTIAL for finding in findings):
+        console.print("\n– is optional, and missing here; → says how to add it.")
 
 
 UNSAID = {"espeakng-loader": "GPL-3.0-or-later"}

@@ -13,6 +13,7 @@ import pytest
 from fapengine.audio import device
 from fapengine.cli import _doctor_live as doctor
 from fapengine.cli._doctor_live import LackError
+from fapengine.cli.doctor import Finding, _print_table
 from fapengine.errors import ResourceError
 
 NULL_DEVICE = "</usr/share/alsa/alsa.conf>\npcm.!default { type null }\n"
@@ -133,3 +134,14 @@ def test_a_device_that_opens_and_does_not_play(monkeypatch: pytest.MonkeyPatch) 
     with pytest.raises(LackError) as lack:
         doctor.sound()
     assert lack.value.args[0] == "Card, 22050 Hz: opens, but does not play"
+
+
+def test_only_what_drawing_needs_is_marked_as_a_fault(capsys: pytest.CaptureFixture[str]) -> None:
+    _print_table([
+        Finding("renderer", False, "no EGL", "install it"),
+        Finding("virtual camera", False, "no module", "pip install"),
+        Finding("video", True, "PyAV"),
+    ])  # fmt: skip
+    lines = capsys.readouterr().out.splitlines()
+    assert [line[0] for line in lines if line.strip() and line[0] != " "] == ["✗", "–", "✓", "–"]
+    assert "→ pip install" in lines[3]
