@@ -27,6 +27,7 @@ from tests.unit.recognition.speech import (
     in_noise,
     met,
     opening_mm,
+    over_telephone,
     spoken,
     spoken_by_espeak,
 )
@@ -147,6 +148,20 @@ def test_a_word_of_something_else_is_found_out_in_clear_sound(voice: str, text: 
     speech = spoken(voice, text)
     assert aligned(speech, other).unheard == 1.0
     assert (aligned(speech).unheard, aligned(speech).doubted) == (0.0, ())
+
+
+@pytest.mark.parametrize(
+    ("voice", "text"), [("slt", "hello"), ("kal16", "thank"), ("rms", "butter"), ("slt", "chocolate")]
+)
+def test_one_clear_word_in_which_the_loop_is_wrong_is_doubted_not_refused(voice: str, text: str) -> None:
+    """One word has no other order, so limits for sentences say nothing of it."""
+    found = aligned(spoken(voice, text))
+    assert (found.unheard, len(found.doubted)) == (0.0, 1)
+
+
+def test_one_word_through_a_telephone_is_not_refused() -> None:
+    clean = spoken("awb", "picture")
+    assert aligned(Spoken(clean.text, over_telephone(clean.samples), clean.phones)).unheard == 0.0
 
 
 def test_a_word_that_cannot_be_judged_is_believed() -> None:
