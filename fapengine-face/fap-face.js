@@ -181,7 +181,8 @@ export class FapFace extends (globalThis.HTMLElement ?? Object) {
 
   async live(run) {
     const { Live } = await import("./live/index.js");
-    const live = await Live.make({ still: this.hasAttribute("still") });
+    const liveliness = Number(this.getAttribute("liveliness") ?? 1);
+    const live = await Live.make({ still: this.hasAttribute("still"), liveliness });
     if (run !== this.run) throw new Error(AWAY);
     this.source.close();
     this.follow((this.source = live));

@@ -202,8 +202,10 @@ export interface FapFaceAttributes {
   transparent?: boolean | "";
   edges?: "fine" | "soft";
   rest?: number | string;
-  /** Without a server: no blinks, glances, nods and head motion. */
+  /** Without a server: no blinks, glances, nods, head motion and variation. */
   still?: boolean | "";
+  /** Without a server: natural variation of speech, 0 to 1 (default). */
+  liveliness?: number | string;
 }
 
 declare global {

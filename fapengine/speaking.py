@@ -130,8 +130,8 @@ MethodName = Annotated[
 Without = Annotated[
     tuple[str, ...],
     Described(
-        "Turn off automatic movement, or the mark that says that a file is synthetic (provenance): {choices}."
-        " Repeatable.",
+        "Turn off automatic movement, or the mark that says that a file is synthetic (provenance): {choices};"
+        " all also sets liveliness to 0, and keeps the mark. Repeatable.",
         python="Style.without",
         config="style",  # a key of its own for each
         choices=WITHOUT,

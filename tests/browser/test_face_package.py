@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -228,6 +229,16 @@ def test_frames_of_a_data_channel_are_shown(shop: Page) -> None:
     assert not shop.run("face.feed(new ArrayBuffer(8))")
     reason = shop.run("(() => { try { face.words([]); } catch ({ message }) { return message; } })()")
     assert reason.startswith("fap-face: words needs the attribute server")
+
+
+def test_liveliness_without_a_server_is_an_attribute(shop: Page) -> None:
+    def shown(attributes: dict[str, str]) -> Any:
+        told = "({ liveliness }) => liveliness, ({ message }) => message"
+        return shop.run(f"show({json.dumps(attributes)}).then(() => face.local('say')).then({told})")
+
+    assert shown({"liveliness": "0.3"}) == 0.3
+    assert shown({}) == 1
+    assert shown({"liveliness": "2"}) == "liveliness: must be 0 to 1, got 2"
 
 
 def test_arkit_s_shapes_are_python_s(shop: Page) -> None:
