@@ -42,7 +42,7 @@ class BitReader:
         Number of bits of the stream before ``bits``; used in error messages only.
     """
 
-    def __init__(self, bits: Bits, position: int = 0, origin: int = 0) -> None:
+    def __init__(self, bits: Bits, position: int, origin: int = 0) -> None:
         self._bits = bits
         self.position = position
         self._origin = origin

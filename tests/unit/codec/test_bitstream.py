@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fapengine.codec import bits
+from fapengine.codec import bits, kernels
 from fapengine.codec.decoder import Decoder, decode
 from fapengine.codec.encoder import encode
 from fapengine.codec.epf import PlaneOrder, encode_orders, parse_epf
@@ -158,13 +158,26 @@ def test_headers_of_a_visual_stream_are_passed() -> None:
         decode(h("00 00 01 B2") * 2000)
 
 
+def test_counts_that_are_halved_keep_their_sum_and_their_tree() -> None:
+    size = 9
+    fields, base, totals, previous = np.zeros((1, 8), np.int64), np.zeros(1, np.int64), np.zeros(1, np.int64), [0]
+    counts, tree = np.zeros((2, size + 2), np.int64)
+    fields[0, kernels.ON], fields[0, kernels.P_COUNT] = 1, size
+    kernels.reset_models(fields, base, counts, tree, totals)
+    for rank in np.random.default_rng(1).binomial(size - 1, 0.3, kernels.LIMIT).tolist():
+        kernels.keep_plane(False, np.array([[0], [rank]]), fields, previous, (base, counts, tree, totals))
+    assert size < totals[0] == counts.sum() < 0.6 * kernels.LIMIT
+    assert [tree[i] for i in range(1, size + 1)] == [counts[i - (i & -i) + 1 : i + 1].sum() for i in range(1, size + 1)]
+
+
 def test_old_start_codes_are_read() -> None:
     assert len(decode(WORKED_EXAMPLE.replace(h("000001BA"), h("00000101"))).track) == 3
     data = encode_orders(parse_epf(EXAMPLE_EPF), example_track(), plane_start_codes=True)
     assert data[:9] == h("000001BA 7F 000001BB")
     assert len(decode(data.replace(h("000001BB"), h("00000103"))).track) == 3
-    with pytest.raises(ConformanceError, match="got start code cc"):
-        decode(data.replace(h("000001BB"), h("000001CC")))
+    for wrong in ("CC", "00"):
+        with pytest.raises(ConformanceError, match=f"got start code {wrong.lower()}"):
+            decode(data.replace(h("000001BB"), h(f"000001{wrong}")))
     with pytest.raises(DataError, match="no frame"):
         decode(data.replace(h("000001BB"), h("000001B1")))
 

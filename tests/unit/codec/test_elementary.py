@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fapengine.codec.decoder import decode
-from fapengine.codec.elementary import LEVELS, access_units, level_of
+from fapengine.codec.elementary import LEVELS, access_units, level_of, visual_headers
 from fapengine.codec.encoder import EYE_LEVER_MM, HEAD_LEVER_MM, TONGUE_LEVER, EncoderOptions, encode, point_errors_mm
 from fapengine.codec.epf import parse_epf
 from fapengine.codec.fit import LIP_PARTNERS, SIDE_PARTNERS, fill
@@ -32,6 +32,14 @@ def test_access_units_join_to_the_stream_and_begin_with_start_codes() -> None:
         access_units(encode(noise(7, 50)))
     single = encode(noise(1, 50))
     assert [(unit.data, unit.frame, unit.intra) for unit in access_units(single)] == [(single, 0, True)]
+
+
+def test_visual_headers_end_with_the_stuffing_of_their_code() -> None:
+    """A zero and ones up to the next byte, as before every start code."""
+    for profile in (0x61, 0xC1):
+        headers = visual_headers(profile)
+        assert headers[4] == profile
+        assert headers[-1] & 0b111 == 0b011
 
 
 def test_levels_bound_the_bits_of_a_second_and_the_frame_rate() -> None:

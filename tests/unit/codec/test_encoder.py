@@ -215,6 +215,16 @@ def test_choices_that_make_no_sense_are_refused(options: dict[str, float]) -> No
         EncoderOptions(**options)
 
 
+def test_a_live_frame_beyond_what_can_be_sent_is_as_near_as_can_be() -> None:
+    shown = []
+    for most in (1_000, 20_000, 30_000):
+        encoder = Encoder(rate_hz=RATE_HZ, faps=(3,))
+        stream = encoder.frame([most] * 68) + encoder.frame([-most] * 68) + encoder.finish()
+        shown.append(decode(stream).track.values[:, fap.column(3)].tolist())
+    assert shown[0][0] < shown[1][0] == shown[2][0]
+    assert shown[1] == shown[2]
+
+
 def test_bad_frames_are_refused() -> None:
     encoder = Encoder(rate_hz=25.0, faps=(1, 3))
     with pytest.raises(UsageError, match="shape"):

@@ -154,3 +154,8 @@ def test_any_numbers_are_a_table_or_a_data_error(numbers: list[int]) -> None:
 def test_tables_that_cannot_be(parts: tuple[tuple[tuple[int, ...], ...], tuple[Link, ...]]) -> None:
     with pytest.raises(UsageError):
         Fit(*parts)
+
+
+def test_a_link_beyond_the_nodes_is_told_which_there_are() -> None:
+    with pytest.raises(UsageError, match=r"a link to node 2, expected 0 to 1$"):
+        chain(Link(0, 2, 1, ((COPY, ONE),)), nodes=((3,), (4,)))

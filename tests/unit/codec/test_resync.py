@@ -1,11 +1,13 @@
 """Damage costs as little as it can, is told, and never shows garbage."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from fapengine.codec import kernels
 from fapengine.codec.bits import unpack
-from fapengine.codec.decoder import HELD, Decoder, decode, find_intact_intra
+from fapengine.codec.decoder import HELD, PLANE_CODE_BITS, Decoder, decode, find_intact_intra
 from fapengine.codec.encoder import EncoderOptions, encode
 from fapengine.codec.header import IntraHeader, intra_header_bits, mask_types_of
 from fapengine.codec.planes import PlaneState
@@ -94,6 +96,37 @@ def test_an_i_plane_of_unknown_shape_proves_itself_by_eight_planes_behind_it() -
         piece = np.concatenate([np.zeros(3, np.uint8), bits[start : int(extents[behind, 1])], no_p_plane])
         found = find_intact_intra(piece, 0, PlaneState(), None, bodies=False, final=True)
         assert (found == 3) is is_found, behind
+
+
+def test_an_i_plane_behind_a_start_code_needs_no_further_proof() -> None:
+    stream = encode(walk(40))
+    start, end = (int(bit) for bit in decode(stream).planes[0].extents[0, :2])
+    plane = np.concatenate([unpack(stream)[start:end], np.ones(400, np.uint8)])
+    for before, found in ((PLANE_CODE_BITS, 32), (np.zeros(32, np.uint8), None)):
+        piece = np.concatenate([before, plane])
+        assert find_intact_intra(piece, 0, PlaneState(), None, bodies=False, final=True) == found
+
+
+def test_every_candidate_is_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also one beside another, as there may be where planes have bodies."""
+    every = {"find_intra": lambda bits, start, bodies: start if start < 40 else -1}
+    monkeypatch.setattr(kernels, "loops", SimpleNamespace(**vars(kernels.loops) | every))
+    stream = encode(walk(40))
+    bits = unpack(stream)[int(decode(stream).planes[0].extents[0, 0]) :]
+    for at in (8, 9):
+        piece = np.concatenate([np.zeros(at, np.uint8), bits])
+        assert find_intact_intra(piece, 0, PlaneState(), None, bodies=False, final=True) == at
+
+
+def test_frames_that_are_dropped_are_counted_once_however_often_a_search_comes_to_the_same_damage() -> None:
+    """From each I plane among them it does."""
+    stream = encode(walk(60), EncoderOptions(intra_every=2))
+    dropped = []
+    for at in range(1500, 4000, 500):
+        rescued = decode(stream[:at] + b"\x5a" * 6 + stream[at + 6 :], errors="resync")
+        dropped += [loss.frames_dropped for loss in rescued.losses]
+    assert len(dropped) >= 3
+    assert max(dropped) == HELD
 
 
 @pytest.mark.parametrize("errors", ["strict", "resync"])

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 
+from fapengine.codec import kernels
 from fapengine.codec.decoder import Decoder, decode
 from fapengine.codec.epf import encode_orders, parse_epf
 from fapengine.codec.fapfile import parse_fap
@@ -44,6 +45,21 @@ def test_decoding_gives_the_same_values(vectors: Mapping[str, bytes], name: str)
     for field in ("mask", "values", "visemes", "expressions", "frame_numbers"):
         np.testing.assert_array_equal(getattr(track, field), getattr(wanted, field), err_msg=field)
     assert track.rate_hz == pytest.approx(wanted.rate_hz, rel=0.0011)  # the file says 30 for 30000/1001
+
+
+@pytest.mark.parametrize("name", FED_BY_BYTES[:-1])
+def test_the_loops_in_python_read_and_write_them_where_those_in_c_are_installed_too(
+    vectors: Mapping[str, bytes], name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    data = vectors[f"{name}.fba"]
+    compiled = decode(data)
+    monkeypatch.setattr(kernels, "loops", kernels)
+    assert encode_orders(parse_epf(vectors[f"{name}.epf"]), parse_fap(vectors[f"{name}.fap"])) == data
+    decoder = Decoder()
+    third = len(data) // 3
+    pieces = data[:third], data[third : 2 * third], data[2 * third :]
+    rows = [frame.row for piece in pieces for frame in decoder.feed(piece)]
+    np.testing.assert_array_equal(rows, np.concatenate([part.values for part in compiled.planes]))
 
 
 @pytest.mark.parametrize("name", FED_BY_BYTES)

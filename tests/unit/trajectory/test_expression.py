@@ -98,6 +98,11 @@ def test_a_profile_without_joy_has_no_half_smile() -> None:
         mood_ramps([Mood(Expression.SMILE_LEFT)], bare, 1.0)
 
 
+def test_faps_that_all_faces_of_a_profile_share_cannot_be_changed() -> None:
+    with pytest.raises(ValueError, match="read-only"):
+        expression_faps(english())[:] = 0.0
+
+
 def test_different_expressions_add_up() -> None:
     joy, anger = Mood(Expression.JOY, 0.5), Mood(Expression.ANGER, 0.3, 1.0, 2.0)
     both = expression_faps(english()) @ levels([joy, anger])

@@ -20,6 +20,7 @@ from fapengine.trajectory.gestures import (
     BLINK_OPEN_S,
     BLINK_SHUT_S,
     CHANNELS,
+    FIRST_BLINK_S,
     GLANCE_RAD,
     NOD_FALL_S,
     NOD_RISE_S,
@@ -67,6 +68,12 @@ def test_blinks_close_the_eyes_fully_and_come_at_a_human_rate() -> None:
     assert 14 * 5 <= count <= 21 * 5  # 17 a minute of a face that is silent
     assert upper.max() == pytest.approx(960)
     assert upper[-1] == 0
+
+
+def test_the_first_blink_has_shut_the_eyes_when_it_may() -> None:
+    draws = [GestureGenerator(np.random.default_rng(seed), Style()).draw(2.0) for seed in range(100)]
+    shut_s = [next(ramp.at_s for ramp in drawn if ramp.channel == Channel.BLINK) + BLINK_CLOSE_S for drawn in draws]
+    assert FIRST_BLINK_S[0] <= min(shut_s) < max(shut_s) <= FIRST_BLINK_S[1]
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -147,7 +154,9 @@ def test_stress_nods_and_raises_the_brows_once_each() -> None:
 def test_idle_and_head_motion_are_small_and_never_still() -> None:
     drift, turn = only("idle"), only("head_motion")
     assert 3 < np.abs(column(drift, 33)).max() < 30
-    assert np.abs(column(drift, 12)).max() < 15
+    assert 1 < np.abs(column(drift, 12)).max() < 15
+    for other in (13, 59, 60):  # both corners, inside and outside
+        np.testing.assert_array_equal(column(drift, other), column(drift, 12))
     assert 0.01 < np.abs(column(turn, 49)).max() * 1e-5 < 0.08
     assert not column(drift, 4).any()  # the lips' opening is not touched
     assert not column(drift, 5).any()
@@ -256,6 +265,14 @@ def test_a_louder_accent_is_stronger_and_a_long_phrase_has_several() -> None:
     assert min(np.diff(begins)) >= REACH_S - 1e-9
 
 
+def test_after_twice_the_reach_without_a_nod_no_accent_waits_for_a_stronger_one() -> None:
+    phrases, weak, strong = Phrases(), Phone("a", 0.0, 0.1, stress=2), Phone("a", 0.0, 0.2, stress=1)
+    phrases.learn(0.0, Phone("a", 0.0, 8.0))
+    for after_s, is_outstanding in ((0.9 * REACH_S, False), (1.9 * REACH_S, False), (2.1 * REACH_S, True)):
+        phrases.learn(after_s + 0.5, strong)
+        assert phrases.is_outstanding(after_s, weak, last_s=0.0) is is_outstanding
+
+
 def test_blinks_of_a_speaker_are_drawn_to_pauses() -> None:
     spoken = talk(60)
     ends = np.array([phone.start_s for phone in spoken if phone.is_silence])
@@ -284,8 +301,9 @@ def test_the_head_moves_when_speech_begins_and_settles_when_it_ends() -> None:
     assert faps[TIMES >= 12.0] == pytest.approx(0, abs=1e-6)
 
 
-def test_a_pause_within_a_phrase_moves_no_head() -> None:
-    spoken = talk(3, pause_s=0.1)
+@pytest.mark.parametrize("pause_s", [0.1, 0.2])  # within a phrase, and between two of them
+def test_a_short_pause_moves_no_head(pause_s: float) -> None:
+    spoken = talk(3, pause_s=pause_s)
     assert len([ramp for ramp in drawn(spoken, 6.0) if ramp.channel == Channel.STANCE_PITCH]) == 1
 
 

@@ -82,6 +82,13 @@ def test_keys_of_a_phone_of_any_length_are_limited() -> None:
     assert len(keys.times_s) == MAX_HELD + 2
 
 
+def test_a_key_at_the_end_of_a_phone_is_that_phone_s() -> None:
+    phones, targets = PhoneTrack.from_phones([Phone("ɑ", 0.3, 0.4), Phone("s", 0.4, 0.5)]), english().phones
+    late = {name: replace(one, fractions=(*one.fractions[:-1], 1.0)) for name, one in targets.items()}
+    middle, end = (keys_of(phones, replace(english(), phones=some), context=False) for some in (targets, late))
+    np.testing.assert_array_equal(end.targets, middle.targets)
+
+
 def test_a_long_vowel_is_held_without_a_context_model_too() -> None:
     phones, profile = PhoneTrack.from_phones([Phone("ɑ", 0.3, 3.3)]), replace(english(), context=None)
     gap = opening(plan(phones, profile, style=STILL, rate_hz=RATE_HZ, rng=np.random.default_rng(1)).track.values)

@@ -55,7 +55,8 @@ def test_any_number_of_rows_glide_each_from_its_start() -> None:
     start, count = np.array([0.5, -2.0]), 2 * FIRST_ROWS + 3
     ramps = Ramps(start)
     for number in range(count):
-        ramps.send(ramps.open(), [Ramp(1.0, 1, float(number), 0.5)])
+        ramps.send(ramps.open(), [Ramp(0.0, 1, float(number), 0.5)])
         assert ramps.values(0.0).shape == (2, number + 1)
     np.testing.assert_allclose(ramps.values(0.0), np.repeat(start[:, None], count, axis=1))
+    np.testing.assert_allclose(ramps.values(0.25)[1], (start[1] + np.arange(count)) / 2)  # half of the way
     np.testing.assert_allclose(ramps.values(9.0), [np.full(count, 0.5), np.arange(count)], atol=1e-9)

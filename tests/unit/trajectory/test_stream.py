@@ -56,22 +56,39 @@ def opening(values: np.ndarray) -> np.ndarray:
     return -(values[:, fap.column(4)] + values[:, fap.column(5)])
 
 
-@given(LABELS, LENGTHS, st.integers(0, 2**32 - 1))
-def test_phones_that_come_early_enough_give_the_offline_path(labels, each_s, seed):
-    spoken = phones(labels, each_s)
-    end_s = spoken[-1].end_s + 0.4
-    planner, rng, path = SingleStream(english()), np.random.default_rng(seed), []
-    waiting = list(rng.permutation(AHEAD_PHONES + 1))  # the first ones in any order
-    planner.feed([spoken[index] for index in waiting if index < len(spoken)])
-    known = AHEAD_PHONES + 1
-    for time in times_until(end_s):
+def streamed(spoken: list[Phone], times: np.ndarray, planner: SingleStream, most_phones: float = np.inf) -> np.ndarray:
+    """Path of a stream in which each phone comes just early enough; the first ones are known."""
+    path, known = [], AHEAD_PHONES + 1
+    for time in times:
         while known < len(spoken) and spoken[known - AHEAD_PHONES].start_s - 0.2 <= time:
             planner.feed([spoken[known]])
             known += 1
         path.append(planner.path([time])[0])
         planner.frames([time])
-    np.testing.assert_allclose(path, offline(spoken, times_until(end_s)), atol=1e-9)
+        assert len(planner._phones) <= most_phones
+    return np.array(path)
+
+
+@given(LABELS, LENGTHS, st.integers(0, 2**32 - 1))
+def test_phones_that_come_early_enough_give_the_offline_path(labels, each_s, seed):
+    spoken = phones(labels, each_s)
+    times = np.arange(0, spoken[-1].end_s + 0.4, 0.03)
+    planner, rng = SingleStream(english()), np.random.default_rng(seed)
+    waiting = list(rng.permutation(AHEAD_PHONES + 1))  # the first ones in any order
+    planner.feed([spoken[index] for index in waiting if index < len(spoken)])
+    np.testing.assert_allclose(streamed(spoken, times, planner), offline(spoken, times), atol=1e-9)
     assert planner.counts.late == planner.counts.dropped == 0
+
+
+@pytest.mark.parametrize(("lengths", "seed"), [((0.03, 0.05, 0.09), 18), ((0.02, 0.04, 0.06, 0.1), 10)])
+def test_so_do_diphthongs_and_affricates_that_are_too_short_for_all_their_keys(lengths, seed):
+    rng = np.random.default_rng(seed)
+    edges = 0.4 + np.cumsum(rng.choice(lengths, 12))
+    labels = rng.choice(["p", "aɪ", "ɔɪ", "tʃ", "uː", "aɪə"], 11)
+    spoken = [Phone(*phone) for phone in zip(labels.tolist(), edges.tolist(), edges[1:].tolist(), strict=False)]
+    planner, times = SingleStream(english()), np.arange(0, edges[-1] + 0.2, 0.02)
+    planner.feed(spoken[: AHEAD_PHONES + 1])
+    np.testing.assert_allclose(streamed(spoken, times, planner), offline(spoken, times), atol=1e-9)
 
 
 def test_lips_prepare_in_a_stream_as_in_a_file_when_phones_come_a_quarter_of_a_second_early():
@@ -114,15 +131,9 @@ def test_long_phones_and_pauses_are_in_a_stream_as_in_a_file(spans):
         Phone(label, float(end_s - length_s), float(end_s))
         for (label, length_s, _), end_s in zip(spans, ends, strict=True)
     ]
-    planner, path, times, known = SingleStream(english()), [], np.arange(0, ends[-1] + 0.4, 0.1), AHEAD_PHONES + 1
-    planner.feed(spoken[:known])
-    for time in times:
-        while known < len(spoken) and spoken[known - AHEAD_PHONES].start_s - 0.2 <= time:
-            planner.feed([spoken[known]])
-            known += 1
-        path.append(planner.path([time])[0])
-        planner.frames([time])
-        assert len(planner._phones) <= BEHIND_PHONES + AHEAD_PHONES + 3
+    planner, times = SingleStream(english()), np.arange(0, ends[-1] + 0.4, 0.1)
+    planner.feed(spoken[: AHEAD_PHONES + 1])
+    path = streamed(spoken, times, planner, most_phones=BEHIND_PHONES + AHEAD_PHONES + 3)
     np.testing.assert_allclose(path, offline(spoken, times), atol=1e-9)
 
 
@@ -419,6 +430,7 @@ def test_old_news_is_counted():
     assert (planner.counts.dropped, planner.counts.late, planner.counts.unknown) == (1, 1, 1)
     assert planner.take([Phone("a", 1.1, 1.3), Phone("b", 5.0, 5.3)]) == 1
     assert planner.take([Phone("a", 1.1, 1.3)], is_counted=False) == 0
+    assert planner.take([Phone("o", 1.0, 1.2), Phone("o", 1.2, 1.4)]) == 2  # they touch; neither is the other
 
 
 def test_memory_does_not_grow_with_time():

@@ -10,6 +10,8 @@ from fapengine.errors import UsageError
 from fapengine.mpeg4 import fap
 from fapengine.speaking import METHOD_NAMES
 from fapengine.speech.phone_track import Phone, PhoneTrack
+from fapengine.trajectory.closures import CONTACTS, settle
+from fapengine.trajectory.faps import Composer
 from fapengine.trajectory.methods import SPLINES, dominance, sample_path
 from fapengine.trajectory.phonetics import WIDTH
 from fapengine.trajectory.planner import plan
@@ -35,6 +37,13 @@ def still(**options: object) -> Style:
 def test_gains_of_one_change_nothing() -> None:
     np.testing.assert_allclose(Style().gains(english()), np.eye(english().space.mode_count), atol=1e-15)
     np.testing.assert_allclose(Style(1.7).gains(english()), 1.7 * np.eye(english().space.mode_count), atol=1e-12)
+
+
+@pytest.mark.parametrize(("jaw", "share"), [(0.5, 0.5), (1.0, 1.0), (2.0, 1.0)])
+def test_an_open_vowel_is_held_as_open_as_the_jaw_allows_and_no_wider(jaw: float, share: float) -> None:
+    hold = (np.array(CONTACTS) == "open").astype(float)[:, None]
+    shown = Composer(english(), Style(jaw)).faps(np.zeros((english().space.mode_count + WIDTH, 1)), hold.copy(), None)
+    np.testing.assert_allclose(shown, settle(np.zeros((1, fap.FAP_COUNT)), share * hold), atol=1e-9)
 
 
 def test_the_jaw_gain_scales_the_drop_of_the_chin_and_leaves_the_lips_their_part() -> None:
