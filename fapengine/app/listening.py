@@ -5,7 +5,6 @@ import shutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
-from importlib.resources import files
 from pathlib import Path
 
 from fapengine._resources import page_files
@@ -13,6 +12,7 @@ from fapengine.app.motion import LOADED, save
 from fapengine.errors import UsageError
 from fapengine.files.motion import load_motion
 from fapengine.files.paths import naming, read_bytes, replacing_folder
+from fapengine.files.report.parts import asset
 from fapengine.files.sound import load_sound
 from fapengine.scoring.statistics import COLUMNS, Preference, parse_answers, preference_of
 
@@ -156,12 +156,11 @@ def format_listen_page(
         "id": name, "systems": list(systems), "checks": checks, "seed": seed, "columns": COLUMNS,
         "items": [{"id": item, "clips": list(clips)} for item, clips in items.items()],
     }  # fmt: skip
-    here = files("fapengine") / "files" / "report"
-    page = (here / "listen.html").read_text(encoding="utf-8")
+    page = asset("listen.html")
     for place, text in (
         ("/*STYLE*/", page_files()[STYLE].decode()),
         ("/*CONFIG*/", json.dumps(config, ensure_ascii=False).replace("<", "\\u003c")),
-        ("/*SCRIPT*/", (here / "listen.js").read_text(encoding="utf-8")),
+        ("/*SCRIPT*/", asset("listen.js")),
     ):
         page = page.replace(place, text, 1)
     return page.encode()

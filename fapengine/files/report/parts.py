@@ -5,6 +5,7 @@ import io
 import re
 from collections.abc import Iterable, Sequence
 from html import escape, unescape
+from importlib.resources import files
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -18,22 +19,13 @@ if TYPE_CHECKING:
 
 INK, FAINT, WARM, COOL, GREEN = "#20242a", "#a9adb4", "#c8543c", "#2f6aa8", "#3d8b5f"
 
-STYLE = """
-body { font: 15px/1.5 system-ui, sans-serif; color: #20242a; background: #faf9f6; max-width: 62rem; margin: 2rem auto;
-  padding: 0 1rem }
-h1 { font-size: 1.7rem; margin-bottom: .2rem } h2 { margin-top: 2.4rem; border-bottom: 1px solid #ddd }
-table { border-collapse: collapse; font-size: .9rem; margin: .6rem 0 }
-td, th { padding: .15rem .7rem; text-align: left }
-tr:nth-child(even) { background: #f0efea } th { border-bottom: 1px solid #bbb } td.n { text-align: right }
-.warn { background: #fdf1e3; border-left: 4px solid #c8843c; padding: .5rem 1rem } figure { margin: 1rem 0 }
-figcaption, .note { color: #62676f } figcaption { font-size: .88rem } svg, img { max-width: 100%; height: auto }
-.scroll { overflow-x: auto } code { overflow-wrap: anywhere } nav { font-size: .9rem } nav a { margin-right: .9rem }
-.verdict { font-size: 1.1rem; border-left: 4px solid #a9adb4; padding: .2rem 1rem } .good { border-color: #3d8b5f }
-.fair { border-color: #c8843c } .poor { border-color: #c8543c } tr.ours { background: #fdf1e3; font-weight: 600 }
-@media (max-width: 40rem) { body { margin: 1rem auto } td, th { padding: .15rem .4rem } }
-"""
 Grade = Literal["good", "fair", "poor", ""]
 """Grade of a verdict; empty if there is nothing to judge."""
+
+
+def asset(name: str) -> str:
+    """Read a file next to this module, such as a style sheet."""
+    return (files("fapengine.files.report") / name).read_text("utf-8")
 
 
 def page(title: str, parts: Iterable[str]) -> bytes:
@@ -51,7 +43,7 @@ def page(title: str, parts: Iterable[str]) -> bytes:
         body = body.replace(f"<h2>{heading}</h2>", f'<h2 id="part{number}">{heading}</h2>', 1)
     contents = f'<nav aria-label="Contents">{" ".join(links)}</nav>' if len(links) > 1 else ""
     body = body.replace('<h2 id="part0">', f'{contents}<h2 id="part0">', 1)
-    return f"{head}<style>{STYLE}</style><main>{body}</main></html>\n".encode()
+    return f"{head}<style>\n{asset('page.css')}</style><main>{body}</main></html>\n".encode()
 
 
 def verdict(grade: Grade, text: str) -> str:

@@ -11,7 +11,7 @@ from html import escape
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine.files.report.parts import page
+from fapengine.files.report.parts import asset, page
 from fapengine.profiles import Profile
 
 OUTER = ("8.4", "8.6", "8.1", "8.5", "8.3", "8.7", "8.2", "8.8")
@@ -19,52 +19,6 @@ INNER = ("2.5", "2.7", "2.2", "2.6", "2.4", "2.8", "2.3", "2.9")
 """Points of the lips' contours, in order; those that a profile does not have are left out."""
 REACH = 1.3
 """Range of a slider relative to the farthest phone or expression."""
-STYLE = """<style>
-.mouths { display: flex; flex-wrap: wrap; gap: 1rem }
-.mouths svg { width: 19rem; background: #fff; border: 1px solid #ddd }
-.row { display: grid; grid-template-columns: minmax(8rem, 16rem) 1fr 4rem; gap: .8rem; align-items: center }
-.row input { width: 100% } .row output { text-align: right; font-variant-numeric: tabular-nums }
-button { font: inherit; margin: .1rem; padding: .1rem .55rem }
-textarea { width: 100%; font: .85rem ui-monospace, monospace }
-</style>"""
-SCRIPT = """<script>
-"use strict";
-const data = JSON.parse(document.getElementById("data").textContent);
-const sliders = [...document.querySelectorAll(".row input")];
-const drawn = ["front", "side"].map((name) => document.getElementById(name));
-const weights = () => sliders.map((slider) => Number(slider.value));
-const place = (values) => data.rest.map((rest, point) => rest.map((mm, axis) =>
-  mm + values.reduce((sum, weight, mode) => sum + weight * data.modes[mode][point][axis], 0)));
-const curve = (points) => points.map((point, n) => { // a closed line without corners (Catmull and Rom)
-  const at = (offset) => points[(n + offset + points.length) % points.length];
-  const [a, b, c] = [at(-1), at(1), at(2)];
-  const one = point.map((mm, k) => mm + (b[k] - a[k]) / 6), two = b.map((mm, k) => mm - (c[k] - point[k]) / 6);
-  return `${n ? "" : "M" + point} C ${one} ${two} ${b}`;
-}).join(" ") + "Z";
-function draw() {
-  const points = place(weights());
-  const flat = [points.map(([x, y]) => [x, -y]), points.map(([, y, z]) => [z - data.rest[0][2], -y])];
-  flat.forEach((seen, view) => {
-    const ring = (indices) => indices.length > 3 ? curve(indices.map((index) => seen[index])) : "";
-    drawn[view].querySelector(".outer").setAttribute("d", ring(data.outer));
-    drawn[view].querySelector(".inner").setAttribute("d", ring(data.inner));
-    drawn[view].querySelectorAll("circle").forEach((dot, n) => {
-      dot.setAttribute("cx", seen[n][0]);
-      dot.setAttribute("cy", seen[n][1]);
-    });
-  });
-  for (const slider of sliders) slider.parentElement.querySelector("output").value = Number(slider.value).toFixed(1);
-  document.getElementById("weights").value = weights().map((weight) => weight.toFixed(2)).join(" ");
-}
-function show(values) {
-  sliders.forEach((slider, n) => { slider.value = values[n]; });
-  draw();
-}
-sliders.forEach((slider) => slider.addEventListener("input", draw));
-document.querySelectorAll("button").forEach((button) =>
-  button.addEventListener("click", () => show(data.looks[button.dataset.look])));
-draw();
-</script>"""
 
 
 def sliders_page(profile: Profile, names: list[str], rest_mm: Mapping[str, tuple[float, float, float]]) -> bytes:
@@ -108,14 +62,15 @@ def sliders_page(profile: Profile, names: list[str], rest_mm: Mapping[str, tuple
     buttons = "".join(f'<button data-look="{escape(name)}">{escape(name)}</button>' for name in looks)
     encoded = json.dumps(data, ensure_ascii=False).replace("<", "\\u003c")
     parts = [
-        STYLE,
+        f"<style>\n{asset('sliders.css')}</style>",
         f"<h1>Components of {escape(profile.id)}</h1>",
         f'<div class="mouths">{_view("front", _box(rest, (0, 1)), len(points))}',
         f"{_view('side', _box(rest, (2, 1)), len(points))}</div>",
         f"<p>{buttons}</p>{rows}",
         '<p><label for="weights">Weights, mm</label><textarea id="weights" readonly rows="2"></textarea></p>',
         f'<p class="note"><code>fapengine inspect {escape(profile.id)} --weights "..." --pose face.fap</code></p>',
-        f'<script type="application/json" id="data">{encoded}</script>{SCRIPT}',
+        f'<script type="application/json" id="data">{encoded}</script>',
+        f"<script>\n{asset('sliders.js')}</script>",
     ]
     return page(f"Components of {profile.id}", parts)
 
