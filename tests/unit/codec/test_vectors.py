@@ -56,8 +56,8 @@ def test_the_loops_in_python_read_and_write_them_where_those_in_c_are_installed_
     monkeypatch.setattr(kernels, "loops", kernels)
     assert encode_orders(parse_epf(vectors[f"{name}.epf"]), parse_fap(vectors[f"{name}.fap"])) == data
     decoder = Decoder()
-    third = len(data) // 3
-    pieces = data[:third], data[third : 2 * third], data[2 * third :]
+    step = len(data) // 3 if len(data) > 1000 else 1
+    pieces = [data[at : at + step] for at in range(0, len(data), step)]
     rows = [frame.row for piece in pieces for frame in decoder.feed(piece)]
     np.testing.assert_array_equal(rows, np.concatenate([part.values for part in compiled.planes]))
 
