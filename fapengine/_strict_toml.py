@@ -191,8 +191,7 @@ def parse_toml(
     if schema is not None and isinstance(stated := document.get("schema"), int) and stated != schema:
         message = f"schema: got {stated}, expected {schema}; a file of another version must be made again"
         raise error(message, where=spell_path(name, "schema"))
-    structured: T = _structured(document, kind, (name,), error)
-    return structured
+    return _structured(document, kind, (name,), error)
 
 
 def quoted(text: str) -> str:

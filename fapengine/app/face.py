@@ -255,8 +255,7 @@ class Face(GestureMethods):
             self.errors.sync_error_s.append(self.speaker.sync_error_s)
         self._shown_s = max(self._shown_s, now_s + display_latency_s)
         frames = self.hub.tick(self._shown_s)
-        faps: NDArray[np.int32] = frames.faps[frames.sessions.index(SESSION)]
-        return faps
+        return frames.faps[frames.sessions.index(SESSION)]
 
     def frames(self) -> Iterator[NDArray[np.int32]]:
         """Yield each frame, (68,) int32 FAPU, when it is due, until the speech is over and the face is at rest."""

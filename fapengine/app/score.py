@@ -320,8 +320,7 @@ def power_of(samples: NDArray[np.int16], rate_hz: int) -> NDArray[np.float64]:
     if len(edges) < 2:
         return np.zeros(0)
     total = np.concatenate([[0.0], np.cumsum((samples.astype(np.float64) / 2**15) ** 2)])
-    power: NDArray[np.float64] = np.diff(total[edges]) / np.diff(edges)
-    return power
+    return np.diff(total[edges]) / np.diff(edges)
 
 
 def notes_of(job: ScoreJob, score: Score) -> list[str]:

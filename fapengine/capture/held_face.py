@@ -158,8 +158,7 @@ def _filled(times_s: Array, points: Array, seen: NDArray[np.bool_]) -> Array:
 
 def _mean_rotation(rotations: Array) -> Array:
     u, _, v = np.linalg.svd(rotations.mean(axis=0))
-    mean: Array = u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v
-    return mean
+    return u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v
 
 
 def _upright(still: Array, model: FaceModel) -> Array:

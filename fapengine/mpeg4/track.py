@@ -178,8 +178,7 @@ class FapTrack(Rebuilt):
     @checked
     def column(self, name: str) -> NDArray[np.int32]:
         """(T,) int32, FAPU: values of a FAP by the name of Table C.1, such as ``"open_jaw"``."""
-        values: NDArray[np.int32] = self.values[:, fap.column(fap.by_name(name).number)]
-        return values
+        return self.values[:, fap.column(fap.by_name(name).number)]
 
     @property
     def duration_s(self) -> float:
@@ -195,8 +194,7 @@ class FapTrack(Rebuilt):
         """(N, 68) int32, FAPU: a row for every frame from the first to the last; skipped ones repeat the last row."""
         numbers = self.frame_numbers
         every = np.arange(numbers[0], numbers[-1] + 1) if len(self) else numbers
-        rows: NDArray[np.int32] = self.values[np.searchsorted(numbers, every, side="right") - 1]
-        return rows
+        return self.values[np.searchsorted(numbers, every, side="right") - 1]
 
     def equals(self, other: "FapTrack") -> bool:
         """Whether values, masks, frame numbers and rate are equal; name and remarks do not count."""

@@ -65,8 +65,7 @@ def loudness_db(samples: NDArray[np.int16]) -> NDArray[np.float64]:
     padded = np.zeros(count * HOP)
     padded[: len(samples)] = samples
     power: NDArray[np.float64] = (padded.reshape(count, HOP) ** 2).mean(axis=1) / 2.0**30
-    levels: NDArray[np.float64] = np.maximum(10 * np.log10(np.maximum(power, 1e-12)), SILENT_DB)
-    return levels
+    return np.maximum(10 * np.log10(np.maximum(power, 1e-12)), SILENT_DB)
 
 
 def pitch_hz(samples: NDArray[np.int16], first: int = 0, stop: int | None = None) -> NDArray[np.float64]:
@@ -122,10 +121,7 @@ def _similarity(frames: NDArray[np.float64]) -> NDArray[np.float64]:
     total = energy[:, -1:]
     head = energy[:, _WINDOW - 1 - _MAX_LAG : _WINDOW - _MIN_LAG][:, ::-1]
     tail = total - energy[:, _MIN_LAG - 1 : _MAX_LAG]
-    similarity: NDArray[np.float64] = product / np.sqrt(
-        np.maximum(head * tail, 1e-9 * np.maximum(total, 1.0) ** 2) + 1e-9
-    )
-    return similarity
+    return product / np.sqrt(np.maximum(head * tail, 1e-9 * np.maximum(total, 1.0) ** 2) + 1e-9)
 
 
 def soundings(phones: Sequence[Phone], samples: NDArray[np.int16], begins_s: float = 0.0) -> list[Sounding]:
@@ -303,5 +299,4 @@ def _around(marked: NDArray[np.bool_]) -> NDArray[np.int64]:
     total = np.zeros((*marked.shape[:-1], count + 1 + 2 * reach), np.int64)
     np.cumsum(marked, axis=-1, out=total[..., reach + 1 : reach + 1 + count])
     total[..., reach + 1 + count :] = total[..., reach + count, None]
-    counted: NDArray[np.int64] = total[..., 2 * reach + 1 :] - total[..., :count]
-    return counted
+    return total[..., 2 * reach + 1 :] - total[..., :count]

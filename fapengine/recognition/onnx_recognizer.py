@@ -49,8 +49,7 @@ def softmax(scores: NDArray[np.float64]) -> NDArray[np.float64]:
     Logarithms of probabilities come out as these.
     """
     raised = np.exp(scores - scores.max(axis=1, keepdims=True))
-    shares: NDArray[np.float64] = raised / raised.sum(axis=1, keepdims=True)
-    return shares
+    return raised / raised.sum(axis=1, keepdims=True)
 
 
 def segments_of(labels: Sequence[str], frame_hz: float) -> list[Labelled]:
@@ -154,8 +153,7 @@ class PhoneModel:
         scores = answer.astype(np.float64)
         if not np.isfinite(scores.max(axis=2, initial=-np.inf)).all() or np.isnan(scores).any():
             raise DataError(f"{self.path}: got scores that are not finite, expected {expected}")
-        first: NDArray[np.float64] = scores[0]
-        return first
+        return scores[0]
 
 
 def load_model(path: Path) -> PhoneModel:

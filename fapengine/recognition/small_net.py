@@ -88,8 +88,7 @@ def log_mel(frames: NDArray[np.int16]) -> NDArray[np.float32]:
     """
     spectrum = np.fft.rfft(frames * (_WINDOW / 2**15), n=_FFT, axis=1)
     power = (spectrum.real**2 + spectrum.imag**2).astype(np.float32)
-    logs: NDArray[np.float32] = np.log(power @ _FILTERS + np.float32(FLOOR))
-    return logs
+    return np.log(power @ _FILTERS + np.float32(FLOOR))
 
 
 @dataclass(slots=True, eq=False)
@@ -215,8 +214,7 @@ def shipped() -> Weights:
 
 def _normed(x: Floats) -> Floats:
     power = np.add.reduce(x * x) / np.float32(len(x))  # rounds as x.mean() does, in a third of its time
-    found: Floats = x / np.sqrt(power + np.float32(1e-5))
-    return found
+    return x / np.sqrt(power + np.float32(1e-5))
 
 
 class _Layer:

@@ -64,8 +64,7 @@ Floats = NDArray[np.float32]
 
 def phone_bonus(weights: small_net.Weights) -> Floats:
     """(C,) for each label: what turns its probability into a likelihood, natural logarithm."""
-    bonus: Floats = (-SHARE_WEIGHT * np.log(np.maximum(weights.shares, 1e-4))).astype(np.float32)
-    return bonus
+    return (-SHARE_WEIGHT * np.log(np.maximum(weights.shares, 1e-4))).astype(np.float32)
 
 
 class Search:

@@ -73,8 +73,7 @@ class VoiceChoice(Checked):
         if kind in MODELS and colon:
             module, _, name = MODELS[kind].partition(":")
             voice = getattr(import_module(f"fapengine.voices.{module}"), name)
-            model: Voice = voice.named(self.name, self.rate_wpm, self.ssml, most_s=most_s)
-            return model
+            return voice.named(self.name, self.rate_wpm, self.ssml, most_s=most_s)
         if kind in SERVICE_NAMES:
             from fapengine.voices.service_client import ServiceVoice
 

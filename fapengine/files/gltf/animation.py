@@ -159,8 +159,7 @@ def _shapes_to_faps(weights: Mapping[str, Array]) -> Array:
     table = np.zeros((len(every[0]), len(shapes.names)))
     for name, column in columns.items():
         table[:, shapes.names.index(name)] = every[column]
-    faps: Array = shapes.to_faps(table)
-    return faps
+    return shapes.to_faps(table)
 
 
 def _expressions_to_faps(vrma: Item, weights: Mapping[str, Array]) -> Array:

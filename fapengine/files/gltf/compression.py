@@ -219,8 +219,7 @@ def _filtered(values: Bytes, name: str, where: str) -> NDArray[np.generic]:
             return _quaternion(values.view("<i2"))
         if name == "EXPONENTIAL":
             whole = values.view("<i4")
-            numbers: NDArray[np.generic] = np.ldexp((whole << 8 >> 8).astype(np.float32), whole >> 24).astype("<f4")
-            return numbers
+            return np.ldexp((whole << 8 >> 8).astype(np.float32), whole >> 24).astype("<f4")
     raise UnsupportedError(f"meshopt: got filter {name!r} of {stride} bytes", where=where)
 
 
