@@ -121,73 +121,32 @@ class SinkKind:
 
 
 SINK_KINDS = (
-    SinkKind(
-        "osc", "opening:osc", "programs that know FAPs, /fap/1/frame of all sessions or of one", takes_all_sessions=True
-    ),
+    SinkKind("osc", "opening:osc", "programs that know FAPs, /fap/1/frame of all sessions or of one",
+             takes_all_sessions=True),
     SinkKind("named", "opening:named", "patches, /fap/<n>, one message per FAP"),
-    SinkKind(
-        "vmc",
-        "opening:vmc",
-        "VSeeFace, Warudo and others; names is arkit, pascal, vrm0 or vrm1; port 39540 gets shapes alone",
-        port=39539,
-        options=("names",),
-    ),
+    SinkKind("vmc", "opening:vmc",
+             "VSeeFace, Warudo and others; names is arkit, pascal, vrm0 or vrm1; port 39540 gets shapes alone",
+             port=39539, options=("names",)),
     SinkKind("vrchat", "opening:vrchat", "VRChat's parameters", port=9000, options=("prefix",)),
-    SinkKind(
-        "livelink",
-        "opening:livelink",
-        "Unreal and other Live Link Face receivers",
-        port=11111,
-        options=("name", "device"),
-    ),
-    SinkKind(
-        "fba",
-        "opening:fba",
-        "an MPEG-4 face stream, one plane per datagram; intra is the interval of I planes in s",
-        options=("intra",),
-    ),
-    SinkKind(
-        "fba+tcp",
-        "face_streams:FaceStreams.open",
-        "the same stream over TCP, for all who connect here",
-        options=("intra",),
-        medium="connections",
-    ),
+    SinkKind("livelink", "opening:livelink", "Unreal and other Live Link Face receivers",
+             port=11111, options=("name", "device")),
+    SinkKind("fba", "opening:fba",
+             "an MPEG-4 face stream, one plane per datagram; intra is the interval of I planes in s",
+             options=("intra",)),
+    SinkKind("fba+tcp", "face_streams:FaceStreams.open", "the same stream over TCP, for all who connect here",
+             options=("intra",), medium="connections"),
     SinkKind("rtp", "opening:rtp", "the same stream over RTP, in the MPEG-4 visual payload", options=("intra",)),
-    SinkKind(
-        "ws-json",
-        "websockets:WeightStreams.open",
-        "game engines and scripts, JSON of 52 shapes, 15 visemes and the head over a WebSocket, for all who connect"
-        " here",
-        medium="connections",
-        default_host=LOOPBACK,
-    ),
+    SinkKind("ws-json", "websockets:WeightStreams.open",
+             "game engines and scripts, JSON of 52 shapes, 15 visemes and the head over a WebSocket, for all who"
+             " connect here", medium="connections", default_host=LOOPBACK),
     SinkKind("vts", "websockets:VtsSink", "VTube Studio", port=8001, options=("token_file",), medium="connections"),
-    SinkKind(
-        "camera",
-        "video:CameraSink",
-        "a virtual camera of this machine",
-        options=("size", "fps", "device"),
-        medium="video",
-        has_host=False,
-    ),
-    SinkKind(
-        "rtmp",
-        "video:StreamSink.open",
-        "a media server, H.264 and AAC",
-        port=1935,
-        options=("size", "fps", "kbit_s"),
-        medium="video",
-        has_path=True,
-    ),
-    SinkKind(
-        "srt",
-        "video:StreamSink.open",
-        "a media server, the same as MPEG-TS",
-        options=("size", "fps", "kbit_s", "streamid", "passphrase", "latency", "mode"),
-        medium="video",
-    ),
-)
+    SinkKind("camera", "video:CameraSink", "a virtual camera of this machine",
+             options=("size", "fps", "device"), medium="video", has_host=False),
+    SinkKind("rtmp", "video:StreamSink.open", "a media server, H.264 and AAC",
+             port=1935, options=("size", "fps", "kbit_s"), medium="video", has_path=True),
+    SinkKind("srt", "video:StreamSink.open", "a media server, the same as MPEG-TS",
+             options=("size", "fps", "kbit_s", "streamid", "passphrase", "latency", "mode"), medium="video"),
+)  # fmt: skip
 """Every kind, in the order in which they are listed. Those of video show the session ``face`` by default."""
 _BY_NAME = {kind.name: kind for kind in SINK_KINDS}
 SINK_NAMES = tuple(_BY_NAME)

@@ -232,7 +232,7 @@ class Connection:
                 self._view.pin(values)
             case messages.Perform(values):
                 self._hub.host(self._view.session).perform(values, self._hub.clock())
-            case messages.ReleaseAll():
+            case messages.Release():
                 self._view.release()
             case messages.Ping(number):
                 self.outbox.put_text(messages.text_of("pong", number=number, time_s=self._hub.clock()))

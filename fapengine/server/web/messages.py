@@ -13,7 +13,7 @@ import struct
 from collections.abc import Callable
 from functools import lru_cache
 from math import isfinite
-from typing import Annotated, Any, Literal, cast
+from typing import Annotated, Any, Literal, cast, get_args
 
 import msgspec
 import numpy as np
@@ -110,7 +110,7 @@ class Perform(Struct, frozen=True, forbid_unknown_fields=True):
     """FAP number 3..68 to FAPU; in the message the numbers are strings."""
 
 
-class ReleaseAll(Struct, frozen=True, forbid_unknown_fields=True):
+class Release(Struct, frozen=True, forbid_unknown_fields=True):
     """Release every FAP."""
 
 
@@ -138,18 +138,8 @@ class Tell(Struct, frozen=True):
     command: Command
 
 
-Request = Say | Words | Phones | Pin | Perform | ReleaseAll | Ping | Plays | Watch | Tell
-_PAGE_MESSAGES: dict[str, type[Struct]] = {
-    "say": Say,
-    "words": Words,
-    "phones": Phones,
-    "pin": Pin,
-    "perform": Perform,
-    "release": ReleaseAll,
-    "ping": Ping,
-    "plays": Plays,
-    "watch": Watch,
-}
+Request = Say | Words | Phones | Pin | Perform | Release | Ping | Plays | Watch | Tell
+_PAGE_MESSAGES: dict[str, type[Struct]] = {kind.__name__.lower(): kind for kind in get_args(Request)[:-1]}
 
 
 def structs() -> dict[str, type[Struct]]:

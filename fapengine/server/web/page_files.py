@@ -39,16 +39,9 @@ MAGIC = b"FAPHEAD1"
 ALIGNMENT = 16
 _KINDS = {"float32": "<f4", "float64": "<f8", "uint32": "<u4", "uint8": "u1"}
 GROUP_NAMES = {
-    2: "Jaw, chin and inner lips",
-    3: "Eyes",
-    4: "Brows",
-    5: "Cheeks",
-    6: "Tongue",
-    7: "Head",
-    8: "Outer lips",
-    9: "Nose",
-    10: "Ears",
-}
+    2: "Jaw, chin and inner lips", 3: "Eyes", 4: "Brows", 5: "Cheeks", 6: "Tongue", 7: "Head", 8: "Outer lips",
+    9: "Nose", 10: "Ears",
+}  # fmt: skip
 """Groups of Table C.1 with their names on the page."""
 REACH: dict[FapUnit, int] = {
     FapUnit.MNS: 700, FapUnit.MW: 300, FapUnit.ES: 200, FapUnit.ENS: 300, FapUnit.IRISD: 1000, FapUnit.AU: 50_000,
@@ -107,13 +100,8 @@ def setup(*, voices: dict[str, str], rate_wpm: int = DEFAULT_RATE_WPM) -> dict[s
         ],
         "expressions": list(EXPRESSION_NAMES),
         "cameras": {
-            name: {
-                "yaw": camera.yaw_deg,
-                "pitch": camera.pitch_deg,
-                "target": camera.target_mm,
-                "distance": camera.distance_mm,
-                "field": camera.field_deg,
-            }
+            name: {"yaw": camera.yaw_deg, "pitch": camera.pitch_deg, "target": camera.target_mm,
+                   "distance": camera.distance_mm, "field": camera.field_deg}
             for name, camera in ((name, PRESETS[name]) for name in PAGE_CAMERAS)
         },
         "voices": voices,
@@ -132,13 +120,9 @@ def _slider(row: FapSpec) -> dict[str, Any]:
     reach = OWN_REACH.get(row.number, LIMITS.get(row.number, REACH[row.unit]))
     reach = min(reach, row.intra_limit * row.quantiser_step)
     return {
-        "number": row.number,
-        "name": row.name,
-        "unit": row.unit.value,
-        "positive": row.positive.value,
-        "low": -reach if row.bidirectional else 0,
-        "high": reach,
-    }
+        "number": row.number, "name": row.name, "unit": row.unit.value, "positive": row.positive.value,
+        "low": -reach if row.bidirectional else 0, "high": reach,
+    }  # fmt: skip
 
 
 def head_binary(mesh: FaceMesh) -> bytes:
