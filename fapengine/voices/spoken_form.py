@@ -352,7 +352,7 @@ def _fractions(table: dict[str, Any]) -> Iterator[_Rule]:
 
 def _units(table: dict[str, Any], language: str) -> Iterator[_Rule]:
     units, spaced, share = table.get("units", {}), table.get("spaced", True), table.get("share")
-    fractions = table["fractions"]
+    fractions, signs = table["fractions"], "".join(_SIGNS.values())
     if not units:
         return
 
@@ -363,15 +363,14 @@ def _units(table: dict[str, Any], language: str) -> Iterator[_Rule]:
             said += f"{share} " if share and number not in ("1/2", "½") else ""
             number = "0.5"
         elif not number[-1].isdecimal():
-            number = "1.5"
+            number = f"{number.rstrip(signs)}.5"
         unit = _form(units[match["x"]], number, language)
         agreed = _agreed(table, language, number, unit, match.string[: match.start()])
         counted = [(*match.span("n"), agreed)] if agreed != number and match["n"] == number else []
         return [*counted, (*match.span("x"), said + unit + _full_stop(match))]
 
     number, (edge, end) = _number(language), _edges(table)
-    if share is not None:
-        signs = "".join(_SIGNS.values())
+    if fractions:
         number = number.replace("(?>", rf"(?>{_any_of(fractions)}|\d+ ?[{signs}]|", 1)
     yield _Rule(re.compile(rf"{edge}{number}{_GAP}(?P<x>{_any_of(units)}){end}{_sentence(table)}"), edits)
 

@@ -19,8 +19,9 @@ CASES = [
     ("en-us", "½ cup, 1½ hours, 2 1/2 cups, ¾ mi, 1¼ mi, $3–5, 1/8",
      "one half cup, 1 and a half hours, 2 and a half cups, three quarters of a mile, 1 and a quarter miles, "
      "3 to 5 dollars, one eighth"),
-    ("fr-fr", "François Ier, 1½ heure, 2½ heures, ½ tasse, 3–5 jours, ¾ d'heure",
-     "François premier, une heure et demie, 2 heures et demie, une demi-tasse, 3 à 5 jours, trois quarts d'heure"),
+    ("fr-fr", "François Ier, 1½ heure, 2½ heures, ½ tasse, 3–5 jours, ¾ d'heure, 2½ kg",
+     "François premier, une heure et demie, 2 heures et demie, une demi-tasse, 3 à 5 jours, trois quarts d'heure, "
+     "2 et demi kilos"),
     ("es", "½ litro, ½ hora, 1½ horas, 2½ kg, 3-5 €",
      "medio litro, media hora, una hora y media, 2 y medio kilos, 3 a 5 euros"),
     ("it", "½ litro, ½ ora, 1½ ore, 3-5 giorni", "mezzo litro, mezz'ora, un'ora e mezza, 3 a 5 giorni"),
@@ -28,8 +29,8 @@ CASES = [
     ("ru", "½ литра, 1½ часа, 2½ км, глава IV",
      "половина литра, полтора часа, 2 с половиной километра, глава четвёртая"),
     ("pl", "½ litra, 1½ godziny", "pół litra, półtorej godziny"),
-    ("cmn", "1½杯", "1又二分之一杯"),
-    ("sw", "½, 1½", "nusu, 1 na nusu"),
+    ("cmn", "1½杯，½kg", "1又二分之一杯，二分之一公斤"),
+    ("sw", "½ kg, 1½ km", "nusu kilo, 1 na nusu kilomita"),
     ("es", "El 21.º piso, el 3º de la lista, el 3.er día; el piso 21.º es caro.",
      "El vigésimo primer piso, el tercero de la lista, el tercer día; el piso vigésimo primero es caro."),
     ("es", "En 1901 había 1.200 personas, 221.000 casas y 21 libros a 21 €, 200 £; espera 1 hora y 31 min.",
