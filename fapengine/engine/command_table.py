@@ -12,7 +12,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, fields, replace
 from math import inf, isfinite, isnan
-from typing import Any, ClassVar, TypeVar, cast, get_type_hints
+from typing import Any, ClassVar, TypeVar, get_type_hints
 
 from fapengine.errors import DataError, UsageError
 
@@ -210,10 +210,10 @@ class Choice(FieldSpec):
         return names[plain]
 
 
+@dataclass(frozen=True, slots=True)
 class Command:
-    """A command to a live face; the subclasses in :mod:`.commands` are frozen dataclasses."""
+    """A command to a live face; :mod:`.commands` has the subclasses."""
 
-    __slots__ = ()
     SPEC: ClassVar[CommandSpec]
 
 
@@ -226,15 +226,15 @@ _FIELDS: dict[type[Command], dict[str, FieldSpec]] = {}
 def fields_of(kind: type[Command]) -> dict[str, FieldSpec]:
     """Return the fields of a command that are sent, by Python name, in the order of OSC."""
     if kind not in _FIELDS:
-        hints, kinds = get_type_hints(kind, include_extras=True), cast("Any", kind)
-        specs = ((each.name, getattr(hints[each.name], "__metadata__", ())) for each in fields(kinds))
+        hints = get_type_hints(kind, include_extras=True)
+        specs = ((each.name, getattr(hints[each.name], "__metadata__", ())) for each in fields(kind))
         _FIELDS[kind] = {name: spec for name, metadata in specs for spec in metadata if isinstance(spec, FieldSpec)}
     return _FIELDS[kind]
 
 
 def defaults_of(kind: type[Command]) -> dict[str, Any]:
     """Return the defaults of the fields that have one."""
-    return {each.name: each.default for each in fields(cast("Any", kind)) if each.default is not MISSING}
+    return {each.name: each.default for each in fields(kind) if each.default is not MISSING}
 
 
 def checked(command: SomeCommand) -> SomeCommand:
@@ -246,17 +246,11 @@ def checked(command: SomeCommand) -> SomeCommand:
         If another value is out of range.
     """
     specs = fields_of(type(command))
-    return _changed(command, {name: spec.checked(getattr(command, name)) for name, spec in specs.items()})
+    return replace(command, **{name: spec.checked(getattr(command, name)) for name, spec in specs.items()})
 
 
 def shifted(command: SomeCommand, by_s: float) -> SomeCommand:
     """Return a command with its times moved to another clock."""
     specs = fields_of(type(command))
     times_s = {name: getattr(command, name) for name, spec in specs.items() if isinstance(spec, Time)}
-    return _changed(command, {name: time_s + by_s for name, time_s in times_s.items() if time_s is not None})
-
-
-def _changed(command: SomeCommand, values: Mapping[str, Any]) -> SomeCommand:
-    change: Any = replace
-    result: SomeCommand = change(command, **values)
-    return result
+    return replace(command, **{name: time_s + by_s for name, time_s in times_s.items() if time_s is not None})

@@ -90,7 +90,8 @@ class Engine:
         self._gestures = BatchGestures(profile, self._style)
         self._by_name: dict[str, Session] = {}
         self._rows: list[Session] = []
-        self._names: tuple[str, ...] = ()
+        self.sessions: tuple[str, ...] = ()
+        """Names, in the order of a frame's rows."""
         self.command_listeners: list[Callable[[str, Command, float], None]] = []
         """Called with session, command and engine time when a command was applied."""
         self.event_listeners: list[Callable[[Event], None]] = []
@@ -119,11 +120,6 @@ class Engine:
     def __len__(self) -> int:
         """Count the open sessions."""
         return len(self._rows)
-
-    @property
-    def sessions(self) -> tuple[str, ...]:
-        """Names, in the order of a frame's rows."""
-        return self._names
 
     def open(self, session: str, now_s: float) -> None:
         """Begin a session: a face at rest.
@@ -154,7 +150,7 @@ class Engine:
         )
         self._by_name[session] = made
         self._rows.append(made)
-        self._names = tuple(opened.name for opened in self._rows)
+        self.sessions = tuple(opened.name for opened in self._rows)
         self.touched_s[session] = now_s
         if self.room is not None:
             self.room -= 1
@@ -181,7 +177,7 @@ class Engine:
         self._gestures.close(row)
         self._rows[row] = self._rows[-1]
         self._rows.pop()
-        self._names = tuple(opened.name for opened in self._rows)
+        self.sessions = tuple(opened.name for opened in self._rows)
         del self._by_name[session]
 
     def rest(self, session: str, at_s: float, now_s: float) -> None:
@@ -250,15 +246,15 @@ class Engine:
             faps = self._batch.frames(now_s, self._gestures.overlay(now_s))
         self._slow_down(faps, now_s)
         self._shown_s = now_s
-        self._shown = EngineFrame(self._names, faps.copy(order="K"), now_s)  # the caller may change its own
-        return EngineFrame(self._names, faps, now_s)
+        self._shown = EngineFrame(self.sessions, faps.copy(order="K"), now_s)  # the caller may change its own
+        return EngineFrame(self.sessions, faps, now_s)
 
     def _slow_down(self, faps: NDArray[np.int32], now_s: float) -> None:
         """Limit the speed of mouths by moving them a part of the way; so lips that do not cross never do."""
         shown, most = self._shown.faps, MAX_SPEED_FAPU_S * (now_s - self._shown_s)
-        if self._shown.sessions is not self._names:
+        if self._shown.sessions is not self.sessions:
             rows = dict(zip(self._shown.sessions, shown, strict=True))
-            shown = np.array([rows.get(name, np.zeros(fap.FAP_COUNT)) for name in self._names]).reshape(faps.shape)
+            shown = np.array([rows.get(name, np.zeros(fap.FAP_COUNT)) for name in self.sessions]).reshape(faps.shape)
         steps = np.abs(faps[:, JAW_AND_LIPS] - shown[:, JAW_AND_LIPS]).max(axis=1, initial=0)
         fast = (steps > most).nonzero()[0]
         if len(fast):

@@ -14,7 +14,7 @@ Nothing runs per frame: a session says when it must be woken (:attr:`Session.wak
 
 from bisect import bisect_right
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from heapq import merge
 from itertools import accumulate, groupby
@@ -211,7 +211,7 @@ class Session:
         if command.revision > utterance.revision:
             self._revise(utterance, command, now_s)
         utterance.latest_s = now_s
-        self._feed(utterance, utterance.add(command), now_s)
+        self._prepare(utterance.number, utterance.in_stream(utterance.add(command)), now_s)
         self._take(now_s)
 
     def end(self, command: End, now_s: float) -> None:
@@ -459,10 +459,6 @@ class Session:
         for number, phones in taken.items():
             self._prepare(number, phones, now_s)
 
-    def _feed(self, utterance: Utterance, phones: Iterable[Phone], now_s: float, *, is_counted: bool = True) -> None:
-        """Plan phones of an utterance out of turn, if it has a place."""
-        self._prepare(utterance.number if is_counted else None, utterance.in_stream(phones), now_s)
-
     def _prepare(self, number: int | None, phones: list[Phone], now_s: float) -> None:
         if not phones:
             return
@@ -507,7 +503,7 @@ class Session:
         self._tell(utterance, "concealed", now_s, len(between))
         if not before.is_silence and after.start_s > before.end_s:
             bridge = replace(before, start_s=before.end_s, end_s=after.start_s, stress=0)
-            self._feed(utterance, [bridge], now_s, is_counted=False)
+            self._prepare(None, utterance.in_stream([bridge]), now_s)
 
     def _silence(self, now_s: float, fade_s: float) -> None:
         """Drop all planned speech and fade to neutral."""

@@ -172,7 +172,8 @@ class StreamHost(Host, GestureMethods):
         """True if the present recognizer has processed audio to its end."""
         self.is_paused = False
         """True while :meth:`pause` holds the audio."""
-        self._newest = 0
+        self.newest = 0
+        """Number of the newest utterance; 0 before the first."""
         self._queue: list[_Utterance] = []
         self._listening: tuple[_Utterance, Run] | None = None
         self._events: list[StreamEvent] = []
@@ -295,11 +296,6 @@ class StreamHost(Host, GestureMethods):
         return events
 
     @property
-    def newest(self) -> int:
-        """Number of the newest utterance; 0 before the first."""
-        return self._newest
-
-    @property
     def is_speaking(self) -> bool:
         """Whether an utterance is spoken or waits."""
         return bool(self._queue)
@@ -313,8 +309,8 @@ class StreamHost(Host, GestureMethods):
 
     def _open(self) -> _Utterance:
         if not self._queue or self._queue[-1].is_ended:
-            self._newest += 1
-            self._queue.append(_Utterance(self._newest))
+            self.newest += 1
+            self._queue.append(_Utterance(self.newest))
         return self._queue[-1]
 
     def _speak(self, dt_s: float) -> tuple[Sound, ...]:
