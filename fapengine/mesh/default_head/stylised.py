@@ -119,7 +119,7 @@ def _with_face(points: Array, charm: float, childlike: float) -> Array:
     moved[:, 2] += charm * (5.0 - 3.0 * childlike) * cheeks
     # Full cheeks beside the mouth, down to a round jaw.
     full = np.exp(-(((y + 58.0) / 28.0) ** 2) - ((z - 68.0) / 32.0) ** 2) * smoothstep((np.abs(x) - 18.0) / 30.0)
-    moved[:, 0] += charm * (7.5 - 4.5 * childlike) * full * np.sign(x)
+    moved[:, 0] += charm * (5.0 - 2.0 * childlike) * full * np.sign(x)
     hollow = np.exp(-(((y + 22.0) / 20.0) ** 2) - ((z - 44.0) / 20.0) ** 2) * smoothstep((np.abs(x) - 40.0) / 20.0)
     moved[:, 0] -= charm * 1.5 * hollow * np.sign(x)
     # Ears and the sides of the head come forward, so that the cheek is not flat in three-quarter view.
