@@ -97,9 +97,13 @@ def _developed(light: Array) -> Array:
     return np.round(255 * np.sqrt(np.clip(light, 0, 1)))
 
 
-def _of(share: Array, colour: Array) -> Array:
-    """(3, H, W): a share, (H, W), of each component of a colour, (3,). In planes, as steps of 3 take NumPy long."""
-    return share * colour[:, None, None]
+def _remove(light: Array, share: Array, colour: Array) -> None:
+    """Multiply ``light``, (3, H, W), by what a share, (H, W), of a colour, (3,), leaves of it.
+
+    Plane by plane: new memory for all three costs as much as their values.
+    """
+    for plane, part in zip(light, colour, strict=True):
+        plane *= 1 - share * part
 
 
 def _strands(shape: tuple[int, int], style: HeadStyle) -> Array:
@@ -129,15 +133,19 @@ def _skin(style: HeadStyle) -> Array:
     mottle = 0.014 * _cloud(shape, 1, 2.2) + 0.014 * _cloud(shape, 2, 8.0) + 0.018 * _cloud(shape, 3, 28.0)
     # At the borders the texture continues as one colour.
     within = smoothstep((y[:, :1] - BOTTOM_MM) / 12.0) * smoothstep((SPAN_RAD - np.abs(angle)) / 0.15)
-    light -= _of(0.03 + within * mottle, BLOOD)
-    light -= 0.022 * within * np.clip(_cloud(shape, 4, 0.7), -2, 2)
-    light -= _of(_freckles(x, y, style), PIGMENT)
+    mottle = 0.03 + within * mottle
+    fine = 0.022 * within * np.clip(_cloud(shape, 4, 0.7), -2, 2)
+    freckles = _freckles(x, y, style)
+    for plane, blood, pigment in zip(light, BLOOD, PIGMENT, strict=True):
+        plane -= mottle * blood
+        plane -= fine
+        plane -= freckles * pigment
     for part, low_mm, high_mm, half_rad in ((_lips, -54.0, -18.0, 0.5), (_round_eyes, 18.0, 56.0, 0.9)):
         rows = np.flatnonzero((y[:, 0] > low_mm) & (y[:, 0] < high_mm))
         columns = np.flatnonzero(np.abs(angle[0]) < half_rad)
         here = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
         light[:, *here] *= np.moveaxis(part(x[here], y[here], front[here], style), -1, 0)
-    light *= _hairs(x, y, angle, front, style)
+    _hairs(light, x, y, angle, front, style)
     rows = np.flatnonzero((y[:, 0] > -50.0) & (y[:, 0] < 54.0))  # beyond, what follows is 0
     nose = slice(rows[0], rows[-1] + 1)
     x, y = x[nose], y[nose]
@@ -145,7 +153,7 @@ def _skin(style: HeadStyle) -> Array:
     across = np.abs(x) / style.nose_width
     wing = np.hypot((across - 12.4) / 6.6, (y - 2.0) / 9.0)
     crease = np.exp(-(((wing - 1.0) / 0.16) ** 2)) * smoothstep((across - 13.5) / 4.0) * front[nose]
-    light[:, nose] *= 1 - _of(WING_CREASE * crease, BLOOD)
+    _remove(light[:, nose], WING_CREASE * crease, BLOOD)
     light[:, nose] *= 1 - 0.5 * hole
     return light
 
@@ -210,8 +218,8 @@ def _bearded(x: Array, y: Array, angle: Array, style: HeadStyle) -> Array:
     return np.asarray(below * beside * (1 - lips))
 
 
-def _hairs(x: Array, y: Array, angle: Array, front: Mask, style: HeadStyle) -> Array:
-    """(3, H, W') light of the skin under the brows, and of hair roots along the hairline."""
+def _hairs(light: Array, x: Array, y: Array, angle: Array, front: Mask, style: HeadStyle) -> None:
+    """Darken ``light``, (3, H, W'), of the skin under the brows and beards, and of hair roots along the hairline."""
     light_skin = np.array([0.70, 0.435, 0.315])
     hair_tint = np.clip(np.array(HAIR_COLOURS[style.hair_colour]) / light_skin, 0, 1)
     brow_tint = np.clip(brow_colour(style.hair_colour) / light_skin, 0, 1)
@@ -228,15 +236,16 @@ def _hairs(x: Array, y: Array, angle: Array, front: Mask, style: HeadStyle) -> A
     brow = smoothstep((1.25 - np.abs(ragged)) / 0.85) * ends * front[near]
     brow *= np.interp(share, (0, 0.25, 1), (0.70, 0.90, 0.86))
     brow *= np.clip(0.95 + 0.10 * _mirrored(_cloud(shape, 22, (1.0, 0.8)))[near], 0, 1)
-    light = np.ones((3, *shape))
-    light[:, near] -= _of(brow, 1 - brow_tint)
+    bearded = root = np.zeros(())
     if style.beard:
-        grown = (
+        bearded = (
             style.beard * _bearded(x, y, angle, style) * (0.86 + 0.14 * np.clip(_cloud(shape, 24, (2.2, 0.7)), -2, 1))
         )
-        light *= 1 - _of(grown, 1 - brow_tint)
     if style.hair:
         depth = above_hairline(angle, y) / FADE_MM[style.haircut == "cropped"] + 0.06 * _cloud(shape, 23, (5.0, 0.9))
         root = 0.93 * smoothstep((depth + 0.25) / 1.3)
-        light = np.minimum(light, 1 - _of(root, 1 - hair_tint))
-    return light
+    for plane, of_brow, of_hair in zip(light, 1 - brow_tint, 1 - hair_tint, strict=True):
+        left = np.ones(shape)
+        left[near] -= brow * of_brow
+        left *= 1 - bearded * of_brow
+        plane *= np.minimum(left, 1 - root * of_hair)
