@@ -3,6 +3,9 @@
 A message has the form *subject: what is wrong (at where; clause)* and shows the values.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 
 class FapEngineError(Exception):
     """Base of every error that fapengine raises on purpose."""
@@ -43,6 +46,15 @@ class DataError(FapEngineError, ValueError):
     def __reduce__(self) -> tuple[object, ...]:
         """Keep ``where`` and ``clause`` when the error crosses a process border."""
         return _rebuild, (type(self), self.message, self.where, self.clause)
+
+
+@contextmanager
+def as_data_error(what: str = "", *, where: str = "", kind: type[DataError] = DataError) -> Iterator[None]:
+    """Turn a UsageError raised inside into a DataError that begins with ``what``: the value is from a file."""
+    try:
+        yield
+    except UsageError as error:
+        raise kind(f"{what}{error}", where=where) from error
 
 
 def _rebuild(kind: type[DataError], message: str, where: str, clause: str) -> DataError:

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fapengine._arrays import DAMAGE, Rebuilt, frozen, pack
 from fapengine._strict_toml import check_fields, parse_toml, quoted, spell_path
-from fapengine.errors import ProfileError, UsageError
+from fapengine.errors import ProfileError, UsageError, as_data_error
 from fapengine.expressions import STANDARD_EXPRESSIONS, Expression
 from fapengine.models.viseme_space import VisemeSpace
 from fapengine.mpeg4 import fap
@@ -343,10 +343,8 @@ def _wrong(message: object, *path: str | int) -> ProfileError:
 
 
 def _fapu(lengths: _Lengths) -> Fapu:
-    try:
+    with as_data_error(where=spell_path(TOML_NAME, "fapu_mm"), kind=ProfileError):
         return Fapu(**{f"{name}_mm": getattr(lengths, name) for name in FAPU_NAMES})
-    except UsageError as error:
-        raise _wrong(error, "fapu_mm") from error
 
 
 def _space(modes: _Modes, files: Mapping[str, bytes]) -> VisemeSpace:
@@ -407,10 +405,8 @@ def _fractions(fractions: tuple[float, ...], *path: str | int) -> tuple[float, .
 
 
 def _numbers(values: ArrayLike, shape: tuple[int, ...], *path: str | int) -> NDArray[np.float64]:
-    try:
+    with as_data_error(where=spell_path(TOML_NAME, *path), kind=ProfileError):
         return frozen(values, str(path[-1]), shape, np.float64)
-    except UsageError as error:
-        raise _wrong(error, *path) from error
 
 
 def _phones(rows: tuple[_Phone, ...], count: int) -> dict[str, PhoneTarget]:
@@ -442,10 +438,8 @@ def _expressions(rows: tuple[_Expression, ...], count: int) -> dict[Expression, 
             raise _wrong(f"unknown value {row.name!r}; use one of the six expressions", "expression", index, "name")
         beyond = np.zeros(fap.FAP_COUNT)
         for name, value in row.fap.items():
-            try:
+            with as_data_error(where=spell_path(TOML_NAME, "expression", index, "fap", name), kind=ProfileError):
                 beyond[fap.column(fap.by_name(name).number)] = value
-            except UsageError as error:
-                raise _wrong(error, "expression", index, "fap", name) from error
         expressions[Expression[row.name.upper()]] = ExpressionTarget(
             target=_numbers(row.target, (count,), "expression", index, "target"),
             fap=_numbers(beyond, (fap.FAP_COUNT,), "expression", index, "fap"),

@@ -252,10 +252,8 @@ def _reference(tracks: list[MarkerTrack], skull: tuple[str, ...]) -> HeadReferen
 
 def _freed(track: MarkerTrack, labels: tuple[str, ...], reference: HeadReference, take: str) -> tuple[Array, Array]:
     """Rest position and displacements of some markers of a recording."""
-    try:
+    with locating(f"take {take}"):
         return displacements(track, labels, reference)
-    except DataError as error:
-        raise type(error)(error.message, where=f"take {take}") from error
 
 
 def _wanted(options: DriveOptions, labels: tuple[str, ...]) -> int | list[int] | None:

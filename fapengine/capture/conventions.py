@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.capture.marker_track import MarkerTrack, RawTrack
-from fapengine.errors import DataError, UsageError
+from fapengine.errors import DataError, UsageError, as_data_error
 
 MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-", "."})
 LIMIT = 1 << 17
@@ -185,10 +185,8 @@ def understand(
     positions = positions if scale == 1.0 else positions * scale
     positions = _without_absurd(positions, labels, notes)
     positions = _turned(positions, _axis(up, raw.up, notes))
-    try:
+    with as_data_error():
         return MarkerTrack(positions_mm=positions, labels=labels, rate_hz=rate), tuple(notes)
-    except UsageError as error:
-        raise DataError(str(error)) from error
 
 
 def _names(raw_names: Sequence[str], notes: list[str]) -> tuple[tuple[str, ...], list[int]]:

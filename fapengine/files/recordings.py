@@ -26,7 +26,7 @@ from fapengine.capture.conventions import UNITS_MM, check_track, understand
 from fapengine.capture.landmarks import Picture, parse_landmarks
 from fapengine.capture.marker_track import MarkerTrack, RawTrack, RecordedSound
 from fapengine.capture.table import format_table, format_trc, parse_table, parse_trc
-from fapengine.errors import DataError, ResourceError, UsageError
+from fapengine.errors import DataError, ResourceError, UsageError, as_data_error
 from fapengine.files.paths import MAX_BYTES, locating, naming, open_file, read_bytes, write_bytes
 from fapengine.files.pictures import linear_rgb
 from fapengine.geometry.surface import Surface
@@ -104,10 +104,8 @@ def _recovered(raw: RawTrack, times_s: NDArray[np.float64], rate_hz: float | Non
         raise DataError(f"via points: the last is at {times_s[-1]:g} s, expected 0 s or later")
     if abs(times_s).max() * rate_hz > MAX_FRAMES_PER_VIA * len(times_s):
         raise DataError(f"via points: {len(times_s)} in {times_s[-1]:g} s at {rate_hz:g} Hz are too far apart")
-    try:
+    with as_data_error("via points: "):
         points = ViaPoints(times_s=times_s, positions_mm=raw.positions)
-    except UsageError as error:
-        raise DataError(f"via points: {error}") from error
     return replace(raw, positions=points.frames(rate_hz), rate_hz=rate_hz, times_s=None)
 
 
@@ -297,10 +295,8 @@ def load_painted(path: Path, *, units: str = "mm") -> tuple[Surface, Paint | Non
     if units not in UNITS_MM:
         raise UsageError(f"units: got {units!r}, expected one of {', '.join(UNITS_MM)}")
     vertices, triangles, visual = load_mesh(path)
-    try:
+    with as_data_error(where=str(path)):
         return Surface(vertices * UNITS_MM[units], triangles), find_paint(visual, len(vertices))
-    except UsageError as error:
-        raise DataError(str(error), where=str(path)) from error
 
 
 def find_paint(visual: Any, count: int) -> Paint | None:

@@ -46,7 +46,7 @@ from fapengine._strict_toml import MAX_BYTES, checked, parse_toml, spell_path
 from fapengine.capture.conventions import check_conventions
 from fapengine.capture.landmarks import Picture
 from fapengine.capture.marker_track import Interval, Session, Take
-from fapengine.errors import DataError, UsageError
+from fapengine.errors import DataError, UsageError, as_data_error
 from fapengine.expressions import STANDARD_EXPRESSIONS, Expression
 from fapengine.files.paths import locating, read_bytes
 from fapengine.files.recordings import RECORDINGS, load_markers, load_painted, mesh_files
@@ -143,10 +143,8 @@ def load_session(
     path = folder / SETUP_NAME
     document = parse_toml(read_bytes(path, MAX_BYTES) if path.is_file() else b"", _Document, str(path))
     picture = _picture(document, str(path))
-    try:
+    with as_data_error(where=str(path)):
         check_conventions(document.units, document.up)
-    except UsageError as error:
-        raise DataError(str(error), where=str(path)) from error
     setup, units, up = _setup(document, folder), units or document.units, up or document.up
     used = {SETUP_NAME: path} if path.is_file() else {}
     used |= {scan.file: folder / scan.file for scan in document.scan}
@@ -188,10 +186,8 @@ def _picture(document: "_Document", name: str) -> Picture | None:
             "got no rate_hz, expected the video's frame rate above [landmarks]",
             where=spell_path(name, "landmarks"),
         )
-    try:
+    with as_data_error(where=spell_path(name, "landmarks")):
         return Picture(rate_hz=document.rate_hz, **asdict(document.landmarks))
-    except UsageError as error:
-        raise DataError(str(error), where=spell_path(name, "landmarks")) from error
 
 
 def _is_timing(path: Path) -> bool:

@@ -7,7 +7,7 @@ import numpy as np
 
 from fapengine._arrays import Array
 from fapengine.capture.marker_track import Interval
-from fapengine.errors import DataError, UsageError
+from fapengine.errors import DataError, as_data_error
 from fapengine.laboratory.context_fit import FRACTIONS, fit_context, lean_on_phonetics
 from fapengine.laboratory.prepare import Displacements, Prepared
 from fapengine.laboratory.setup import HeldPhone
@@ -164,12 +164,10 @@ def _captured(
 
 def spoken(take: Displacements) -> PhoneTrack:
     """Phones of a take as a track; rounding of its file is tolerated."""
-    try:
+    with as_data_error(where=f"take {take.name}"):
         return PhoneTrack.from_phones(
             [Phone(p.label, p.start_s, p.end_s, word=p.word) for p in take.phones], tolerance_s=0.01
         )
-    except UsageError as error:
-        raise DataError(str(error), where=f"take {take.name}") from error
 
 
 def _difference(name: str, other: str) -> float:

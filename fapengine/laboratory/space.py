@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fapengine._arrays import Array
-from fapengine.errors import DataError, UsageError
+from fapengine.errors import DataError, as_data_error
 from fapengine.expressions import Expression
 from fapengine.laboratory.phones import TONGUE_ON_JAW, spoken
 from fapengine.laboratory.prepare import Displacements, Prepared
@@ -210,10 +210,8 @@ def measure_fapu(prepared: Prepared, setup: Setup, standard: Fapu) -> tuple[Fapu
             where="session.toml",
         )
     whole = {name: getattr(standard, name) / prepared.scale for name in names} | measured | stated
-    try:
+    with as_data_error(where=prepared.subject):
         fapu = Fapu(**whole)
-    except UsageError as error:
-        raise DataError(str(error), where=prepared.subject) from error
     return fapu, tuple(name.removesuffix("_mm") for name in names if name not in measured and name not in stated)
 
 

@@ -40,7 +40,7 @@ from fapengine.capture.held_face import (
     learn_head,
 )
 from fapengine.capture.landmarks import FEATURE_POINTS, OPENFACE_FEATURE_POINTS, OpenFaceTrack
-from fapengine.errors import DataError, UsageError
+from fapengine.errors import DataError, UsageError, as_data_error
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD, EYE_LIDS, Fapu, faps_of_displacements, measure_distances
 from fapengine.mpeg4.track import FapTrack, to_codable
@@ -197,10 +197,8 @@ def quiet_frames(points: Mapping[str, Array], rate_hz: float) -> NDArray[np.intp
 def _measured(neutral: Mapping[str, Array]) -> Fapu:
     """Units of a face; where lids are not seen, an iris is 11 of the 62 mm between the pupils."""
     found = measure_distances(neutral)
-    try:
+    with as_data_error("face: cannot be measured: "):
         return Fapu(**({"irisd0_mm": found["es0_mm"] * 11.0 / 62.0} | found))
-    except UsageError as error:
-        raise DataError(f"face: cannot be measured: {error}") from error
 
 
 BLINK, BLINK_AT = 848.5, 3.0

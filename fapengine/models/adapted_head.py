@@ -23,7 +23,7 @@ from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
 from fapengine._arrays import Array, Indices, Mask
-from fapengine.errors import DataError, UsageError
+from fapengine.errors import DataError, as_data_error
 from fapengine.geometry.smooth import smoothstep
 from fapengine.geometry.surface import Surface, edges_of, vertex_normals
 from fapengine.mesh.default_head.eyes import Eye, moved_eye
@@ -124,10 +124,8 @@ def adapt_head(scan: Surface, points_mm: Mapping[str, Array]) -> tuple[FaceMesh,
         nearness.append(fit.measure(moved, goals))
         return _with_parts(points, moved, head, fit.skin)
 
-    try:
+    with as_data_error("feature points: "):
         mesh = build_reshaped(HeadStyle(), reshape)
-    except UsageError as error:
-        raise DataError(f"feature points: {error}") from error
     return mesh, nearness[0]
 
 

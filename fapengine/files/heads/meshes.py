@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine.errors import DataError, UnsupportedError, UsageError
+from fapengine.errors import DataError, UnsupportedError, UsageError, as_data_error
 from fapengine.files.gltf.document import Fetch, parse_gltf
 from fapengine.files.gltf.scene import read_scene
 from fapengine.files.paths import locating, read_bytes
@@ -153,10 +153,8 @@ def files_beside(path: Path) -> Fetch:
             raise DataError(f"uri: got {name!r}, expected a file's name ({error})") from error
         if not beside.is_relative_to(path.parent.resolve()):
             raise DataError(f"uri: got {name!r}, expected a file in the folder of {path.name}")
-        try:
+        with as_data_error("uri: "):
             return read_bytes(beside)
-        except UsageError as error:
-            raise DataError(f"uri: {error}") from error
 
     return fetch
 
