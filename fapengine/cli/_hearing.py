@@ -1,7 +1,7 @@
 """Options of the commands that recognize speech, and their progress bar."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -106,22 +106,11 @@ def transcript_of(text: Path | None, transcript: str | None) -> str | None:
     return read_text(text) if text is not None else transcript
 
 
-def hear_with_bar(
-    path: Path,
-    *,
-    transcript: str | None,
-    language: str | None,
-    channel: int | None,
-    recognizer: Path | None,
-    trust_transcript: bool,
-) -> "Hearing":
-    """Recognize a file with a progress bar; see :func:`fapengine.app.hearing.hear`."""
+def hear_with_bar(path: Path, **how: Any) -> "Hearing":
+    """Recognize a file with a progress bar; options as :func:`fapengine.app.hearing.hear`."""
     from fapengine.app.hearing import hear
     from fapengine.cli._printing import progress
     from fapengine.files.sound import inspect_sound
 
     with progress("listening, s", round(inspect_sound(path).duration_s)) as advance:
-        return hear(
-            path, transcript=transcript, language=language, channel=channel, recognizer=recognizer,
-            trust_transcript=trust_transcript, on_heard=advance,
-        )  # fmt: skip
+        return hear(path, **how, on_heard=advance)

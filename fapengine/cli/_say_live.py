@@ -1,6 +1,5 @@
 """``fapengine say --live``: a window or a line of the terminal, and the printed result."""
 
-from pathlib import Path
 from typing import Self
 
 import numpy as np
@@ -10,70 +9,32 @@ from rich.live import Live
 from rich.text import Text
 
 from fapengine.app.face import has_display
-from fapengine.app.manner import Manner
-from fapengine.app.say_live import LiveOutput, Screen, WindowScreen, listen_live, say_live
+from fapengine.app.say_live import Screen, WindowScreen
 from fapengine.cli._printing import print_result, print_rows
 from fapengine.errors import ResourceError
 from fapengine.mpeg4 import fap
 from fapengine.render.drawing import RenderOptions
 from fapengine.speech.phone_track import PhoneTrack
-from fapengine.voices.protocol import Speech
 
 PERCENTILES = {"p50": "half of the frames", "p95": "95 %", "max": "all"}
 
 
-def say_now(
-    speech: Speech,
-    text: str,
-    manner: Manner,
-    output: LiveOutput,
-    *,
-    head: str,
-    drawing: RenderOptions,
-    window: bool | None,
-) -> dict[str, object]:
-    """Say it in a window, or in the terminal if there is no display; ``window`` forces one of them."""
-    return say_live(
-        speech, text, manner, output,
-        lambda: _screen(speech.phones, manner, head=head, drawing=drawing, window=window),
-        on_silence=lambda reason: _note(f"no sound ({reason}); the face follows the system clock"),
-    )  # fmt: skip
-
-
-def listen_now(
-    microphone: str | None,
-    manner: Manner,
-    output: LiveOutput,
-    *,
-    recognizer: Path | None,
-    head: str,
-    drawing: RenderOptions,
-    window: bool | None,
-) -> dict[str, object]:
-    """Drive the face from a microphone until the user stops it."""
-    return listen_live(
-        manner,
-        output,
-        lambda: _screen(None, manner, head=head, drawing=drawing, window=window),
-        microphone=microphone,
-        recognizer=recognizer,
-    )
-
-
-def _screen(
-    phones: PhoneTrack | None, manner: Manner, *, head: str, drawing: RenderOptions, window: bool | None
+def open_screen(
+    phones: PhoneTrack | None, *, head: str, drawing: RenderOptions, window: bool | None, rate_hz: float
 ) -> Screen:
+    """Open a window, or the terminal if there is no display; ``window`` forces one of them."""
     if has_display() if window is None else window:
         try:
-            return WindowScreen(head, drawing=drawing, rate_hz=manner.rate_hz)
+            return WindowScreen(head, drawing=drawing, rate_hz=rate_hz)
         except ResourceError as error:
             if window:
                 raise
-            _note(str(error))
+            note(str(error))
     return TerminalScreen(phones)
 
 
-def _note(text: str) -> None:
+def note(text: str) -> None:
+    """Print it to standard error, in yellow."""
     Console(stderr=True, highlight=False).print(f"[yellow]{text}[/]", soft_wrap=True)
 
 

@@ -47,19 +47,19 @@ def convert(
     output = standard_output(output, ".json" if shapes in EVENT_SETS else ".csv")
     options = SaveOptions(shapes=shapes, into=avatar.value(), name=motion.stem)
     writing.check([output], [motion, avatar.into, avatar.mapping])
-    if is_take(motion) and output.suffix.lower() in TAKES:
-        markers = load_markers(motion).markers
-        save_markers(output, markers)
-        told = f"{markers.frame_count} frames of {len(markers.labels)} markers at {markers.rate_hz:g} Hz"
+    if is_take(motion):
+        if output.suffix.lower() in TAKES:
+            markers = load_markers(motion).markers
+            save_markers(output, markers)
+            told = f"{markers.frame_count} frames of {len(markers.labels)} markers at {markers.rate_hz:g} Hz"
+        else:
+            from fapengine.app.scene_files import save_take_scene  # with scipy
+
+            check_output(output, options, rate_hz=0.0)
+            told = save_take_scene(output, motion, options.into)
         print_result({"output": str(output), "moved": told}, f"{output}: {told}", as_json=as_json)
         return
     kind = check_output(output, options, rate_hz=0.0)
-    if is_take(motion):
-        from fapengine.app.scene_files import save_take_scene  # with scipy
-
-        told = save_take_scene(output, motion, options.into)
-        print_result({"output": str(output), "moved": told}, f"{output}: {told}", as_json=as_json)
-        return
     track = load_motion(motion, strict=strict)
     print_remarks(track.remarks)
     kind.write(track, output, options)

@@ -70,6 +70,7 @@ def say(
     yourself instead of giving a text.
     """
     import sys
+    from functools import partial
 
     from fapengine.app.manner import manner_of, voice_of
     from fapengine.app.outputs import EVENT_SETS, SaveOptions, check_output
@@ -89,11 +90,11 @@ def say(
         if text is not None or not live:
             need = "requires --live" if not live else "cannot be used with a text; use --live --mic without TEXT"
             raise UsageError(f"--mic: {need}")
-        from fapengine.cli._say_live import listen_now, print_live
+        from fapengine.app.say_live import listen_live
+        from fapengine.cli._say_live import open_screen, print_live
 
-        heard = listen_now(
-            mic_device, chosen, live_output.value(), recognizer=recognizer, head=head, drawing=how, window=window
-        )
+        screen = partial(open_screen, None, head=head, drawing=how, window=window, rate_hz=chosen.rate_hz)
+        heard = listen_live(chosen, live_output.value(), screen, microphone=mic_device, recognizer=recognizer)
         print_live(heard, as_json=as_json)
         return
     if text is None:
@@ -115,10 +116,13 @@ def say(
         refuse(remarks, f"voice {speaking.voice}")
     print_remarks(remarks)
     if live:
-        from fapengine.cli._say_live import print_live, say_now
+        from fapengine.app.say_live import say_live
+        from fapengine.cli._say_live import note, open_screen, print_live
 
-        done = say_now(
-            speech, speech.text, chosen, live_output.value(), head=head, drawing=how, window=window,
+        screen = partial(open_screen, speech.phones, head=head, drawing=how, window=window, rate_hz=chosen.rate_hz)
+        done = say_live(
+            speech, speech.text, chosen, live_output.value(), screen,
+            on_silence=lambda reason: note(f"no sound ({reason}); the face follows the system clock"),
         )  # fmt: skip
         print_live(done, as_json=as_json)
         return
