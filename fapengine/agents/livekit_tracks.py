@@ -153,17 +153,14 @@ class RemoteOutput(avatar.DataStreamAudioOutput):  # type: ignore[misc, unused-i
         while self._acts:
             try:
                 await wait_for_track_publication(self._room, identity=IDENTITY, kind=rtc.TrackKind.KIND_VIDEO)
-            except RuntimeError as error:  # the face or the agent has left
-                log.warning("the remote face did not receive words, cues or a pause: %s", error)
-                self._acts.clear()
-                return
-            acts, self._acts = self._acts[:MAX_ACTS], self._acts[MAX_ACTS:]
-            try:
+                acts, self._acts = self._acts[:MAX_ACTS], self._acts[MAX_ACTS:]
                 await self._room.local_participant.perform_rpc(
                     destination_identity=IDENTITY, method=FACE_RPC, payload=json.dumps(acts)
                 )
-            except rtc.RpcError as error:
+            except (RuntimeError, rtc.RpcError) as error:
                 log.warning("the remote face did not receive words, cues or a pause: %s", error)
+                if isinstance(error, RuntimeError):  # the face or the agent has left
+                    self._acts.clear()
 
     def pause(self) -> None:
         """Hold the audio."""

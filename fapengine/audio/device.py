@@ -77,7 +77,7 @@ def open_output(sample_rate_hz: int, *, device: str | None = None, silent: bool 
     if silent:
         return SilentOutput(sample_rate_hz, "no sound was wished for")
     try:
-        return Player(sample_rate_hz, device=int(device) if device is not None and device.isdecimal() else device)
+        return Player(sample_rate_hz, device=_number_or_name(device))
     except ResourceError as error:
         if device is not None:
             raise
@@ -183,6 +183,10 @@ def supported_rate_hz(
     return int(about["default_samplerate"])
 
 
+def _number_or_name(device: str | None) -> int | str | None:
+    return int(device) if device is not None and device.isdecimal() else device
+
+
 def plain(error: BaseException) -> str:
     """Return an error of PortAudio in one line."""
     return " ".join(str(error).split()) or type(error).__name__
@@ -223,9 +227,7 @@ class Microphone:
 
     def __init__(self, device: str | None = None) -> None:
         sounddevice = portaudio()
-        chosen: int | str | None = None if device in (None, DEFAULT) else device
-        if isinstance(chosen, str) and chosen.isdecimal():
-            chosen = int(chosen)
+        chosen = None if device == DEFAULT else _number_or_name(device)
         if chosen is None and sounddevice.default.device[0] < 0:
             raise ResourceError("microphone: there is no input device; see `fapengine doctor`")
         self._pieces: deque[NDArray[np.int16]] = deque(maxlen=MAX_PIECES)

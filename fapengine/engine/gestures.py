@@ -19,14 +19,7 @@ from fapengine.speech.marks import Feel, Gesture, TimedMark
 from fapengine.speech.phone_track import Phone
 from fapengine.trajectory.expression import ATTACK_S, RELEASE_S, expression_faps, has_expression
 from fapengine.trajectory.faps import Overlay
-from fapengine.trajectory.gestures import (
-    Channel,
-    GestureGenerator,
-    blink,
-    gesture_faps,
-    start_levels,
-    varied_faps,
-)
+from fapengine.trajectory.gestures import Channel, GestureGenerator, blink, gesture_faps, start_levels, varied_faps
 from fapengine.trajectory.ramps import Ramp, Ramps
 from fapengine.trajectory.style import Style
 

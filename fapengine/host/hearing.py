@@ -410,9 +410,7 @@ class Hearing:
         shifted = [
             [
                 replace(
-                    phone,
-                    start_s=max(phone.start_s + utterance.offset_s, 0.0),
-                    end_s=phone.end_s + utterance.offset_s,
+                    phone, start_s=max(phone.start_s + utterance.offset_s, 0.0), end_s=phone.end_s + utterance.offset_s
                 )
                 for phone in phones
                 if phone.end_s + utterance.offset_s > 0

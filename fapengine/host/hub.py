@@ -136,7 +136,8 @@ class Hub:
         self._look_s = -np.inf
         self.listeners = Listeners(self.counts)
         self._utterances = count(VOICE_UTTERANCES)
-        self._holders: dict[str, int] = {}
+        self._holders: set[tuple[str, object]] = set()
+        """A session and a token of its own for each that holds it."""
         self._hosts: dict[str, Host] = {}
         self.speaker = Speaker(voice or ThreadVoice(), most_sound_s)
         self._stopped = False
@@ -160,18 +161,9 @@ class Hub:
     def hold(self, session: str) -> Unsubscribe:
         """Open a session if it is not open, and keep it open until the returned function is called."""
         self.open(session)
-        self._holders[session] = self._holders.get(session, 0) + 1
-        released = False
-
-        def release() -> None:
-            nonlocal released
-            if not released and session in self._holders:
-                self._holders[session] -= 1
-                if not self._holders[session]:
-                    del self._holders[session]
-            released = True
-
-        return release
+        holder = session, object()
+        self._holders.add(holder)
+        return lambda: self._holders.discard(holder)
 
     def release_all(self) -> None:
         """Release all sessions: the server ends."""
@@ -383,14 +375,15 @@ class Hub:
                 "%s: ended, its frame could not be made", fault.session,
                 exc_info=fault.error, extra={"session": fault.session},
             )  # fmt: skip
-            if fault.session in self._holders:
+            if fault.session in {session for session, _ in self._holders}:
                 self.engine.open(fault.session, now_s)
 
     def _close_idle(self, now_s: float) -> None:
+        held = {session for session, _ in self._holders}
         for session in self.engine.sessions:
             quiet_s = now_s - self.engine.touched_s.get(session, now_s)
             is_still = self.engine.state(session) in ("idle", "paused")
-            if quiet_s > self._idle_close_s and session not in self._holders and is_still:
+            if quiet_s > self._idle_close_s and session not in held and is_still:
                 self.counts.idle_closed += 1
                 self.engine.close(session, now_s)
 

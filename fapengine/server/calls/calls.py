@@ -35,7 +35,7 @@ from aiohttp import web
 
 from fapengine._counters import Counts, metric
 from fapengine._late import missing, needed
-from fapengine.errors import DataError, ResourceError, UsageError
+from fapengine.errors import DataError, FapEngineError, ResourceError, UsageError
 from fapengine.files.provenance import NAME, mark
 from fapengine.host.hearing import Hearing
 from fapengine.host.hub import Hub
@@ -426,14 +426,12 @@ class _Endpoints:
                 offer += more
             address = request.transport.get_extra_info("sockname")[0] if request.transport is not None else ""
             name, answer = await start(session, offer, address, self.access.caller(request))
-        except web.HTTPException:
+        except (web.HTTPException, FapEngineError) as error:
             counts.refused += 1
-            raise
-        except DataError as error:
-            counts.refused += 1
-            raise web.HTTPBadRequest(text=str(error)) from error
-        except (UsageError, ResourceError) as error:
-            counts.refused += 1
+            if isinstance(error, web.HTTPException):
+                raise
+            if isinstance(error, DataError):
+                raise web.HTTPBadRequest(text=str(error)) from error
             raise web.HTTPServiceUnavailable(text=str(error), headers={"Retry-After": "5"}) from error
         query = urlencode({"session": session})
         headers = {"Location": f"{request.path}/{name}?{query}", "Access-Control-Expose-Headers": "Location"}

@@ -126,9 +126,7 @@ class _Handlers:
         self.admit(request)
         session = asked_session(request)
         number = request.query.get("utterance", "")
-        wav = None
-        if number.isdecimal() and len(number) < 12:
-            wav = self.sounds.wav(session, int(number))
+        wav = self.sounds.wav(session, int(number)) if number.isdecimal() and len(number) < 12 else None
         if wav is None:
             raise web.HTTPNotFound(text="This audio is not, or no longer, available.")
         return web.Response(body=wav, content_type="audio/wav")
@@ -152,11 +150,9 @@ class _Handlers:
         """Send a file of the page, compressed if the client accepts that."""
         if request.path in NOT_FOR_ALL:
             self.admit(request)
-        if _accepts_gzip(request):
-            return web.Response(
-                body=packed, content_type=kind, charset=_charset(kind), headers={"Content-Encoding": "gzip"}
-            )
-        return web.Response(body=body, content_type=kind, charset=_charset(kind))
+        headers = {"Content-Encoding": "gzip"} if _accepts_gzip(request) else {}
+        content = packed if headers else body
+        return web.Response(body=content, content_type=kind, charset=_charset(kind), headers=headers)
 
     def admit(self, request: web.Request) -> None:
         """Refuse a request that is not allowed."""

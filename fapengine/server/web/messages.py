@@ -195,10 +195,8 @@ def parse_request(text: str) -> Request:
         request = msgspec.convert(whole, structs()[kind])
     except msgspec.ValidationError as error:
         raise _complaint(str(error), message, kind) from error
-    if isinstance(request, Pin):
-        return Pin(_faps_of(request.values, kind))
-    if isinstance(request, Perform):
-        return Perform(_faps_of(request.values, kind))
+    if isinstance(request, Pin | Perform):
+        return type(request)(_faps_of(request.values, kind))
     return Tell(_command(kind, request)) if kind not in _PAGE_MESSAGES else cast("Request", request)
 
 
