@@ -15,7 +15,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fapengine._arrays import DAMAGE, Rebuilt, frozen, pack
+from fapengine._arrays import DAMAGE, Rebuilt, freeze, frozen, pack
 from fapengine._strict_toml import check_fields, parse_toml, quoted, spell_path
 from fapengine.errors import ProfileError, UsageError, as_data_error
 from fapengine.expressions import STANDARD_EXPRESSIONS, Expression
@@ -78,9 +78,7 @@ class Examples(Rebuilt):
     """(M, keyframes, K): mode weights that each adds to a token that is like it in all."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "lengths", frozen(self.lengths, "lengths", (len(self.letters), 3), np.float64))
-        shape = (len(self.letters), "keyframes", "K")
-        object.__setattr__(self, "adds", frozen(self.adds, "adds", shape, np.float64))
+        freeze(self, lengths=(len(self.letters), 3), adds=(len(self.letters), "keyframes", "K"))
         wrong = next((one for one in self.letters if len(one) != 8 or not set(one) <= {SILENCE, *ipa.SOUNDS}), None)
         if wrong is not None:
             raise UsageError(f"letters: got {wrong!r}, expected eight letters of IPA, or {SILENCE!r}")
@@ -102,8 +100,7 @@ class ContextModel(Rebuilt):
     """Row of each feature."""
 
     def __post_init__(self) -> None:
-        shape = (len(self.features), len(self.fractions), "K")
-        object.__setattr__(self, "coefficients", frozen(self.coefficients, "coefficients", shape, np.float64))
+        freeze(self, coefficients=(len(self.features), len(self.fractions), "K"))
         adds = self.examples.adds if self.examples.letters else np.zeros((0, *self.coefficients.shape[1:]))
         adds = frozen(adds, "examples.adds", ("M", *self.coefficients.shape[1:]), np.float64)
         object.__setattr__(self, "examples", replace(self.examples, adds=adds))

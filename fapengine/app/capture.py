@@ -134,9 +134,7 @@ def _seen(times_s: NDArray[np.float64], landmarks: NDArray[np.float64], kind: st
         raise DataError(f"{kind}: needs at least 2 images, got {len(times_s)}")
     rate_hz = float(f"{(len(times_s) - 1) / (times_s[-1] - times_s[0]):.5g}")
     even = np.arange(round(times_s[-1] * rate_hz) + 1) / rate_hz
-    nearest = np.abs(times_s[None] - even[:, None]).argmin(axis=1) if len(times_s) < 2000 else np.searchsorted(
-        (times_s[1:] + times_s[:-1]) / 2, even
-    )  # fmt: skip
+    nearest = np.searchsorted((times_s[1:] + times_s[:-1]) / 2, even)
     return _held(landmarks[nearest], rate_hz, kind)
 
 

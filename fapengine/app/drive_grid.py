@@ -21,15 +21,7 @@ from fapengine.files.profiles import load_profile
 from fapengine.files.recordings import load_markers, load_surface, mesh_files
 from fapengine.files.sessions import LoadedSession, read
 from fapengine.geometry.rigid import RigidMotion
-from fapengine.laboratory.few_markers import (
-    Choice,
-    FaceGrid,
-    choose_markers,
-    displacements,
-    edit,
-    facing,
-    make_grid,
-)
+from fapengine.laboratory.few_markers import Choice, FaceGrid, choose_markers, displacements, edit, facing, make_grid
 from fapengine.laboratory.marker_driver import HeadReference
 from fapengine.laboratory.space import MIN_KNOWN, recorded_faps
 from fapengine.mesh.default_head.style import MEASURED

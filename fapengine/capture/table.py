@@ -66,8 +66,7 @@ def parse_table(data: bytes) -> RawTrack:
         if sum(match is not None for match in axis_matches) >= 3 and words.count("x") == 0:
             return _wide(rows, line, axis_matches, words)
     raise DataError(
-        "table: no header with markers; use columns marker, x, y, z or NAME_x, NAME_y, NAME_z",
-        where="line 1",
+        "table: no header with markers; use columns marker, x, y, z or NAME_x, NAME_y, NAME_z", where="line 1"
     )
 
 

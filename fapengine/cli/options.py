@@ -80,8 +80,7 @@ class _Mark(StrEnum):
 
 
 WithoutMark = Annotated[
-    list[_Mark],
-    typer.Option("--without", help="provenance: do not write the mark that says that a file is synthetic."),
+    list[_Mark], typer.Option("--without", help="provenance: do not write the mark that says that a file is synthetic.")
 ]
 """Where nothing else can be left out; :mod:`fapengine.cli._command` acts on it."""
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]

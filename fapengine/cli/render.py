@@ -43,8 +43,7 @@ def render(
     head: Annotated[
         list[str],
         typer.Option(
-            "--head",
-            help="Head, once, or once per track: same values as `say --head`, or a profile with a dense face.",
+            "--head", help="Head, once, or once per track: same values as `say --head`, or a profile with a dense face."
         ),
     ] = ["default"],  # noqa: B006  typer copies it
     turntable: Annotated[

@@ -183,8 +183,7 @@ def _picture(document: "_Document", name: str) -> Picture | None:
         return None
     if document.rate_hz is None:
         raise DataError(
-            "got no rate_hz, expected the video's frame rate above [landmarks]",
-            where=spell_path(name, "landmarks"),
+            "got no rate_hz, expected the video's frame rate above [landmarks]", where=spell_path(name, "landmarks")
         )
     with as_data_error(where=spell_path(name, "landmarks")):
         return Picture(rate_hz=document.rate_hz, **asdict(document.landmarks))

@@ -106,9 +106,7 @@ def fit_rigid(points_mm: ArrayLike, target_mm: ArrayLike, weights: ArrayLike | N
 
 
 def fit_rigid_robust(
-    points_mm: ArrayLike,
-    target_mm: ArrayLike,
-    weights: ArrayLike | None = None,
+    points_mm: ArrayLike, target_mm: ArrayLike, weights: ArrayLike | None = None
 ) -> tuple[RigidMotion, Array]:
     """Fit like :func:`fit_rigid`, but give outliers less weight: a slipped head band, a swapped marker.
 

@@ -320,8 +320,7 @@ def lean_on_phonetics(model: ContextModel, space: VisemeSpace, phones: Mapping[s
         elif kind == "pair" and rest[2] in moves:
             coefficients[row] -= TAKEN_BACK * moves[rest[2]]
     leaning = _with_rows(
-        replace(model, coefficients=coefficients),
-        {f"phone {letter}": move for letter, move in moves.items()},
+        replace(model, coefficients=coefficients), {f"phone {letter}": move for letter, move in moves.items()}
     )
     halves = {
         letter: (scale * usual - _opening(_alone(leaning, letter), space)) / 2 / reach_mm * pose

@@ -145,10 +145,7 @@ def _sounding(
     first = min(first, max(len(levels_db) - 1, 0))
     frames = slice(first, max(first + 1, behind))
     voiced = pitches_hz[frames][pitches_hz[frames] > 0]
-    return Sounding(
-        float(levels_db[frames].max(initial=SILENT_DB)),
-        float(np.median(voiced)) if len(voiced) else 0.0,
-    )
+    return Sounding(float(levels_db[frames].max(initial=SILENT_DB)), float(np.median(voiced)) if len(voiced) else 0.0)
 
 
 def soundings_at(phones: Sequence[Phone], samples: NDArray[np.int16], rate_hz: int) -> list[Sounding]:

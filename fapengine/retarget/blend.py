@@ -189,14 +189,7 @@ class BlendMap:
                 weights[row] = self._beside(goal[row], openings[row], meetings[row], near, rate_hz)
         return weights
 
-    def _beside(
-        self,
-        goal: Array,
-        opening: float,
-        meeting: float,
-        near: Array,
-        rate_hz: float,
-    ) -> Array:
+    def _beside(self, goal: Array, opening: float, meeting: float, near: Array, rate_hz: float) -> Array:
         """Weights of one frame, (B,), beside those of its neighbours, (N, B) with N from 0 to 2."""
         change, step = self._change * (rate_hz / 60.0) ** 2, MAX_STEP * 60.0 / rate_hz
         gram = self._gram + meeting * self._opening[:, None] * self._opening + len(near) * change

@@ -303,11 +303,7 @@ class EspeakVoice:
             elif bare(self.transcribe(word)) == bare(self.transcribe(" ".join(word))):
                 spelled.append((word, start))
         known = {word: is_spelled(word, self.transcribe(word)) for word in dict(unread)}
-        return (
-            *remarks,
-            *unread_remarks([each for each in unread if known[each[0]]], code),
-            *spelled_remarks(spelled),
-        )
+        return (*remarks, *unread_remarks([each for each in unread if known[each[0]]], code), *spelled_remarks(spelled))
 
     def _synthesise(self, text: str, *, has_phonemes: bool = False) -> tuple[list[Event], NDArray[np.int16], int]:
         events: list[Event] = []

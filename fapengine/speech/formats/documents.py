@@ -26,8 +26,7 @@ def decode_text(data: bytes, what: str) -> str:
         return data.decode(encoding)
     except UnicodeDecodeError as error:
         raise DataError(
-            f"{what}: got bytes that are neither UTF-8 nor UTF-16 with a byte-order mark",
-            where=f"byte {error.start}",
+            f"{what}: got bytes that are neither UTF-8 nor UTF-16 with a byte-order mark", where=f"byte {error.start}"
         ) from error
 
 
