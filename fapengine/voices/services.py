@@ -26,9 +26,10 @@ import base64
 import binascii
 import json
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from types import MappingProxyType
+from typing import Any, ClassVar, Protocol
 from urllib.parse import quote
 
 import msgspec
@@ -154,8 +155,24 @@ class _OneUtterance:
 
     voice: str
     key: str
+    model: str = ""
+    base: str = ""
     over: bool = field(default=False, kw_only=True)
     _carried: bytes = field(default=b"", kw_only=True)
+    path: ClassVar[str]
+    """Of the address; ``{voice}`` and ``{model}`` stand for them."""
+    fields: ClassVar[Mapping[str, str]]
+    """Headers of the connection; ``{key}`` and ``{model}`` stand for them."""
+
+    @property
+    def url(self) -> str:
+        """Address to connect to, or to post to."""
+        return self.base + self.path.format(voice=quote(self.voice, safe=""), model=self.model)
+
+    @property
+    def headers(self) -> dict[str, str]:
+        """Headers with the key."""
+        return {name: text.format(key=self.key, model=self.model) for name, text in self.fields.items()}
 
     def _sound(self, data: bytes) -> NDArray[np.int16]:
         """Read raw little-endian 16-bit audio, (N,) int16; an odd byte waits for the next."""
@@ -175,16 +192,10 @@ class ElevenLabs(_OneUtterance):
     _waiting: list[Entry] = field(default_factory=list)
     """Characters of a word that may go on in the next message."""
 
-    @property
-    def url(self) -> str:
-        """Address with voice, model and the form of the sound."""
-        query = f"model_id={self.model}&output_format=pcm_{RATE_HZ}&sync_alignment=true"
-        return f"{self.base}/v1/text-to-speech/{quote(self.voice, safe='')}/stream-input?{query}"
-
-    @property
-    def headers(self) -> dict[str, str]:
-        """Header with the key."""
-        return {"xi-api-key": self.key}
+    path = (
+        f"/v1/text-to-speech/{{voice}}/stream-input?model_id={{model}}&output_format=pcm_{RATE_HZ}&sync_alignment=true"
+    )
+    fields = MappingProxyType({"xi-api-key": "{key}"})
 
     def requests(self, text: str) -> list[str | bytes]:
         """Return the messages that begin, speak and end."""
@@ -216,18 +227,9 @@ class Cartesia(_OneUtterance):
 
     model: str = "sonic-3"
     base: str = "wss://api.cartesia.ai"
-    version: str = "2025-04-16"
     context: str = "fapengine"
-
-    @property
-    def url(self) -> str:
-        """Address with the version of the protocol."""
-        return f"{self.base}/tts/websocket?cartesia_version={self.version}"
-
-    @property
-    def headers(self) -> dict[str, str]:
-        """Header with the key."""
-        return {"X-API-Key": self.key}
+    path = "/tts/websocket?cartesia_version=2025-04-16"
+    fields = MappingProxyType({"X-API-Key": "{key}"})
 
     def requests(self, text: str) -> list[str | bytes]:
         """Ask for sound with the times of words and phones."""
@@ -264,15 +266,8 @@ class Inworld(_OneUtterance):
     model: str = "inworld-tts-1.5-max"
     base: str = "https://api.inworld.ai"
 
-    @property
-    def url(self) -> str:
-        """Address that the text is posted to."""
-        return f"{self.base}/tts/v1/voice:stream"
-
-    @property
-    def headers(self) -> dict[str, str]:
-        """Header with the key."""
-        return {"Authorization": f"Basic {self.key}", "Content-Type": "application/json"}
+    path = "/tts/v1/voice:stream"
+    fields = MappingProxyType({"Authorization": "Basic {key}", "Content-Type": "application/json"})
 
     def requests(self, text: str) -> list[str | bytes]:
         """Ask for sound with the times of words and phones."""
@@ -302,15 +297,8 @@ class Fish(_OneUtterance):
     model: str = "s1"
     base: str = "wss://api.fish.audio"
 
-    @property
-    def url(self) -> str:
-        """Address of speech with times."""
-        return f"{self.base}/v1/tts/live/with-timestamp"
-
-    @property
-    def headers(self) -> dict[str, str]:
-        """Headers with key and model."""
-        return {"Authorization": f"Bearer {self.key}", "model": self.model}
+    path = "/v1/tts/live/with-timestamp"
+    fields = MappingProxyType({"Authorization": "Bearer {key}", "model": "{model}"})
 
     def requests(self, text: str) -> list[str | bytes]:
         """Return the messages that begin, speak and end."""
