@@ -4,7 +4,7 @@ import contextlib
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
@@ -47,6 +47,7 @@ def test_valid_bytes_flipped_and_cut(changes: list[tuple[int, bool]]) -> None:
     check_total(bytes(data))
 
 
+@settings(max_examples=30)
 @given(st.lists(st.integers(0, 8 * len(VALID) - 1), max_size=3), st.integers(1, 9))
 def test_pieces_of_any_size_give_what_the_whole_gives(flips: list[int], piece: int) -> None:
     data = bytearray(VALID)

@@ -46,7 +46,7 @@ def frames_of(name: str, seconds: float, monkeypatch: pytest.MonkeyPatch) -> tup
 
 @pytest.mark.parametrize("name", CROWDS)
 def test_no_frame_works_more_than_it_may(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    calls, keys = frames_of(name, 8.5 if name == "32 x 400 phones of 20 ms" else 0.25, monkeypatch)
+    calls, keys = frames_of(name, 8.5 if name == "32 x 400 phones of 20 ms" else 0.15, monkeypatch)
     assert max(calls) <= MOST_CALLS
     assert max(keys, default=0) <= MOST_KEYS
 
