@@ -124,7 +124,8 @@ def hear(
         listed = "; ".join(notes[:3])
         raise DataError(
             f"text: {100 * recording.unheard:.0f} % of the words are not in the recording ({listed});"
-            " trust_transcript=True aligns them unchecked",
+            " trust_transcript=True aligns them unchecked;"
+            f" the language is {pronouncer.language}, language=CODE is another",
             where=str(path),
         )
     if recording.doubted:

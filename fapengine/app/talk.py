@@ -101,7 +101,7 @@ def write_talk(performance: Performance, path: Path, options: SaveOptions, *, in
         if name != sheet:
             find_kind(name).write(track, name, options)
     kind.write(track, path, options)
-    files = [name for name in (path, *companions) if name != sheet and not is_standard(name)]
+    files = [name for name in (path, *(each for each in companions if each != sheet)) if not is_standard(name)]
     report.files += [(name, find_kind(name).name) for name in files]
     if has_sound and _is_among(wav, inputs) and not kind.names_sound:
         report.files.append((wav, "sound, as it was"))

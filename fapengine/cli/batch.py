@@ -100,7 +100,12 @@ def batch(
         return
     if is_run:
         if not retry_failed:
-            raise UsageError(f"manifest: {folder} is a folder; use --status, --verify or --retry-failed")
+            todo = (
+                "--status, --verify or --retry-failed"
+                if (folder / RECORD).exists()
+                else f"'{folder / '*'}' for the files in it"
+            )
+            raise UsageError(f"manifest: {folder} is a folder; use {todo}")
         output, corpus = folder, load_corpus(folder)
     else:
         if output is None:

@@ -7,7 +7,10 @@ import time
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from fapengine.cli.main import app
+from fapengine.errors import UsageError
 from tests.processes import start
 
 RUN = [sys.executable, "-m", "fapengine"]
@@ -57,6 +60,15 @@ def test_streams_are_encode_s_and_a_failed_row_is_exit_code_2(corpus: Path, tmp_
     assert "2 done, 0 failed" in fapengine("batch", tmp_path / "out", "--retry-failed", "--workers", 0)
     (tmp_path / "out" / "good.fba").write_bytes(b"")
     assert "good: the file" in fapengine("batch", tmp_path / "out", "--verify", code=2)
+
+
+def test_a_folder_is_a_run_or_files_to_name_by_a_pattern(tmp_path: Path) -> None:
+    call = ["batch", str(tmp_path), "-o", str(tmp_path / "out")]
+    with pytest.raises(UsageError, match=r"is a folder; use '.*/\*' for the files in it"):
+        CliRunner().invoke(app, call, catch_exceptions=False)
+    (tmp_path / "batch.json").touch()
+    with pytest.raises(UsageError, match="is a folder; use --status, --verify or --retry-failed"):
+        CliRunner().invoke(app, call, catch_exceptions=False)
 
 
 def test_a_killed_client_leaves_no_worker_and_is_resumed(corpus: Path, tmp_path: Path) -> None:

@@ -159,6 +159,8 @@ def parse_timings(
     if file_format is None and parse_columns(options.columns).names:
         file_format = "table"
     fitting = [FORMATS[file_format]] if file_format else _fitting(data, ending)
+    if not data.strip():
+        raise DataError("timings: the file is empty")
     if not fitting:
         raise DataError(
             f"timings: got {data[:24]!r}.., expected a known format; choose one with format=NAME: {', '.join(FORMATS)}"

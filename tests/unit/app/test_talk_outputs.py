@@ -123,6 +123,14 @@ def test_a_users_own_recording_stays_as_it_is(tmp_path: Path) -> None:
     assert recording.read_bytes() != b"stereo, 24 bits"  # what is nobody's is written over
 
 
+def test_a_single_picture_is_among_the_files_that_are_told(tmp_path: Path) -> None:
+    report = Report()
+    performance = perform(PHONES, None, Manner(rate_hz=RATE_HZ))
+    options = SaveOptions(report=report, drawing=RenderOptions(size=(32, 32)), head="default:level=coarse")
+    write_talk(performance, tmp_path / "a.png", options)
+    assert [path for path, _ in report.files] == [tmp_path / "a.png"]
+
+
 def test_a_video_is_not_written_over_itself(tmp_path: Path) -> None:
     video = tmp_path / "talk.mp4"
     video.write_bytes(b"video")

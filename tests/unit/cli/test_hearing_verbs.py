@@ -207,7 +207,7 @@ def test_refusals(talk: Path, tmp_path: Path) -> None:
         (
             ["align", talk, "--transcript", "The weather forecast for tomorrow is probably wrong."],
             DataError,
-            r"\); --trust-transcript aligns them unchecked",
+            r"\); --trust-transcript aligns them unchecked; the language is en-us, --language CODE is another",
         ),
         (["align", talk, "--transcript", "ja", "--language", "xx"], UsageError, "--language: got 'xx', expected a"),
         (["animate", talk, "--head", "nobody", "-o", tmp_path / "a.fap"], UsageError, "--head: got 'nobody', expected"),

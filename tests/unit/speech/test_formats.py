@@ -207,6 +207,7 @@ def test_refusals_say_what_and_where(name: str, old: str, new: str, error: type[
         ("polly", '{"a": 1}\n{"b"}', DataError, "line 2"),
         ("htk", "0 1 a", UsageError, "tier: got"),
         (None, "once upon a time", DataError, "expected a known format; choose one with format=NAME"),
+        (None, " \n", DataError, "timings: the file is empty"),
         ("docx", "", UsageError, "use one of textgrid"),
     ],
 )  # fmt: skip
