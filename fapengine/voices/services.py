@@ -26,10 +26,11 @@ import base64
 import binascii
 import json
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 from urllib.parse import quote
 
 import msgspec
@@ -128,36 +129,16 @@ def _ordered(entries: Sequence[Entry]) -> list[Entry]:
     return sorted(entries, key=lambda entry: entry.start_s)
 
 
-class Service(Protocol):
-    """One utterance of a voice service: its requests, and a reader of the answers. Stateful."""
-
-    over: bool
-    """True once the last message was read."""
-
-    @property
-    def url(self) -> str:
-        """Address to connect to."""
-
-    @property
-    def headers(self) -> dict[str, str]:
-        """Headers of the connection, the key among them."""
-
-    def requests(self, text: str) -> list[str | bytes]:
-        """Messages that ask for a text."""
-
-    def feed(self, message: str | bytes) -> Piece:
-        """Read one answer."""
-
-
 @dataclass(slots=True)
-class _OneUtterance:
-    """Shared by all services: the voice, the key, and audio that may be cut within a sample. Stateful."""
+class Service(ABC):
+    """One utterance of a voice service: its requests, and a reader of the answers. Stateful."""
 
     voice: str
     key: str
     model: str = ""
     base: str = ""
     over: bool = field(default=False, kw_only=True)
+    """True once the last message was read."""
     _carried: bytes = field(default=b"", kw_only=True)
     path: ClassVar[str]
     """Of the address; ``{voice}`` and ``{model}`` stand for them."""
@@ -174,6 +155,14 @@ class _OneUtterance:
         """Headers with the key."""
         return {name: text.format(key=self.key, model=self.model) for name, text in self.fields.items()}
 
+    @abstractmethod
+    def requests(self, text: str) -> list[str | bytes]:
+        """Messages that ask for a text."""
+
+    @abstractmethod
+    def feed(self, message: str | bytes) -> Piece:
+        """Read one answer."""
+
     def _sound(self, data: bytes) -> NDArray[np.int16]:
         """Read raw little-endian 16-bit audio, (N,) int16; an odd byte waits for the next."""
         whole = self._carried + data
@@ -183,7 +172,7 @@ class _OneUtterance:
 
 
 @dataclass(slots=True)
-class ElevenLabs(_OneUtterance):
+class ElevenLabs(Service):
     """ElevenLabs over WebSocket. Stateful."""
 
     model: str = "eleven_flash_v2_5"
@@ -222,7 +211,7 @@ class ElevenLabs(_OneUtterance):
 
 
 @dataclass(slots=True)
-class Cartesia(_OneUtterance):
+class Cartesia(Service):
     """Cartesia over WebSocket. Stateful."""
 
     model: str = "sonic-3"
@@ -260,7 +249,7 @@ class Cartesia(_OneUtterance):
 
 
 @dataclass(slots=True)
-class Inworld(_OneUtterance):
+class Inworld(Service):
     """Inworld over HTTP, a line of JSON an answer. Stateful."""
 
     model: str = "inworld-tts-1.5-max"
@@ -291,7 +280,7 @@ class Inworld(_OneUtterance):
 
 
 @dataclass(slots=True)
-class Fish(_OneUtterance):
+class Fish(Service):
     """Fish Audio over WebSocket, in MessagePack. Stateful."""
 
     model: str = "s1"
@@ -402,7 +391,7 @@ def _base64(node: Node) -> bytes:
         raise DataError(f"not base64 ({error})", where=node.where) from error
 
 
-SERVICES: dict[str, type[ElevenLabs] | type[Cartesia] | type[Inworld] | type[Fish]] = {
+SERVICES: dict[str, type[Service]] = {
     "elevenlabs": ElevenLabs, "cartesia": Cartesia, "inworld": Inworld, "fish": Fish,
 }  # fmt: skip
 """Services of :mod:`.service_client`, by the name before the voice: ``cartesia:VOICE``."""
