@@ -49,12 +49,6 @@ class OscServer:
         for own in self._sockets:
             own.close()
 
-    def joined(self) -> "Caller":
-        """Make a caller that has said hello."""
-        caller = self.caller()
-        caller.join()
-        return caller
-
     def caller(self) -> "Caller":
         """Make a caller with a new socket and a new session."""
         try:
@@ -138,6 +132,17 @@ class Caller:
         )
 
 
+def _joined(check: Callable[[Caller], None]) -> Callable[[OscServer], None]:
+    """Make the check of a server from that of a caller that has said hello."""
+
+    def check_server(server: OscServer) -> None:
+        caller = server.caller()
+        caller.join()
+        check(caller)
+
+    return check_server
+
+
 def _welcome(server: OscServer) -> None:
     caller = server.caller()
     welcome = caller.join()
@@ -159,21 +164,18 @@ def _protocol(server: OscServer) -> None:
     demand(notice.kind == "error", f"got {notice.kind} for protocol 99, expected error")
 
 
-def _pong(server: OscServer) -> None:
-    caller = server.joined()
+def _pong(caller: Caller) -> None:
     pong = caller.ask(schema.Pong, schema.Ping(41, 123_456_789), such=lambda pong: pong.number == 41)
     demand(pong.sent_us == 123_456_789, f"got sent_us {pong.sent_us}, expected it unchanged")
     demand(pong.received_us <= pong.answered_us, "it was answered before it was received")
 
 
-def _ack(server: OscServer) -> None:
-    caller = server.joined()
+def _ack(caller: Caller) -> None:
     ack = caller.ask(schema.Ack, *caller.utterance(0, "mamama"), such=lambda ack: ack.is_ended == 1)
     demand(ack.next_index == 6, f"got next_index {ack.next_index} after phones 0 to 5, expected 6")
 
 
-def _started_and_finished(server: OscServer) -> None:
-    caller = server.joined()
+def _started_and_finished(caller: Caller) -> None:
     caller.send(*caller.utterance(0, "mama"))
 
     def kinds(heard: list[schema.Wire]) -> list[str]:
@@ -184,8 +186,7 @@ def _started_and_finished(server: OscServer) -> None:
     demand(is_right, f"got events {heard}, expected started, then finished")
 
 
-def _nack(server: OscServer) -> None:
-    caller = server.joined()
+def _nack(caller: Caller) -> None:
     begin, phones, _ = caller.utterance(0, "mamamama")
     late = schema.Phones(caller.session, 0, 1, 6, phones.phones[6:])
     first = schema.Phones(caller.session, 0, 0, 0, phones.phones[:4])
@@ -193,8 +194,7 @@ def _nack(server: OscServer) -> None:
     demand((nack.first, nack.stop) == (4, 6), f"got {nack.first} to {nack.stop}, expected 4 to 6, which were not sent")
 
 
-def _repeats(server: OscServer) -> None:
-    caller = server.joined()
+def _repeats(caller: Caller) -> None:
     begin, phones, end = caller.utterance(0, "ma")
     caller.send(begin, phones, phones, begin, end, phones, end)
     heard = caller.hear(for_s=1.5)
@@ -202,14 +202,12 @@ def _repeats(server: OscServer) -> None:
     demand(len(starts) == 1, f"got {len(starts)} starts of one utterance that was sent twice")
 
 
-def _order(server: OscServer) -> None:
-    caller = server.joined()
+def _order(caller: Caller) -> None:
     ack = caller.ask(schema.Ack, *reversed(caller.utterance(0, "mama")), such=lambda ack: ack.is_ended == 1)
     demand(ack.next_index == 4, f"got next_index {ack.next_index} for 4 phones that were sent before their begin")
 
 
-def _cancel(server: OscServer) -> None:
-    caller = server.joined()
+def _cancel(caller: Caller) -> None:
     caller.send(*caller.utterance(0, "m" + "a" * 20))
     caller.hear(lambda heard: any(isinstance(wire, schema.Notice) and wire.kind == "started" for wire in heard))
     cancel = schema.CancelUtterance(caller.session)
@@ -217,20 +215,17 @@ def _cancel(server: OscServer) -> None:
     demand(notice.kind == "cancelled", "the utterance was not cut off")
 
 
-def _bye(server: OscServer) -> None:
-    caller = server.joined()
+def _bye(caller: Caller) -> None:
     notice = caller.ask(schema.Notice, schema.Bye(caller.session), such=lambda notice: notice.kind == "cancelled")
     demand(notice.session == caller.session, f"got a notice for {notice.session!r}")
 
 
-def _unknown(server: OscServer) -> None:
-    caller = server.joined()
+def _unknown(caller: Caller) -> None:
     notice = caller.ask(schema.Notice, schema.AudioPosition(caller.session, 99, 1_000_000, 0))
     demand(notice.kind == "unknown", f"got {notice.kind} for an utterance that was never begun, expected unknown")
 
 
-def _newer(server: OscServer) -> None:
-    caller = server.joined()
+def _newer(caller: Caller) -> None:
     caller.socket.send(osc.message("/fap/1/ping", "ihhfisT", 5, 1, 0, 0.0, -1, "of a later version", True))
     pongs = [wire for wire in caller.hear(lambda heard: bool(heard)) if isinstance(wire, schema.Pong)]
     demand(pongs, "a message with arguments of a later version is not answered")
@@ -261,16 +256,16 @@ SERVER_CASES: tuple[Case[OscServer], ...] = (
     Case("1.1", ROBUST, "hello is answered by welcome, for its session", _welcome),
     Case("1.2", ROBUST, "hello may be repeated; the run keeps its instance", _hello_again),
     Case("1.3", ROBUST, "a hello of another protocol is answered by an error", _protocol),
-    Case("1.4", ROBUST, "ping is answered by pong with its number and time", _pong),
-    Case("1.5", ROBUST, "bye is answered", _bye),
-    Case("2.1", ROBUST, "phones and end are acknowledged", _ack),
-    Case("2.2", ROBUST, "an utterance is reported as started, then as finished", _started_and_finished),
-    Case("2.3", ROBUST, "missing phones are requested", _nack),
-    Case("2.4", GOOD, "repeated messages change nothing", _repeats),
-    Case("2.5", ROBUST, "the order of messages does not matter", _order),
-    Case("2.6", ROBUST, "cancel ends the current utterance, and is reported", _cancel),
-    Case("3.1", WRONG, "an unknown utterance is reported", _unknown),
-    Case("3.2", ROBUST, "arguments after those that it knows are ignored", _newer),
+    Case("1.4", ROBUST, "ping is answered by pong with its number and time", _joined(_pong)),
+    Case("1.5", ROBUST, "bye is answered", _joined(_bye)),
+    Case("2.1", ROBUST, "phones and end are acknowledged", _joined(_ack)),
+    Case("2.2", ROBUST, "an utterance is reported as started, then as finished", _joined(_started_and_finished)),
+    Case("2.3", ROBUST, "missing phones are requested", _joined(_nack)),
+    Case("2.4", GOOD, "repeated messages change nothing", _joined(_repeats)),
+    Case("2.5", ROBUST, "the order of messages does not matter", _joined(_order)),
+    Case("2.6", ROBUST, "cancel ends the current utterance, and is reported", _joined(_cancel)),
+    Case("3.1", WRONG, "an unknown utterance is reported", _joined(_unknown)),
+    Case("3.2", ROBUST, "arguments after those that it knows are ignored", _joined(_newer)),
     Case("3.3", WRONG, "bytes that are not OSC, and impossible values, do no harm", _hostile),
     Case("4.1", SIMPLE, "simple messages are accepted without a hello", _simple),
 )
