@@ -94,14 +94,9 @@ class Client(Connection, GestureMethods):
         self._voices: dict[VoiceChoice, Pronouncer] = {}
         self._voices_lock = threading.Lock()
         sender = OscSender(
-            session,
-            phone_set=phone_set,
-            language=language,
-            token=token,
-            instance=secrets.randbelow(2**31 - 1) + 1,
-            reliable=bool(tcp),
-            follows=True,
-        )
+            session, phone_set=phone_set, language=language, token=token, instance=secrets.randbelow(2**31 - 1) + 1,
+            reliable=bool(tcp), follows=True,
+        )  # fmt: skip
         super().__init__(
             sender, [(host, port), *fallback_addresses], "slip" if tcp is True else tcp or None, on_event, clock
         )

@@ -116,21 +116,15 @@ class Server:
         engine = Engine(profile, rng=rng, limits=limits.engine, style=config.style)
         self.voice = VoiceProcess()
         self.hub = Hub(
-            engine,
-            rate_hz=config.face.rate_hz,
-            clock=clock,
-            idle_close_s=limits.idle_close_s,
-            voice=self.voice,
+            engine, rate_hz=config.face.rate_hz, clock=clock, idle_close_s=limits.idle_close_s, voice=self.voice,
             most_sound_s=max(limits.queued_s - VOICE_SPARE_S, VOICE_SPARE_S),
-        )
+        )  # fmt: skip
         self.receiver = OscReceiver(
-            engine,
-            token=config.listen.token,
-            engine_limits=limits.engine,
+            engine, token=config.listen.token, engine_limits=limits.engine,
             instance=int.from_bytes(os.urandom(4)) >> 1 or 1,
             proof=Proof(os.urandom(32), _is_sure, attrgetter("host")),
             elsewhere=own.elsewhere if own else lambda session: None,
-        )
+        )  # fmt: skip
         if own is not None:
             engine.may_open = own.has
         queue = FairQueue(packets_a_peer=limits.packets_per_sender)
@@ -292,14 +286,9 @@ class Server:
 
         listen, face, chosen = self.config.listen, self.config.face, self.config.calls
         app = make_app(
-            self.hub,
-            head,
-            access=self._access,
-            profile=face.profile,
-            heard_here=self.config.sound.session,
-            voice=self.config.voice,
-            hearing=self.hearing,
-        )
+            self.hub, head, access=self._access, profile=face.profile, heard_here=self.config.sound.session,
+            voice=self.config.voice, hearing=self.hearing,
+        )  # fmt: skip
         self.metrics.sources.append(app[COUNTS].families)
         if chosen.on:
             from fapengine.server.calls.calls import Calls, add_calls
@@ -374,13 +363,9 @@ class Server:
                 self.texts.spoken += said is not None
             else:
                 await self.hub.say_words(
-                    request.session,
-                    request.words,
-                    voice=name,
-                    utterance=request.utterance,
-                    is_last=request.is_last,
+                    request.session, request.words, voice=name, utterance=request.utterance, is_last=request.is_last,
                     duration_s=request.duration_s,
-                )
+                )  # fmt: skip
         except FapEngineError as error:
             self._refuse(request, str(error))
 

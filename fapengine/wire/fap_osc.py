@@ -230,15 +230,9 @@ def parse_frame(message: osc.Message) -> FapFrame:
     epoch = max(cast("int", message.arguments[4 + count]), 0) if message.tags[4 + count :].startswith("i") else 0
     try:
         return FapFrame(
-            session=session,
-            number=number,
-            time_us=time_us,
-            values=values,
-            mask=mask,
-            visemes=row[:VISEME_WIDTH],
-            expressions=row[VISEME_WIDTH : VISEME_WIDTH + EXPRESSION_WIDTH],
-            epoch=epoch,
-        )
+            session=session, number=number, time_us=time_us, values=values, mask=mask, visemes=row[:VISEME_WIDTH],
+            expressions=row[VISEME_WIDTH : VISEME_WIDTH + EXPRESSION_WIDTH], epoch=epoch,
+        )  # fmt: skip
     except UsageError as error:
         raise DataError(f"{FRAME}: {error}") from error
 

@@ -99,18 +99,10 @@ class Bus:
         try:
             async with asyncio.timeout(CONNECT_S):
                 self._nats = await nats.connect(
-                    url.split(","),
-                    name="fapengine",
-                    max_reconnect_attempts=-1,
-                    reconnect_time_wait=AGAIN_S,
-                    connect_timeout=2,
-                    ping_interval=2,
-                    max_outstanding_pings=2,
-                    pending_size=1 << 20,
-                    error_cb=self._note_trouble,
-                    disconnected_cb=self._note_loss,
-                    reconnected_cb=self._note_return,
-                )
+                    url.split(","), name="fapengine", max_reconnect_attempts=-1, reconnect_time_wait=AGAIN_S,
+                    connect_timeout=2, ping_interval=2, max_outstanding_pings=2, pending_size=1 << 20,
+                    error_cb=self._note_trouble, disconnected_cb=self._note_loss, reconnected_cb=self._note_return,
+                )  # fmt: skip
                 await self._open_buckets()
         except (TimeoutError, OSError, nats.errors.Error) as error:
             await self.close()

@@ -257,14 +257,9 @@ class Connection:
                 raise UsageError(f"voice: got {name!r:.60}, expected a language, or the server's own voice")
             if isinstance(request, messages.Words):
                 number = await self._hub.say_words(
-                    session,
-                    request.words,
-                    voice=name,
-                    anchor=request.anchor,
-                    at_s=request.at_s or 0.0,
-                    utterance=request.utterance,
-                    is_last=request.last,
-                )
+                    session, request.words, voice=name, anchor=request.anchor, at_s=request.at_s or 0.0,
+                    utterance=request.utterance, is_last=request.last,
+                )  # fmt: skip
                 self.outbox.put_text(messages.text_of("words", utterance=number))
                 return
             rate_wpm = request.rate_wpm or voice.rate_wpm

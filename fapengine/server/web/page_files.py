@@ -145,20 +145,12 @@ def head_binary(mesh: FaceMesh) -> bytes:
         "mix": np.zeros((0, 0), np.float32) if mesh.basis.mix is None else mesh.basis.mix,
     }
     about = {
-        "attributes": list(ATTRIBUTE_SIZES.items()),
-        "iris": packed.iris,
-        "irisAlbedo": packed.iris_albedo.tolist(),
-        "edge": packed.edge_mm,
-        "texelsPerMm": packed.texels_per_mm,
-        "pupilShare": PUPIL_SHARE,
-        "lid": lid_share(mesh),
-        "pupilRange": PUPIL_RANGE,
-        "jawPivot": mesh.jaw_pivot_mm.tolist(),
-        "headPivot": mesh.head_pivot_mm.tolist(),
-        "eyePivots": mesh.eye_pivots_mm.tolist(),
-        "chin": mesh.point_mm("2.1").tolist(),
-        "units": {unit.value: mesh.fapu.unit(unit) for unit in FapUnit},
-    }
+        "attributes": list(ATTRIBUTE_SIZES.items()), "iris": packed.iris, "irisAlbedo": packed.iris_albedo.tolist(),
+        "edge": packed.edge_mm, "texelsPerMm": packed.texels_per_mm, "pupilShare": PUPIL_SHARE,
+        "lid": lid_share(mesh), "pupilRange": PUPIL_RANGE, "jawPivot": mesh.jaw_pivot_mm.tolist(),
+        "headPivot": mesh.head_pivot_mm.tolist(), "eyePivots": mesh.eye_pivots_mm.tolist(),
+        "chin": mesh.point_mm("2.1").tolist(), "units": {unit.value: mesh.fapu.unit(unit) for unit in FapUnit},
+    }  # fmt: skip
     return _file(about, arrays)
 
 
