@@ -261,12 +261,14 @@ def parse_profile(files: Mapping[str, bytes]) -> Profile:
         if key not in document.origin:
             raise _wrong(f"key {key!r} is missing", "origin", key)
     space = _space(document.modes, files)
+    with as_data_error(where=spell_path(TOML_NAME, "fapu_mm"), kind=ProfileError):
+        fapu = Fapu(**{f"{name}_mm": getattr(document.fapu_mm, name) for name in FAPU_NAMES})
     return Profile(
         id=document.id,
         language=document.language,
         licence=document.licence,
         origin=MappingProxyType(document.origin),
-        fapu=_fapu(document.fapu_mm),
+        fapu=fapu,
         space=space,
         phones=MappingProxyType(_phones(document.phone, space.mode_count)),
         expressions=MappingProxyType(_expressions(document.expression, space.mode_count)),
@@ -337,11 +339,6 @@ class _Document:
 
 def _wrong(message: object, *path: str | int) -> ProfileError:
     return ProfileError(str(message), where=spell_path(TOML_NAME, *path))
-
-
-def _fapu(lengths: _Lengths) -> Fapu:
-    with as_data_error(where=spell_path(TOML_NAME, "fapu_mm"), kind=ProfileError):
-        return Fapu(**{f"{name}_mm": getattr(lengths, name) for name in FAPU_NAMES})
 
 
 def _space(modes: _Modes, files: Mapping[str, bytes]) -> VisemeSpace:

@@ -215,10 +215,6 @@ def write_output(track: FapTrack, path: Path, options: SaveOptions) -> None:
         kind.write(track if kind.keeps_visemes else shown(track), path, options)
 
 
-def _write_fap(track: FapTrack, path: Path, options: SaveOptions) -> None:
-    save_fap(path, track)
-
-
 def _write_stream(track: FapTrack, path: Path, options: SaveOptions) -> None:
     from fapengine.codec.encoder import encode
 
@@ -335,7 +331,7 @@ def _write_scene(track: FapTrack, path: Path, options: SaveOptions) -> None:
 FILM, SPOKEN = (".fap", ".wav", ".png"), (".fap", ".wav")
 """What ``say`` writes next to a video, and next to an avatar."""
 OUTPUT_KINDS = (
-    OutputKind(".fap", "FAPs", _write_fap, (".wav",), keeps_visemes=True),
+    OutputKind(".fap", "FAPs", lambda track, path, _: save_fap(path, track), (".wav",), keeps_visemes=True),
     OutputKind(".fba", "FBA stream", _write_stream, (".wav",), keeps_visemes=True),
     OutputKind(".csv", "blendshapes", _write_table, (".wav",), (None, *SETS)),
     OutputKind(".json", "visemes", _write_visemes, (".wav",), TIMED_SETS),
