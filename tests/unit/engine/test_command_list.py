@@ -14,7 +14,16 @@ import pytest
 from design import command_tables
 from fapengine.clients.sender import Client
 from fapengine.engine import commands
-from fapengine.engine.command_table import Angle, Command, CommandSpec, Duration, Time, checked, fields_of
+from fapengine.engine.command_table import (
+    Angle,
+    Command,
+    CommandSpec,
+    Duration,
+    EndlessDuration,
+    Time,
+    checked,
+    fields_of,
+)
 from fapengine.engine.engine import Engine
 from fapengine.engine.gestures import BatchGestures
 from fapengine.errors import DataError, UsageError
@@ -160,6 +169,12 @@ def test_times_from_the_arrival_are_whole_microseconds_and_zero_is_now():
     for named, message in ((time, "at_us: got inf"), (Time(), "time: got inf")):
         with pytest.raises(UsageError, match=f"^{message}, expected a finite time"):
             named.checked(inf)
+
+
+def test_a_duration_without_an_end_is_minus_one_in_osc():
+    duration = EndlessDuration()
+    assert [duration.to_osc(value) for value in (1.5, inf)] == [1_500_000, -1]
+    assert [duration.from_osc(value) for value in (1_500_000, 0, -1)] == [1.5, 0.0, inf]
 
 
 def test_numbers_of_the_server_s_own_utterances_and_of_phones_fit_into_the_int32_of_osc():

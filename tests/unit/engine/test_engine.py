@@ -683,6 +683,22 @@ def test_rows_stay_with_their_sessions_when_others_close():
     assert len(face) == 3
 
 
+def test_the_gestures_of_the_others_go_on_when_one_closes():
+    faces = []
+    for is_closed in (False, True):
+        face = engine(Style())
+        for name in "bcd":
+            face.open(name, 0.0)
+        frames(face, 0.0, 0.5)
+        if is_closed:
+            face.close("b", 0.5)
+        frames(face, 0.5, 2.0)
+        frame = face.frame(2.0)
+        faces.append(dict(zip(frame.sessions, frame.faps.tolist(), strict=True)))
+    assert faces[1] == {name: faces[0][name] for name in ("anna", "c", "d")}
+    assert len({tuple(shown) for shown in faces[1].values()}) == 3
+
+
 COMMANDS = st.one_of(
     st.builds(Begin, st.integers(0, 3), st.sampled_from(["now", "at", "audio"]), st.floats(0, 4), st.integers(0, 2)),
     st.builds(

@@ -10,7 +10,7 @@ from fapengine.expressions import Expression
 from fapengine.mpeg4 import fap
 from fapengine.speaking import METHOD_NAMES
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
-from fapengine.trajectory.phonetics import CORNERS, ROUND, WIDTH, give_way, layer_gain
+from fapengine.trajectory.phonetics import CORNERS, ROUND, WIDTH, give_way, layer_faps, layer_gain
 from fapengine.trajectory.planner import plan
 from fapengine.trajectory.style import Style
 from fapengine.trajectory.targets import keys_of
@@ -202,6 +202,10 @@ def test_the_gain_grows_but_not_for_ever() -> None:
     assert (np.diff(gains) > 0).all()
     assert gains[-1] < 1.4
     assert layer_gain(1.0) == pytest.approx(1.0)
+
+
+def test_corners_are_what_round_sounds_draw_inwards() -> None:
+    assert np.flatnonzero(layer_faps(english())[ROUND] < 0).tolist() == list(CORNERS)
 
 
 def test_giving_way_takes_only_what_is_in_the_way() -> None:
