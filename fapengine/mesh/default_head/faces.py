@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import PchipInterpolator, RectBivariateSpline
+from scipy.interpolate import NdBSpline, PchipInterpolator, make_interp_spline
 from scipy.spatial import cKDTree
 
 from fapengine._arrays import Array, read_table
@@ -55,21 +55,29 @@ def face_table() -> FaceTable:
     return FaceTable(angles, table["heights_mm"], STEP_MM * table["mean"], STEP_MM * table["modes"])
 
 
-def _spline(angles: Array, heights: Array, table: Array) -> list[RectBivariateSpline]:
-    """One spline for each axis of a table, (A, Y, 3), continued beyond front and back by its mirror image."""
+def cubic_surface(angles: Array, heights: Array, table: Array) -> NdBSpline:
+    """Cubic spline through a table, (A, Y, C), over angles, (A,), and heights, (Y,), for all its values at once."""
+    across = make_interp_spline(angles, table)
+    along = make_interp_spline(heights, across.c, axis=1)
+    return NdBSpline((across.t, along.t), np.swapaxes(along.c, 0, 1), 3)
+
+
+def _spline(angles: Array, heights: Array, table: Array) -> NdBSpline:
+    """Spline through a table, (A, Y, 3), continued beyond front and back by its mirror image."""
     mirrored = table * [-1.0, 1.0, 1.0]
     around = np.concatenate([-angles[4:0:-1], angles, 2 * np.pi - angles[-2:-5:-1]])
     whole = np.concatenate([mirrored[4:0:-1], table, mirrored[-2:-5:-1]])
-    return [RectBivariateSpline(around, heights, whole[..., axis]) for axis in range(3)]
+    return cubic_surface(around, heights, whole)
 
 
 @lru_cache(maxsize=4)
-def _splines(identity: tuple[float, ...]) -> list[RectBivariateSpline]:
+def _person(identity: tuple[float, ...]) -> NdBSpline:
     angles, heights, mean, modes = face_table()
     if identity:
         person = np.tensordot(identity, modes[: len(identity)], axes=1)
-        coarse = _spline(angles[::2], heights[::2], person)
-        mean = mean + np.stack([spline(angles, heights) for spline in coarse], axis=-1)
+        mean = mean + _spline(angles[::2], heights[::2], person)(
+            np.stack(np.meshgrid(angles, heights, indexing="ij"), -1)
+        )
     return _spline(angles, heights, mean)
 
 
@@ -86,7 +94,7 @@ def displacement(place: ArrayLike, identity: tuple[float, ...] = ()) -> Array:
     angle, height = np.moveaxis(np.asarray(place, dtype=np.float64), -1, 0)
     heights = face_table().heights
     known = np.minimum(surface.above_nape(angle, height, heights[0]), heights[-1])
-    move = np.stack([spline.ev(np.abs(angle), known) for spline in _splines(identity)], axis=-1)
+    move = _person(identity)(np.stack(np.broadcast_arrays(np.abs(angle), known), axis=-1))
     move[..., 0] *= np.sign(angle)
     return move
 

@@ -22,14 +22,14 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import RectBivariateSpline
+from scipy.interpolate import NdBSpline
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from fapengine._arrays import Array, read_table
 from fapengine.geometry.smooth import smoothstep
 from fapengine.geometry.surface import average_over_mesh
-from fapengine.mesh.default_head.faces import STEP_MM
+from fapengine.mesh.default_head.faces import STEP_MM, cubic_surface
 from fapengine.mesh.default_head.points import HeadParts
 from fapengine.mesh.face_mesh import DeformationBasis
 from fapengine.mpeg4 import fap
@@ -60,10 +60,9 @@ def skin_table() -> tuple[Array, Array, Array]:
 
 
 @cache
-def _splines() -> tuple[RectBivariateSpline, ...]:
-    """Three splines for each of :data:`FAPS`, over angle, rad, and height, mm, of the left half."""
-    angles, heights, moves = skin_table()
-    return tuple(RectBivariateSpline(angles, heights, moves[..., i]) for i in range(moves.shape[-1]))
+def _spline() -> NdBSpline:
+    """Displacements, (..., F * 3) mm, over angle, rad, and height, mm, of the left half."""
+    return cubic_surface(*skin_table())
 
 
 def skin_fields(places: ArrayLike) -> dict[int, Array]:
@@ -83,8 +82,7 @@ def skin_fields(places: ArrayLike) -> dict[int, Array]:
     angles, heights, _ = skin_table()
     fields = np.zeros((len(angle), len(FAPS), 3))
     on = np.flatnonzero((np.abs(angle) <= angles[-1]) & (height >= heights[0]) & (height <= heights[-1]))
-    values = np.stack([spline.ev(np.abs(angle[on]), height[on]) for spline in _splines()], axis=-1)
-    left = values.reshape(len(on), len(FAPS), 3)
+    left = _spline()(np.stack([np.abs(angle[on]), height[on]], axis=-1)).reshape(len(on), len(FAPS), 3)
     fields[on] = np.where((angle[on] < 0)[:, None, None], mirror(left), left)
     size = np.linalg.norm(fields, axis=-1, keepdims=True)
     fields *= smoothstep((size - FADE_IN[0]) / (FADE_IN[1] - FADE_IN[0]))

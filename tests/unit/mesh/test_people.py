@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.interpolate import RectBivariateSpline
 from scipy.spatial import cKDTree
 
 from fapengine.errors import UsageError
 from fapengine.mesh.colours import CLOTH_COLOURS, EYE_COLOURS
-from fapengine.mesh.default_head.faces import Scalp, displacement
+from fapengine.mesh.default_head.faces import Scalp, cubic_surface, displacement
 from fapengine.mesh.default_head.head import build_head, build_parts
 from fapengine.mesh.default_head.style import (
     BROW_SHAPES,
@@ -225,3 +226,14 @@ def test_lashes_of_a_shut_eye_point_down() -> None:
     rise = moved[lashes[:, 4:], 1].mean(axis=1) - moved[lashes[:, :2], 1].mean(axis=1)
     assert len(lashes) > 5
     assert np.median(rise) < -1.0  # mm
+
+
+def test_surface_of_several_values_is_the_interpolating_cubic_spline_of_each() -> None:
+    rng = np.random.default_rng(7)
+    across, along = np.sort(rng.uniform(0.0, 3.0, 9)), np.sort(rng.uniform(-50.0, 50.0, 11))
+    table = rng.normal(size=(9, 11, 3))
+    places = np.stack([rng.uniform(across[0], across[-1], 500), rng.uniform(along[0], along[-1], 500)], axis=-1)
+    values = cubic_surface(across, along, table)(places)
+    for axis in range(3):
+        expected = RectBivariateSpline(across, along, table[..., axis]).ev(*places.T)
+        np.testing.assert_allclose(values[:, axis], expected, rtol=0, atol=1e-9 * np.abs(expected).max())
