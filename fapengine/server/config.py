@@ -22,8 +22,7 @@ MIN_TOKEN = 16
 Port = Annotated[int, Between(0, 65_535)]
 
 
-def is_loopback(host: str) -> bool:
-    """Whether a host is this machine, as an address or as ``localhost``."""
+def _is_loopback(host: str) -> bool:
     try:
         return host == "localhost" or ip_address(host).is_loopback
     except ValueError:
@@ -74,7 +73,7 @@ class Listen(_Section):
                 ip_address(proxy)
             except ValueError as error:
                 raise UsageError(f"proxies: got {proxy!r}, expected addresses such as '127.0.0.1'") from error
-        if self.token is not None and len(self.token) < MIN_TOKEN and not is_loopback(self.host):
+        if self.token is not None and len(self.token) < MIN_TOKEN and not _is_loopback(self.host):
             raise UsageError(
                 f"token: got {len(self.token)} characters, expected at least {MIN_TOKEN}:"
                 f" other machines reach {self.host}"

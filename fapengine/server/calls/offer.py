@@ -18,10 +18,10 @@ import struct
 from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from ipaddress import ip_address
 from typing import TYPE_CHECKING, Any, Literal, cast
 
 from fapengine.errors import DataError, ResourceError
-from fapengine.server.config import is_loopback
 from fapengine.server.intake.rates import TokenBucket
 
 if TYPE_CHECKING:
@@ -127,7 +127,10 @@ def addresses_for(address: str) -> tuple[str, ...]:
 
     On the loopback that is the machine's address in its network, too: Firefox sends no checks from the loopback.
     """
-    if not is_loopback(address):
+    try:
+        if not ip_address(address).is_loopback:
+            return (address,)
+    except ValueError:  # a name
         return (address,)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
