@@ -101,6 +101,8 @@ def run_window(
     with FaceWindow(head, drawing, coarser=coarser, hold_hz=rate_hz) as window:
         source = open_source()
         try:
+            window.title(source.title)
+            window.show(source.frame(0.0))  # the first frame takes longest: the mesh goes to the GPU
             begun_s = time.monotonic()
             ticks = _run(window, source, Ticks(rate_hz), inf if seconds is None else begun_s + seconds)
             if shot is not None:
@@ -117,8 +119,6 @@ def run_window(
 
 
 def _run(window: FaceWindow, source: Source, ticks: Ticks, until_s: float) -> Ticks:
-    window.title(source.title)
-    window.show(source.frame(0.0))  # the first frame takes longest: the mesh goes to the GPU
     status_s = 0.0
     while window.is_open and time.monotonic() < until_s:
         ticks.wait()

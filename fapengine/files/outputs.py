@@ -4,6 +4,7 @@ import contextlib
 import os
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator
+from functools import cache
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -40,7 +41,11 @@ def check_outputs(outputs: Iterable[Path], inputs: Iterable[Path] = (), *, overw
     ResourceError
         If the folder of an output is not writable.
     """
-    read = {key for path in inputs for file in _files_of(path) for key in identities(file)}
+
+    @cache
+    def read() -> set[tuple[object, ...]]:  # a folder may hold very many files, and a new name is none of them
+        return {key for path in inputs for file in _files_of(path) for key in identities(file)}
+
     seen: dict[str, Path] = {}
     replaced = []
     for output in outputs:
@@ -55,7 +60,7 @@ def check_outputs(outputs: Iterable[Path], inputs: Iterable[Path] = (), *, overw
         seen[place] = output
         there = sequence_files(output) if is_sequence(output) else [output] * output.exists()
         for path in there:
-            if read.intersection(identities(path)):
+            if read().intersection(identities(path)):
                 raise UsageError(f"path: got {path}, which is read, and would be written over; expected another name")
             if path.is_dir():
                 raise UsageError(f"path: got {path}, which is a folder; expected the name of a file")

@@ -316,3 +316,16 @@ def test_an_input_under_a_name_of_other_case_is_not_written_over(tmp_path: Path)
 def test_a_null_character_is_in_no_name(use: Callable[[Path], object]) -> None:
     with pytest.raises(UsageError, match="without null characters"):
         use(Path("a\0.fap"))
+
+
+def test_a_new_name_is_no_input_and_a_folder_is_not_searched_for_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "in").mkdir()
+    there = tmp_path / "in" / "there.fap"
+    there.write_bytes(b"")
+    monkeypatch.setattr(Path, "rglob", lambda *_: pytest.fail("searched"))
+    assert check_outputs([tmp_path / "new.fap"], [tmp_path / "in"]) == ()
+    monkeypatch.undo()
+    with pytest.raises(UsageError, match="which is read"):
+        check_outputs([there], [tmp_path / "in"])
