@@ -57,9 +57,11 @@ def test_a_recording_is_itself(spoken: fapengine.Performance) -> None:
     score = score_motion(spoken.track, truth=spoken.track, phones=spoken.phones)
     for closures, wanted in zip(both(score), (9, 7), strict=True):  # of the motion, m b is one closure
         assert closures.wanted >= wanted
-        assert (closures.recall, closures.precision, closures.missed_s) == (1.0, 1.0, ())
+        assert (closures.recall, closures.missed_s) == (1.0, ())
     assert score.phones is not None
     assert score.truth is not None
+    assert score.truth.closures.precision == 1.0
+    assert score.phones.closures.precision > 0.9  # varied lips may nearly meet beside a rounded vowel
     assert score.phones.teeth.met == score.phones.teeth.wanted >= 5
     assert abs(score.phones.timing.lag_ms or 99) < 10  # what phones lead to expect is not what a plan does
     timing, like = score.truth.timing, score.truth.likeness
