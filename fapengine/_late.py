@@ -33,6 +33,7 @@ EXTRAS = {
     "prometheus_client": '"fapengine[live]"',
     "msgspec": '"fapengine[live]"',
     "glfw": '"fapengine[window]"',
+    **dict.fromkeys(("matplotlib", "trimesh"), '"fapengine[lab]"'),
     "fapengine-native": "fapengine-native (in a checkout: make native)",
 }
 """Extra that contains each package, as pip spells it."""
@@ -115,8 +116,8 @@ def how_to_install(requirement: str) -> str:
     Examples
     --------
     >>> how_to_install('"fapengine[live]"')
-    'Install it with: pip install "fapengine[live]" (in a checkout: pip install ".[live]")'
+    'Install it with: pip install "fapengine[live]" (in a checkout: pip install -e ".[live]")'
     """
-    in_checkout = requirement.replace("fapengine[", ".[")
+    in_checkout = requirement.replace('"fapengine[', '-e ".[')
     hint = f" (in a checkout: pip install {in_checkout})" if in_checkout != requirement else ""
     return f"Install it with: pip install {requirement}{hint}"

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine._arrays import DAMAGE
+from fapengine._late import missing
 from fapengine.capture.arrays import POSITION_NAMES, format_npz, parse_npz, unpack_npz
 from fapengine.capture.articulography import parse_mview, parse_mview_sound, parse_pos
 from fapengine.capture.bvh import parse_bvh
@@ -26,7 +27,7 @@ from fapengine.capture.conventions import UNITS_MM, check_track, understand
 from fapengine.capture.landmarks import Picture, parse_landmarks
 from fapengine.capture.marker_track import MarkerTrack, RawTrack, RecordedSound
 from fapengine.capture.table import format_table, format_trc, parse_table, parse_trc
-from fapengine.errors import DataError, ResourceError, UsageError, as_data_error
+from fapengine.errors import DataError, UsageError, as_data_error
 from fapengine.files.paths import MAX_BYTES, locating, naming, open_file, read_bytes, write_bytes
 from fapengine.files.pictures import linear_rgb
 from fapengine.geometry.surface import Surface
@@ -227,7 +228,7 @@ def load_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64], Any]:
     try:
         import trimesh
     except ImportError as error:
-        raise ResourceError('meshes are read with trimesh: pip install "fapengine[lab]"') from error
+        raise missing("trimesh", "meshes") from error
     open_file(path, MAX_BYTES).close()  # raises UsageError for a file that trimesh should not read
     if path.suffix.lower() == ".obj":
         _check_indices(read_bytes(path), path)

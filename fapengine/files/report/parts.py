@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine._late import missing
 from fapengine.errors import ResourceError
 
 if TYPE_CHECKING:
@@ -110,8 +111,7 @@ def figure_class() -> type["Figure"]:
     try:
         from matplotlib.figure import Figure
     except ImportError as error:
-        needed = 'figures need matplotlib: pip install "fapengine[lab]"; fit works without it by report=False'
-        raise ResourceError(needed) from error
+        raise ResourceError(f"{missing('matplotlib', 'figures')}; fit works without it by report=False") from error
     return Figure
 
 

@@ -229,7 +229,7 @@ def test_without_a_renderer_the_report_says_so(monkeypatch):
 def test_without_matplotlib_nothing_is_written(recorded, tmp_path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "matplotlib.figure", None)
     monkeypatch.setattr(fit, "load_session", lambda *_, **__: pytest.fail("it began to work"))
-    with pytest.raises(ResourceError, match="--no-report"):
+    with pytest.raises(ResourceError, match=r'pip install -e "\.\[lab\]"\); fit works without it by --no-report'):
         run("fit", recorded, "-o", tmp_path / "p")
     assert not (tmp_path / "p").exists()
 
