@@ -61,7 +61,7 @@ LID_FOLDS_AT = 1.4
 UPPER_LIDS = (19, 20)
 OPEN_LID, SHUT_LID = 0.68, 0.78
 """Least light on an open and on a closed lid."""
-HAIR_NEAR_MM, HAIR_SHADE, JAW_SHADE = 9.0, 0.55, 0.7
+HAIR_NEAR_MM, HAIR_SHADE, JAW_SHADE = 14.0, 0.6, 0.7
 """Distance within which hair shades skin; fraction of the light that hair and jaw remove."""
 SOCKET_TURNED = 0.5
 """Share of the way that normals between an upper lid and its brow turn to the front."""

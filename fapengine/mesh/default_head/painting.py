@@ -113,7 +113,9 @@ def _strands(shape: tuple[int, int], style: HeadStyle) -> Array:
     contrast *= 0.5 if style.haircut == "cropped" else 1.0
     # It begins below the parting, where strands of either side meet at an angle.
     from_parting = (0.25 + 0.75 * smoothstep((np.arange(shape[0]) / shape[0] - 0.05) / 0.14))[:, None]
-    return np.clip(0.70 + contrast * from_parting * (0.11 * fine + 0.07 * bundle + 0.04 * wide), 0.22, 1.0)
+    shine = 0.07 * fine + 0.06 * bundle + 0.05 * wide
+    # Light strands stand out; dark ones are shallow: they looked like the grain of wood.
+    return np.clip(0.70 + contrast * from_parting * np.where(shine < 0, 0.6, 1.0) * shine, 0.5, 1.0)
 
 
 def painted_radius(angle: Array, y: Array, style: HeadStyle, step: int) -> Array:

@@ -31,8 +31,10 @@ STEP_MM, ROUND_MM, TIP_ROUND_MM = 2.2, 1.6, 2.2
 """Height of upper strands above lower ones; height of a strand's middle above its edges, and what tips add to it."""
 PARTING_MM = (2.0, 1.4)
 """How far hair of either side goes beyond the parting, and its depth there."""
-SCALP_MM, SCALP = (0.2, 1.5), np.array([0.26, 0.19, 0.16])
-"""How far from the parting scalp is seen, and where hair begins; its share of the colour of skin: hair shades it."""
+VALLEY_AT, VALLEY = (0.0, 0.05, 0.16), (0.72, 0.86, 1.0)
+"""Light on hair along ``t``: it dips to the parting in a soft shadow."""
+STREAKS, STREAK = ((3.0, 0.4, 0.6), (5.7, 2.0, -0.8), (9.1, 4.1, 1.0)), 0.09
+"""Broad strands in lighter and darker hair: cycles per ``s``, phases and turns along ``t``, rad; and their contrast."""
 WANDER = 0.018
 """How far the border between two strands wanders sideways, in ``s``."""
 TAPER_AT, TAPER = (0.0, 0.3, 0.65, 1.0), (1.0, 1.1, 0.62, 0.07)
@@ -41,25 +43,27 @@ LOCK_ROWS, MAX_LOCK_DETAIL = 5, 1.4
 """Rows of a lock without length, six more per ``t``; locks are not divided further at the finest levels."""
 LOCK_AT, LOCK = (0.0, 0.3, 0.5, 0.75, 0.9, 1.0), (0.15, 0.9, 1.0, 0.72, 0.44, 0.14)
 """Width of a lock along its length."""
-HAIR_ROWS, PAINTED, TILT = 3, 0.85, 0.7
+HAIR_ROWS, PAINTED, TILT = 3, 1.0, 0.7
 """Points of a single hair without length, two more per ``t``; its light, near that of painted strands; how far its
 ribbon is turned towards the outside, so that it is seen from the side, too.
 """
+LOCK_TINT, LOCK_ROOTS = (1.08, 0.84), ((0.0, 0.3, 1.0), (0.85, 1.0, 1.06))
+"""Light on a lock's middle and edges, and along it."""
 ARCH = 0.42
 """Height of a lock's middle above its edges, in halves of its width."""
-EVEN_NORMALS, EVEN_LOCKS = 0.9, 0.4
+EVEN_NORMALS, EVEN_LOCKS = 1.6, 1.2
 """Weight of the normals of the surface relative to those of strands and of locks, so that hair is lit as one body."""
 LIT_INSIDE = np.array([0.0, -1.0, 0.0])
 """Normal of the layer that is seen from inside: no lamp shines there."""
 SHEEN_FROM = unit_vectors(np.array([[-0.24, 0.44, 0.87], [-0.75, 0.55, 0.25], [0.75, 0.55, 0.25]]))
 """Half way between a lamp and a camera in front or at a side: hair across it is bright, as a bundle of cylinders is."""
-SHEEN, SHEEN_POWER, LOCK_SHEEN = np.array([1.6, 1.2, 1.5]), 14.0, 1.15
+SHEEN, SHEEN_POWER, LOCK_SHEEN = np.array([2.4, 1.6, 2.0]), 24.0, 1.1
 """Additional light on hair at its brightest, by direction; how narrow the bands are; and how much brighter on locks."""
 GROUPED = 0.35
 """How much lighter groups of hair are in their middle, and darker between them."""
 THROUGH = 0.45
 """Additional light on hair that faces away from the camera in front: some comes through."""
-EVEN_LIGHT_HAIR = 3.1
+EVEN_LIGHT_HAIR = 3.6
 """Fraction of the contrast that hair loses per unit of its mean linear RGB: light hair looked dyed."""
 
 
@@ -87,8 +91,6 @@ def _add_layer(builder: MeshBuilder, fall: Fall, cut: Cut, seed: int, palette: P
     side = 2 * across - 1
     level = np.where(number % 2, 0.45, 0.0) + 0.55 * golden(number, 2.3)
     t, s, wide = _places(layer, fall, number, level, share, side)
-    if not layer.first:  # the scalp ends and hair begins at the second and the third row
-        t[:, 1:3] = np.array(SCALP_MM) / np.interp(s[:, 0, 1], *fall.lengths())[:, None]
     level, t = level[:, None, None], t[..., None]
     points, out = fall.at(s, t)
 
@@ -108,17 +110,9 @@ def _add_layer(builder: MeshBuilder, fall: Fall, cut: Cut, seed: int, palette: P
 
     tint = np.interp(side**2, (0, 1), (1.03, 0.95)) * (1 - 0.1 * (1 - level) * side**2)
     tint = tint * (0.94 + 0.07 * level + 0.06 * golden(number, 1.9)[:, None, None])
-    tint = (
-        (1 + raised * (tint - 1))
-        * np.interp(t, (0, 0.03, 0.1), (0.6, 0.8, 1))
-        * (1 + layer.shade**4 * raised * _sheen(points, out))
-        * (1 + GROUPED * fall.crest(s, t))
-    )
+    tint = (1 + raised * (tint - 1)) * _streaked(fall, s, t, layer.shade**4)
     shade = layer.shade * tint * np.interp(share, (0, 0.85, 1), (1, 1, 0.9))[:, None]
     albedo = _tinted(palette, shade, out)
-    if not layer.first:
-        bare = SCALP * smoothstep((np.abs(s[:, :2]) - 0.25) / 0.5)[..., None] * np.array([1.0, 0.7])[:, None, None]
-        albedo[:, :2] += bare * (palette.skin(points[:, :2]) - albedo[:, :2])
     grid = builder.add(
         points,
         albedo=albedo,
@@ -203,7 +197,7 @@ def _add_locks(builder: MeshBuilder, fall: Fall, cut: Cut, seed: int, palette: P
     across = unit_vectors(np.cross(np.gradient(middle, axis=1), out), 1e-6)
     if locks.is_single:
         spine = middle + up[..., None] * out
-        shine = 1 + LOCK_SHEEN * _sheen(spine[:, :, None], out[:, :, None])[..., 0]
+        shine = _streaked(fall, s, t, LOCK_SHEEN)
         return builder.strands(
             spine,
             half * np.interp(share, (0, 0.5, 1), (1, 0.8, 0.1)),
@@ -217,11 +211,11 @@ def _add_locks(builder: MeshBuilder, fall: Fall, cut: Cut, seed: int, palette: P
     points = middle[:, :, None] + (half[..., None] * side)[..., None] * across[:, :, None]
     points = points + (up[..., None] - ARCH * half[..., None] * side**2)[..., None] * out
     own = _outwards(points, out)
-    tint = np.interp(side**2, (0, 1), (1.14, 0.78)) * (0.95 + 0.1 * longer[..., None])
-    tint = tint * np.interp(share, (0, 0.15, 0.5, 1), (0.55, 0.7, 1.0, 1.06))[:, None]
+    tint = np.interp(side**2, (0, 1), LOCK_TINT) * (0.97 + 0.06 * longer[..., None])
+    tint = tint * np.interp(share, *LOCK_ROOTS)[:, None] * _streaked(fall, s, t, LOCK_SHEEN)[..., None]
     grid = builder.add(
         points,
-        albedo=_tinted(palette, locks.shade * tint * (1 + LOCK_SHEEN * _sheen(points, out)), out),
+        albedo=_tinted(palette, locks.shade * tint, out),
         material=Material.HAIR,
         uv=strand_uv(
             (0.05 + 0.65 * golden(number, 3.1))[:, None, None] + 0.12 * (side + 1), (0.1 + 0.85 * t)[..., None]
@@ -252,11 +246,18 @@ def _head_weight(points: Array, cut: Cut) -> Array:
     return np.asarray(1 - FREE_ENDS * smoothstep((FREE_FROM_MM - points[..., 1]) / 110.0) * (cut.ends_mm is not None))
 
 
-def _sheen(points: Array, out: Array) -> Array:
-    """(N, R, C): light on strands, (N, R, C, 3) mm with outward directions, as on bundles of shiny cylinders."""
-    along = unit_vectors(np.gradient(points, axis=1), 1e-6)
-    across = np.clip(1 - (along @ SHEEN_FROM.T) ** 2, 0, 1)
-    return np.asarray((across**SHEEN_POWER * np.clip(0.25 + out @ SHEEN_FROM.T, 0, 1)) @ SHEEN)
+def _streaked(fall: Fall, s: Array, t: Array, shiny: float) -> Array:
+    """(...): light on hair at places, (...) each: the valley of the parting, streaks, groups, and a band of sheen.
+
+    It is a function of the place alone, so that locks agree with what they lie on.
+    """
+    s, t = np.broadcast_arrays(s, t)
+    (here, out), (there, _) = fall.at(s, np.maximum(t - 0.02, 0.0)), fall.at(s, np.minimum(t + 0.02, 1.0))
+    across = np.clip(1 - (unit_vectors(there - here, 1e-6) @ SHEEN_FROM.T) ** 2, 0, 1)
+    sheen = (across**SHEEN_POWER * np.clip(0.25 + out @ SHEEN_FROM.T, 0, 1)) @ SHEEN
+    streaks = sum(np.sin(2 * np.pi * cycles * s + phase + turn * t) for cycles, phase, turn in STREAKS)
+    valley = np.interp(t, VALLEY_AT, VALLEY)
+    return np.asarray(valley * (1 + STREAK * streaks) * (1 + GROUPED * fall.crest(s, t)) * (1 + shiny * sheen))
 
 
 def _join(builder: MeshBuilder, grids: Indices) -> None:
