@@ -51,7 +51,8 @@ export class Gestures {
     this.phrases = []; // beginnings and ends, in the time of the phones
     this.nods = new Map(); // accents that are coming, by their beginning: since when each is known, and whether it was judged
     this.noddedAt = -Infinity;
-    this.movedAt = this.drawnUntil = begins;
+    this.movedAt = -Infinity;
+    this.drawnUntil = begins;
     this.spokenFrom = null; // where the phrase begins for which the head has moved, in the time of the phones; null while it has settled
     for (const name of ["headMotion", "idle"]) this.channels[name].then(1, begins, EDGE_S);
   }

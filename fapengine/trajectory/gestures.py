@@ -295,7 +295,7 @@ class GestureGenerator:
         self._nods: list[tuple[float, float, Phone]] = []
         self._nodded_s = -inf
         self._phrases = Phrases()
-        self._moved_s, self._late_s = begins_s, begins_s
+        self._moved_s, self._late_s = -inf, begins_s
         self._spoken_from_s: float | None = None
         """Where the phrase begins for which the head has moved; None while it has settled."""
         self._turned = dict.fromkeys(STANCE_RAD, 0.0)

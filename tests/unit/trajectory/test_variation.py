@@ -1,5 +1,7 @@
 """Natural variation of speech: sizes, spectrum, and what it leaves alone."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -27,6 +29,16 @@ def said(times: int = 3) -> PhoneTrack:
             at_s += length_s
         at_s += 0.8
     return PhoneTrack.from_phones(phones)
+
+
+def test_speech_that_begins_at_once_varies_too() -> None:
+    phones = PhoneTrack.from_phones([Phone("ɑ", 0.0, 0.3), Phone("s", 0.3, 0.6), Phone("i", 0.6, 1.0)])
+    profile, style = load_profile(DEFAULT_PROFILE), Style(blinks=False, gaze=False, idle=False, emphasis=False)
+    lively, still = (
+        plan(phones, profile, rng=np.random.default_rng(1), rate_hz=RATE_HZ, style=each).track.values
+        for each in (style, replace(style, liveliness=0.0))
+    )
+    assert np.abs(lively - still)[:, fap.column(5)].max() > 20
 
 
 def mouth(liveliness: float, seed: int = 1, times: int = 3) -> np.ndarray:
