@@ -12,11 +12,12 @@ from fapengine.codec.encoder import (
     encode,
     fit_ranges,
     guaranteed_quant,
+    moving,
     point_errors_mm,
     quantise,
     table_ranges,
 )
-from fapengine.codec.fields import SentRanges
+from fapengine.codec.fields import FIELD_COUNT, SentRanges
 from fapengine.codec.fit import fill
 from fapengine.codec.kernels import SKIP_LIMIT
 from fapengine.errors import UsageError
@@ -223,6 +224,13 @@ def test_a_live_frame_beyond_what_can_be_sent_is_as_near_as_can_be() -> None:
         shown.append(decode(stream).track.values[:, fap.column(3)].tolist())
     assert shown[0][0] < shown[1][0] == shown[2][0]
     assert shown[1] == shown[2]
+
+
+@pytest.mark.parametrize(("field", "moved"), [(0, 0), (2, 0), (3, 1), (6, 1), (7, 2), (72, 67)])
+def test_each_field_moves_its_own_fap(field: int, moved: int) -> None:
+    row = np.zeros((1, FIELD_COUNT), np.int64)
+    row[0, field] = 1
+    assert np.flatnonzero(moving(row, np.zeros(FIELD_COUNT, np.int64))).tolist() == [moved]
 
 
 def test_bad_frames_are_refused() -> None:

@@ -152,7 +152,9 @@ def find_intra(stream_bits: np.ndarray) -> int:
 def test_headers_with_skipped_frames_are_found(skip: int) -> None:
     mask = np.ones(68, bool)
     header = intra_header_bits(IntraHeader(1, mask, mask_types_of(mask), skip=skip))
-    assert find_intra(np.array([0, 0, *header, *[0] * 60], np.uint8)) == 2
+    whole = np.array([0, 0, *header, *[0] * 60], np.uint8)
+    assert find_intra(whole) == 2
+    assert {find_intra(whole[:end]) for end in range(len(whole))} == {-1, 2}  # cut off anywhere
 
 
 def test_nothing_is_found_where_nothing_is() -> None:
