@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.files.paths import naming, read_bytes, write_bytes
-from fapengine.files.sound import inspect_sound, stream_sound
+from fapengine.files.sound import SOUND_SUFFIXES, inspect_sound, stream_sound
 from fapengine.speaking import DEFAULT_VOICE
 from fapengine.speech.formats.documents import decode_text
 from fapengine.speech.formats.word_lists import subtitle_text
@@ -24,11 +24,6 @@ if TYPE_CHECKING:
     from fapengine.speech.prosody import Sounding
     from fapengine.voices.protocol import Voice
 
-SOUND_SUFFIXES = frozenset({
-    ".wav", ".wave", ".w64", ".flac", ".mp3", ".ogg", ".oga", ".opus", ".m4a", ".aac", ".aif", ".aiff", ".caf", ".au",
-    ".wma", ".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi",
-})  # fmt: skip
-"""Endings that mean audio or video where phone timings are possible, too."""
 MAX_UNHEARD = 0.5
 """Fraction of the words that may be missing in the recording; above, the transcript is that of another one."""
 

@@ -98,9 +98,12 @@ def _read(path: Path) -> FapTrack:
             return parse_animation(data)
     if path.suffix.lower() == ".fap":
         return shown(load_fap(path))
+    from fapengine.files.sound import SOUND_SUFFIXES
     from fapengine.retarget.blend_tracks import is_vmc_recording, parse_blend_track, parse_vmc_recording
 
     recorded = is_vmc_recording(data)
+    if path.suffix.lower() in SOUND_SUFFIXES:
+        raise DataError("is a recording, not motion; `fapengine animate` makes motion of it", where=str(path))
     if path.suffix.lower() not in BLEND_ENDINGS and not recorded:
         return shown(load_fap(path))
     with naming(path):

@@ -36,6 +36,11 @@ CONTAINERS = (
 """FFmpeg's names of the containers that are read: self-contained audio and video."""
 COUNTED = ("flac", "aiff", "au", "ogg", "mov,mp4,m4a,3gp,3g2,mj2")
 """Containers that state the length of their sound."""
+SOUND_SUFFIXES = frozenset({
+    ".wav", ".wave", ".w64", ".flac", ".mp3", ".ogg", ".oga", ".opus", ".m4a", ".aac", ".aif", ".aiff", ".caf", ".au",
+    ".wma", ".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi",
+})  # fmt: skip
+"""Endings that mean audio or video where phone timings or motion are possible, too."""
 RECORDED = (".c3d", ".mat")
 """Endings of recordings of positions that may contain sound."""
 MAX_RATE_HZ = 48_000

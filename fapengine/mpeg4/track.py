@@ -118,6 +118,11 @@ class FapTrack(Rebuilt):
     def __len__(self) -> int:
         return len(self.values)
 
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        """Return the values: ``np.asarray(track)`` is (T, 68) int32, FAPU."""
+        wanted = self.values.astype(dtype, copy=False)
+        return wanted.copy() if copy else wanted
+
     def __repr__(self) -> str:
         return f"FapTrack({len(self)} frames, {self.duration_s:.2f} s at {self.rate_hz:g} Hz, {self.name!r})"
 

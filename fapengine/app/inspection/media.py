@@ -4,11 +4,10 @@ from typing import Any
 
 import numpy as np
 
-from fapengine.app.hearing import SOUND_SUFFIXES
 from fapengine.app.inspection.report import FileKind, Report, Source, Table, level_bars
 from fapengine.errors import DataError
 from fapengine.files.pictures import draw_timeline, opened
-from fapengine.files.sound import inspect_sound, stream_sound
+from fapengine.files.sound import SOUND_SUFFIXES, inspect_sound, stream_sound
 from fapengine.files.timings import load_timings
 from fapengine.files.video import inspect_film
 from fapengine.speech import ipa

@@ -221,3 +221,9 @@ def test_a_table_computes_faps_that_were_not_sent(tmp_path: Path) -> None:
     table.write_text("2\n1 3\n")
     with pytest.raises(DataError, match=r"a\.fit: the table ends where the number of FAPs is expected"):
         run("decode", stream, "--fit", table, "-o", out)
+
+
+def test_a_recording_is_not_motion(tmp_path: Path) -> None:
+    save_wav(tmp_path / "talk.wav", np.zeros(100, np.int16), 16_000)
+    with pytest.raises(DataError, match="fapengine animate"):
+        load_motion(tmp_path / "talk.wav")

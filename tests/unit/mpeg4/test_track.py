@@ -63,3 +63,10 @@ def test_it_is_told_in_one_line() -> None:
 def test_wrong_calls_are_usage_errors(wrong: object) -> None:
     with pytest.raises(UsageError):
         wrong(ramp(3))
+
+
+def test_numpy_takes_a_track_for_its_values() -> None:
+    track = FapTrack.pose(open_jaw=300)
+    assert np.array_equal(np.asarray(track), track.values)
+    assert np.asarray(track, float).dtype == float
+    assert np.array(track).flags.writeable
