@@ -69,7 +69,7 @@ def save(
     head: str | Path | FaceMesh = "default",
     drawing: RenderOptions | None = None,
     size: tuple[int, int] | None = None,
-    at_s: float = 0.0,
+    at_s: float | None = None,
     shapes: str | None = None,
     kbit_s: float | None = None,
     encoding: EncoderOptions | None = None,
@@ -96,8 +96,8 @@ def save(
         How it is drawn.
     size : (int, int), optional
         Width and height in pixels; overrides those of ``drawing``.
-    at_s : float
-        Time of the frame that ``.png`` shows.
+    at_s : float, optional
+        Time of the frame that ``.png`` shows; by default that with the widest open jaw.
     shapes : str, optional
         Columns of ``.csv``: ``"arkit"`` (52, the default), ``"oculus"`` (15 visemes), ``"vrm0"`` or ``"vrm1"``.
         Visemes with times (:func:`fapengine.visemes`), in ``.json``, ``.tsv`` and ``.csv``: ``"mpeg4"``, ``"azure"``,

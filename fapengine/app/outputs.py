@@ -28,7 +28,7 @@ from fapengine.files.pictures import save_png, straight
 from fapengine.files.provenance import provenance
 from fapengine.files.sound import save_wav
 from fapengine.mesh.face_mesh import FaceMesh
-from fapengine.mpeg4.fap import FULL_WEIGHT
+from fapengine.mpeg4.fap import FULL_WEIGHT, column
 from fapengine.mpeg4.track import FapTrack
 from fapengine.render.drawing import DEFAULT_RENDER_OPTIONS, Picture, RenderOptions
 from fapengine.render.native import open_renderer
@@ -68,8 +68,8 @@ class SaveOptions:
     """Name of an avatar's animation; by default that of the file."""
     head: str | Path | FaceMesh = "default"
     drawing: RenderOptions = DEFAULT_RENDER_OPTIONS
-    at_s: float = 0.0
-    """Time of the frame that a single image shows."""
+    at_s: float | None = None
+    """Time of the frame that a single image shows; by default that with the widest open jaw."""
     shapes: str | None = None
     encoding: EncoderOptions | None = None
     into: Into | None = None
@@ -280,9 +280,14 @@ def timed_visemes(
 def _write_image(track: FapTrack, path: Path, options: SaveOptions) -> None:
     times_s = track.times_s - track.times_s[0] if len(track) else np.zeros(0)
     last_s = float(times_s[-1]) if len(track) else 0.0
-    if not len(track) or not 0 <= options.at_s <= last_s:
-        raise UsageError(f"at_s: got {options.at_s} s, the track lasts {last_s:.2f} s")
-    row = int(np.searchsorted(times_s, options.at_s + 1e-9, side="right")) - 1
+    at_s = options.at_s
+    if not len(track) or not (at_s is None or 0 <= at_s <= last_s):
+        raise UsageError(f"at_s: got {at_s} s, the track lasts {last_s:.2f} s")
+    row = (
+        np.argmax(track.values[:, column(3)])
+        if at_s is None
+        else np.searchsorted(times_s, at_s + 1e-9, side="right") - 1
+    )
     save_png(path, next(draw_frames(track.values[[row]], options)))
 
 

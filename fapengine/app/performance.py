@@ -120,7 +120,7 @@ class Performance:
         head: str | Path | FaceMesh = "default",
         drawing: RenderOptions | None = None,
         size: tuple[int, int] | None = None,
-        at_s: float = 0.0,
+        at_s: float | None = None,
         shapes: str | None = None,
         kbit_s: float | None = None,
         encoding: EncoderOptions | None = None,

@@ -128,14 +128,15 @@ def test_frames_that_a_track_skips_show_the_one_before() -> None:
     assert not np.array_equal(pictures[2], pictures[3])
 
 
-def test_a_picture_is_of_the_time_that_is_asked_for(tmp_path: Path) -> None:
-    track = fapengine.FapTrack.from_values([[0] * 68, [0] * 2 + [400] + [0] * 65], rate_hz=10.0)
+def test_a_picture_is_of_the_time_that_is_asked_for_or_of_the_widest_jaw(tmp_path: Path) -> None:
+    rest, wide = [0] * 68, [0] * 2 + [400] + [0] * 65
+    track = fapengine.FapTrack.from_values([rest, wide, rest], rate_hz=10.0)
     shots = [
         fapengine.save(track, tmp_path / f"{n}.png", at_s=at_s, head=HEAD, size=SMALL).read_bytes()
-        for n, at_s in enumerate((0.0, 0.09, 0.1))
+        for n, at_s in enumerate((0.0, 0.09, 0.1, None))
     ]
-    assert shots[0] == shots[1] != shots[2]
-    with pytest.raises(fapengine.UsageError, match=r"at_s: got 0.5 s, the track lasts 0.10 s"):
+    assert shots[0] == shots[1] != shots[2] == shots[3]
+    with pytest.raises(fapengine.UsageError, match=r"at_s: got 0.5 s, the track lasts 0.20 s"):
         fapengine.save(track, tmp_path / "a.png", at_s=0.5)
 
 

@@ -64,7 +64,7 @@ WRONG: dict[tuple[Callable[..., object], str], tuple[object, ...]] = {
     (save, "track"): (None, ROW, np.zeros((1, 68)), PHONES),
     (save, "path"): (None, 3, b"a.fap", "/nonexistent/a.xyz"),
     (save, "size"): (3, "64x64", (64,), (64.5, 64)),
-    (save, "at_s"): ("1", None, NAN),
+    (save, "at_s"): ("1", NAN),
     (save, "shapes"): (3, b"arkit"),
     (save, "kbit_s"): ("4", 4.0, NAN),
     (save, "head"): (None, 3, b"default"),
