@@ -406,7 +406,7 @@ def animated(
 
     report, how = report or Report(), how or {}
     listens = not isinstance(source, PhoneTrack) and is_sound(source)
-    of_timings = {"sound": sound, **how}
+    of_timings = {"sound": sound, "voice": voice, **how}
     of_sound = {
         "recognizer": recognizer, "transcript": transcript, "trust_transcript": trust_transcript or None,
     }  # fmt: skip

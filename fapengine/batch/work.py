@@ -80,8 +80,8 @@ def perform_row(row: Row) -> Performance:
     if source is not None:
         return animated(
             source, row.audio if row.timings else None, manner, transcript=row.text, language=options.language,
-            channel=options.channel, voice=options.chosen_voice, how=options.how, strict=options.strict,
-            trust_transcript=options.trust_transcript and row.text is not None,
+            channel=options.channel, voice=options.chosen_voice if row.timings else None, how=options.how,
+            strict=options.strict, trust_transcript=options.trust_transcript and row.text is not None,
         )  # fmt: skip
     assert row.text is not None
     performance = perform_speech(spoken(row.text, _Fresh(voice_of(options))), manner)

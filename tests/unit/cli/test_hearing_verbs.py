@@ -186,6 +186,7 @@ def test_refusals(talk: Path, tmp_path: Path) -> None:
     empty.write_bytes(b"")
     cases: list[tuple[list[object], type[FapEngineError], str]] = [
         (["animate", talk, "--audio", talk], UsageError, "--audio: cannot be used with a recording"),
+        (["animate", talk, "--voice", "de"], UsageError, "--voice: cannot be used with a recording"),
         (["animate", pho, "--transcript", "x"], UsageError, "--transcript: cannot be used with phone timings"),
         (["align", talk, "--transcript", "x", "--transcript-file", pho], UsageError, "use only one"),
         (["align", talk, "-o", tmp_path / "a.srt"], UsageError, r"--output: .*'\.srt'"),
