@@ -28,8 +28,8 @@ HEAD_MM, SLOW_MM = 110.0, 0.2
 """Distance of the hair from the neck's joint; what counts as slow, mm from frame to frame."""
 MUCH = 60
 """Levels of 255 by which a pixel changes much."""
-MOUTH_MM, EYES_MM = (-46.0, 46.0, -96.0, -12.0), (-52.0, 52.0, 14.0, 66.0)
-"""Places of the head, left, right, bottom, top, where what moves fast is: lips and chin, lids, eyes and brows."""
+MOUTH_MM, EYES_MM = (-46.0, 46.0, -96.0, -12.0), (-58.0, 58.0, 14.0, 66.0)
+"""Places of the head, left, right, bottom, top, where what moves fast is: lips and chin; lids, lashes and brows."""
 
 
 @pytest.fixture(scope="module", params=["short", "long"])
