@@ -210,7 +210,8 @@ def test_it_tells_an_expression_of_six_tenths_from_neutral_at_200_pixels(
     """In standard deviations of what turns of the head do to a neutral face.
 
     Anger is -4.1 below a fringe of locks. The slant of sadness is 2.4, and 3.7 with charm=0. Without charm and a face
-    at rest these were -5.5, 5.0, -4.9 and 4.9, and -2.9, 1.7, -2.7 and 5.1 before brows of anger and sadness were as large as they are.
+    at rest these were -5.5, 5.0, -4.9 and 4.9, and -2.9, 1.7, -2.7 and 5.1 before
+    brows of anger and sadness were as large as they are.
     """
     neutral, felt = measure(sight.faint["neutral"]), measure(sight.faint[name])
     assert not np.isnan(felt).any()
