@@ -33,12 +33,13 @@ const watch = new MutationObserver(() => {
     page.session.jitterBuffer.sample = (now, into) => { into.set(faps); return { ...shown, faps: into }; };
     page.session.fadeOut.at = () => 1;
     Object.defineProperty(page.picture, "wantsFineEdges", { get: () => true });
+    page.picture.budget.scale = 1;
     page.picture.resized = true;
     window.isHeld = true;
 });
 watch.observe(phone, { childList: true, characterData: true, subtree: true });
 """
-"""Keeps the face as it is when one of these vowels is said, with the edges that a graphics card draws."""
+"""Keeps the face as it is when one of these vowels is said, with the pixels and edges that a graphics card draws."""
 NO_RATES = """
     if (page.picture.view.frugal)
         for (const name of ["fps", "latency"]) document.getElementById(name).parentElement.hidden = true;
