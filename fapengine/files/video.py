@@ -52,14 +52,16 @@ Packet: TypeAlias = "av.Packet[Any]"
 
 
 def check_samples(file: BinaryIO, path: Path) -> None:
-    """Reject an MP4 that states more samples than it has bytes: FFmpeg takes 24 bytes or more of memory for each.
+    """Reject an empty file, and an MP4 that states more samples than it has bytes: FFmpeg takes 24 bytes for each.
 
     Raises
     ------
     DataError
-        If a table of samples is a lie.
+        If the file is empty, or a table of samples is a lie.
     """
     ends = [file.seek(0, os.SEEK_END)]
+    if not ends[0]:
+        raise DataError("the file is empty", where=str(path))
     size, at = ends[0], 0
     for _ in range(MAX_BOXES):
         file.seek(at)

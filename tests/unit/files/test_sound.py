@@ -241,3 +241,12 @@ def test_sound_is_read_a_minute_beyond_its_timings(tmp_path: Path, caplog: pytes
     assert not caplog.messages
     assert len(load_sound(path, spoken_s=1.0)[0]) == 61 * 8000
     assert caplog.messages == [f"{path}: only the first 61 s were read, as the speech ends at 1.00 s"]
+
+
+@pytest.mark.parametrize("suffix", ["wav", "mp3", "mp4"])
+def test_an_empty_file_is_said_to_be_empty(tmp_path: Path, suffix: str, capfd: pytest.CaptureFixture[str]) -> None:
+    """PyAV prints a traceback of its own for an empty .mp3."""
+    (tmp_path / f"none.{suffix}").touch()
+    with pytest.raises(DataError, match="the file is empty"):
+        load_sound(tmp_path / f"none.{suffix}")
+    assert capfd.readouterr() == ("", "")
