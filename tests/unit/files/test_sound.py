@@ -117,9 +117,6 @@ def test_one_sample_is_a_sound_and_none_is_not(tmp_path: Path) -> None:
     assert samples.tolist() == [257]
     with pytest.raises(DataError, match="holds no sound"):
         load_sound(wav(tmp_path / "none.wav", b""))
-    (tmp_path / "empty.wav").write_bytes(b"")
-    with pytest.raises(DataError, match="cannot be decoded as sound"):
-        load_sound(tmp_path / "empty.wav")
 
 
 @pytest.mark.parametrize("suffix", [".wav", ".flac", ".mp3", ".mkv"])
