@@ -203,7 +203,7 @@ def test_refusals(talk: Path, tmp_path: Path) -> None:
             "--channel: each cannot be combined with a transcript",
         ),
         (["animate", pho, "--channel", "each"], UsageError, "--channel: each works with recordings only"),
-        (["align", empty, "-o", tmp_path / "a.pho"], DataError, "cannot be decoded as sound"),
+        (["align", empty, "-o", tmp_path / "a.pho"], DataError, "the file is empty"),
         (["align", talk, "--transcript", "?!"], UsageError, "--transcript: .* expected words"),
         (
             ["align", talk, "--transcript", "The weather forecast for tomorrow is probably wrong."],
