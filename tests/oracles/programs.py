@@ -60,7 +60,7 @@ LANGUAGES = {
 SETS = ("arkit", "oculus", "mpeg4", "vrm")
 OPEN_MM, CLOSED_MM = 5.0, 0.5
 """Least opening on ɑ, and largest on m, in every program."""
-MAX_STEP = {"arkit": 0.3, "oculus": 0.3, "vrm": 0.3, "mpeg4": 1.0}
+MAX_STEP = {"arkit": 0.35, "oculus": 0.35, "vrm": 0.35, "mpeg4": 1.0}
 """Largest change of a weight in 1/60 s. FAP 1 shows two visemes at a time, so that a third one begins at once."""
 ANGLE_DEG = 11.3
 """Direction of a target 0.2 m aside and below at 1 m."""
