@@ -22,7 +22,7 @@ PERCENTILES = {"p50": "half of the frames", "p95": "95 %", "max": "all"}
 def open_screen(
     phones: PhoneTrack | None, *, head: str, drawing: RenderOptions, window: bool | None, rate_hz: float
 ) -> Screen:
-    """Open a window, or the terminal if there is no display; ``window`` forces one of them."""
+    """Open a window, or use the terminal if there is no display; ``window`` True or False forces one of them."""
     if has_display() if window is None else window:
         try:
             return WindowScreen(head, drawing=drawing, rate_hz=rate_hz)

@@ -51,13 +51,13 @@ def convert(
         if output.suffix.lower() in TAKES:
             markers = load_markers(motion).markers
             save_markers(output, markers)
-            told = f"{markers.frame_count} frames of {len(markers.labels)} markers at {markers.rate_hz:g} Hz"
+            summary = f"{markers.frame_count} frames of {len(markers.labels)} markers at {markers.rate_hz:g} Hz"
         else:
             from fapengine.app.scene_files import save_take_scene  # with scipy
 
             check_output(output, options, rate_hz=0.0)
-            told = save_take_scene(output, motion, options.into)
-        print_result({"output": str(output), "moved": told}, f"{output}: {told}", as_json=as_json)
+            summary = save_take_scene(output, motion, options.into)
+        print_result({"output": str(output), "moved": summary}, f"{output}: {summary}", as_json=as_json)
         return
     kind = check_output(output, options, rate_hz=0.0)
     track = load_motion(motion, strict=strict)
@@ -65,7 +65,7 @@ def convert(
     kind.write(track, output, options)
     facts: dict[str, object] = {"output": str(output), "frames": len(track), "rate_hz": track.rate_hz}
     facts["remarks"] = list(track.remarks)
-    told = f"{output}: {len(track)} frames at {track.rate_hz:g} Hz"
+    summary = f"{output}: {len(track)} frames at {track.rate_hz:g} Hz"
     if moved := options.report.moved:
-        facts["moved"], told = moved, f"{told}; {moved}"
-    print_result(facts, told, as_json=as_json, err=is_standard(output))
+        facts["moved"], summary = moved, f"{summary}; {moved}"
+    print_result(facts, summary, as_json=as_json, err=is_standard(output))

@@ -43,7 +43,7 @@ def check_outputs(outputs: Iterable[Path], inputs: Iterable[Path] = (), *, overw
     """
 
     @cache
-    def read() -> set[tuple[object, ...]]:  # a folder may hold very many files, and a new name is none of them
+    def read() -> set[tuple[object, ...]]:  # called only if an output exists: a folder may hold very many files
         return {key for path in inputs for file in _files_of(path) for key in identities(file)}
 
     seen: dict[str, Path] = {}

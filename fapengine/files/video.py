@@ -52,7 +52,7 @@ Packet: TypeAlias = "av.Packet[Any]"
 
 
 def check_samples(file: BinaryIO, path: Path) -> None:
-    """Reject an empty file, and an MP4 that states more samples than it has bytes: FFmpeg takes 24 bytes for each.
+    """Reject an empty file, and an MP4 that states more samples than bytes: FFmpeg allocates 24 or more for each.
 
     Raises
     ------

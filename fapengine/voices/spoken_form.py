@@ -43,8 +43,7 @@ _OCCASION = re.compile(
     r"\d|\b\w{1,4}\.|[^\W\d_]\.\s*\w|[^\w\s.,;:!?'’\"<>/=-]|\bng['’]|\b[ДдГг]-|\b[IVX]{2}|\bIer\b|[а-я] [IVX]\b"
     r"|[¼-¾⅓⅔⅛]"
 )
-"""What a text contains that has an entry of a table: a digit, also a Roman one, a fraction, a sign, a point after four
-letters or within."""
+"""Finds what a table may rewrite: digits, Roman numerals, fractions, signs, and abbreviations of up to four letters."""
 _NUMBER = r"(?P<n>(?>\d+(?:[.,\u00a0\u202f]\d{3}(?!\d))*(?:[.,]\d+)?))"
 _SPACED_NUMBER = _NUMBER.replace("[.,", "[., ", 1)
 _NUMBER_BEFORE = re.compile(r"\d[ \u00a0\u202f]?$")

@@ -233,8 +233,8 @@ def test_frames_of_a_data_channel_are_shown(shop: Page) -> None:
 
 def test_liveliness_without_a_server_is_an_attribute(shop: Page) -> None:
     def shown(attributes: dict[str, str]) -> Any:
-        told = "({ liveliness }) => liveliness, ({ message }) => message"
-        return shop.run(f"show({json.dumps(attributes)}).then(() => face.local('say')).then({told})")
+        result = "({ liveliness }) => liveliness, ({ message }) => message"
+        return shop.run(f"show({json.dumps(attributes)}).then(() => face.local('say')).then({result})")
 
     assert shown({"liveliness": "0.3"}) == 0.3
     assert shown({}) == 1

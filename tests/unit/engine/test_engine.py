@@ -211,8 +211,8 @@ def test_events_tell_where_the_utterance_was():
     say(one, sentence(), number=2, anchor="audio")
     frames(one, 0.0, 1.0)
     one.apply("anna", Cancel(), 1.0)
-    told = {(event.utterance, event.kind): event.position_s for event in one.events()}
-    assert told == {
+    positions_s = {(event.utterance, event.kind): event.position_s for event in one.events()}
+    assert positions_s == {
         (1, "started"): pytest.approx(0.0, abs=0.03),
         (1, "cancelled"): pytest.approx(1.0),
         (2, "cancelled"): 0.0,  # it had no place
