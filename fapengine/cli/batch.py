@@ -153,8 +153,10 @@ MAX_LISTED = 10
 
 
 def _lines(where: str, rows: int, done: int, failed: "Sequence[Done]", left: int) -> list[str]:
+    from fapengine.cli._printing import as_flags
+
     lines = [f"{where}: {rows} rows: {done} done, {len(failed)} failed{f', {left} left' if left else ''}"]
-    lines += [f"  {one.id}: {one.error}" for one in failed[:MAX_LISTED]]
+    lines += [f"  {one.id}: {as_flags(one.error)}" for one in failed[:MAX_LISTED]]
     return lines + ([f"  and {len(failed) - MAX_LISTED} more: index.csv"] if len(failed) > MAX_LISTED else [])
 
 

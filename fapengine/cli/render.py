@@ -134,7 +134,7 @@ def render(
             shown = [rows[moment] for moment in moments] if isinstance(rows, list) else rows[moments]
             pictures = list(draw_crowd(crowd, shown, rate_hz * len(moments) / len(rows)))
             labels = [(f"{moment / rate_hz:.2f} s", "") for moment in moments]
-            save_png(output, contact_sheet(pictures, labels, title=track[0].name))
+            save_png(output, contact_sheet(pictures, labels, title=", ".join(each.name for each in track)))
             done = {"moments": len(pictures)}, f"{len(pictures)} moments"
         elif is_one:
             if not 0 <= at <= last_s:

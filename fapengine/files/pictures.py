@@ -159,7 +159,8 @@ def contact_sheet(frames: Sequence[Picture], labels: Sequence[tuple[str, str]], 
     Parameters
     ----------
     frames : sequence of (height, width, 3 or 4) uint8
-        At least one; each fitted into a square. With (straight) alpha they are placed on the paper.
+        At least one; each fitted into a tile that is square or, for frames side by side, wider. With (straight) alpha
+        they are placed on the paper.
     labels : sequence of (str, str)
         Label and note of each frame; may contain IPA.
     title : str
@@ -174,24 +175,25 @@ def contact_sheet(frames: Sequence[Picture], labels: Sequence[tuple[str, str]], 
         raise UsageError(
             f"contact sheet: got {len(frames)} frames and {len(labels)} labels, expected as many, 1 or more"
         )
-    columns = min(len(frames), max(4, round((len(frames) * 1.6) ** 0.5)))
+    tile = round(TILE * min(8.0, max(1.0, *(frame.shape[1] / frame.shape[0] for frame in frames))))
+    columns = min(len(frames), max(round(4 * TILE / tile), round((len(frames) * 1.6 * TILE / tile) ** 0.5), 1))
     rows = -(-len(frames) // columns)
     top = MARGIN + (40 if title else 0)
-    sheet_width = 2 * MARGIN + columns * (TILE + GAP) - GAP
+    sheet_width = 2 * MARGIN + columns * (tile + GAP) - GAP
     sheet = Image.new("RGB", (sheet_width, top + rows * (TILE + LABEL_HEIGHT + GAP) + MARGIN - GAP), PAPER)
     pen = ImageDraw.Draw(sheet)
     if title:
         pen.text((MARGIN, MARGIN), title, INK, font=font(22))
     for index, (frame, (label, note)) in enumerate(zip(frames, labels, strict=True)):
-        x = MARGIN + index % columns * (TILE + GAP)
+        x = MARGIN + index % columns * (tile + GAP)
         y = top + index // columns * (TILE + LABEL_HEIGHT + GAP)
-        scale = TILE / max(frame.shape[:2])
+        scale = min(tile / frame.shape[1], TILE / frame.shape[0])
         width, height = max(1, round(frame.shape[1] * scale)), max(1, round(frame.shape[0] * scale))
         small = Image.fromarray(frame).resize((width, height), Image.Resampling.LANCZOS)
         mask = small if small.mode == "RGBA" else None
-        sheet.paste(small, (x + (TILE - width) // 2, y + (TILE - height) // 2), mask)
+        sheet.paste(small, (x + (tile - width) // 2, y + (TILE - height) // 2), mask)
         pen.text((x + 2, y + TILE + 3), drawable(label), INK, font=font(21))
-        pen.text((x + TILE - 2, y + TILE + 10), note, FAINT, font=font(13), anchor="ra")
+        pen.text((x + tile - 2, y + TILE + 10), note, FAINT, font=font(13), anchor="ra")
     return np.asarray(sheet)
 
 

@@ -177,7 +177,8 @@ def load_neutral(path: Path) -> BlendshapeMesh:
         If trimesh is not installed.
     """
     if path.suffix.lower() not in MESHES:
-        raise UsageError(f"{path}: got ending {path.suffix!r}, expected one of {', '.join(MESHES)}")
+        expected = ", ".join(dict.fromkeys((*MESHES, *RIG_ENDINGS)))
+        raise UsageError(f"{path}: got ending {path.suffix!r}, expected one of {expected}")
     vertices, triangles, visual = load_mesh(path)
     paint = find_paint(visual, len(vertices)) or Paint()
     if paint.texture is not None and paint.texture.shape[0] * paint.texture.shape[1] > MAX_PIXELS:

@@ -12,7 +12,7 @@ from fapengine.files import pictures, video
 from fapengine.files.fba import read_fba_film
 from fapengine.files.moving import write_moving
 from fapengine.files.paths import write_bytes
-from fapengine.files.pictures import bar_chart, contact_sheet, load_picture, save_png
+from fapengine.files.pictures import TILE, bar_chart, contact_sheet, load_picture, save_png
 from fapengine.files.sound import load_sound, save_wav
 from fapengine.files.video import inspect_film, stream_pictures
 from tests.videos import load_video
@@ -127,6 +127,14 @@ def test_contact_sheet_shows_every_frame_and_ipa_labels() -> None:
     boxes = contact_sheet(frames(5), [("\ufffe", "0.1 s")] * 5, title="Hello")
     assert not np.array_equal(other, boxes)  # a missing glyph would be the same box
     assert contact_sheet(frames(23), [("a", "")] * 23).shape[0] > one.shape[0]
+
+
+def test_faces_side_by_side_are_as_high_in_a_contact_sheet_as_one() -> None:
+    red = np.full((100, 300, 3), (255, 0, 0), np.uint8)
+    for width in (100, 300):
+        sheet = contact_sheet([red[:, :width]] * 4, [("a", "")] * 4)
+        column = (sheet == (255, 0, 0)).all(-1)[:, sheet.shape[1] // 8]
+        assert np.diff(np.flatnonzero(np.diff(column.astype(int)))).max() >= TILE - 1
 
 
 def test_bars_are_as_high_as_their_values() -> None:
