@@ -173,7 +173,7 @@ def parse_fap(data: bytes) -> FapTrack:
     values = np.zeros(is_sent.shape, np.int32)
     values[:, fap.column(3) :][is_sent[:, fap.column(3) :]] = np.frombuffer(sent, np.int32)
     frame_numbers, visemes, expressions = np.split(
-        np.frombuffer(heads, np.int32).reshape(len(values), -1), np.cumsum(WIDTHS[:-1]), axis=1
+        np.frombuffer(heads, np.int32).reshape(len(values), sum(WIDTHS)), np.cumsum(WIDTHS[:-1]), axis=1
     )
     try:
         return FapTrack(
@@ -197,7 +197,7 @@ def _header(number: int, line: str) -> tuple[str, float]:
     try:
         rate_hz = float(fields[-2])
     except ValueError as error:
-        raise DataError(f"frame rate: got {fields[-2]!r}, expected a number", where=where) from error
+        raise DataError(f"frame rate: got {fields[-2][:20]!r}, expected a number", where=where) from error
     if not (np.isfinite(rate_hz) and rate_hz > 0):
         raise DataError(f"frame rate: must be a positive number, got {fields[-2]}", where=where)
     return " ".join(fields[1:-2]) or "unnamed", rate_hz

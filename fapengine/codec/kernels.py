@@ -489,12 +489,12 @@ def find_intra(bits: Any, start: int, bodies: bool) -> int:
             continue
         at = first + 3
         at += 14 if bits[at] else 1
-        if at < n and bits[at]:
-            if at + 12 >= n or not bits[at + 12]:
+        if bits[at]:
+            if not bits[at + 12]:
                 continue
             at += 18
         at += 1
-        if at < n and bits[at]:
+        if bits[at]:
             more = True
             at += 1
             while more and at + 4 <= n:

@@ -1,5 +1,7 @@
 """The encoder's choices: each keeps its promise, and a plain decoder reads all of them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -19,6 +21,7 @@ from fapengine.codec.encoder import (
 )
 from fapengine.codec.fields import FIELD_COUNT, SentRanges
 from fapengine.codec.fit import fill
+from fapengine.codec.header import mask_types_of
 from fapengine.codec.kernels import SKIP_LIMIT
 from fapengine.errors import UsageError
 from fapengine.mpeg4 import fap
@@ -74,12 +77,16 @@ def test_groups_share_what_a_target_rate_leaves_over() -> None:
     assert 0.95 < 8 * len(stream) / 20 / 3000 <= 1.02
 
 
-def test_live_rate_control_comes_near_its_target() -> None:
-    track = talking(60.0)
-    encoder = Encoder(rate_hz=RATE_HZ, options=EncoderOptions(kbit_s=1.5))
+@pytest.mark.parametrize(("ranges", "kbit_s"), [("table", 4.0), ("fitted", 1.5)])
+def test_live_rate_control_settles_at_its_target(ranges: str, kbit_s: float) -> None:
+    """Steady motion gets a steady quantiser, once the first groups have shown what it costs."""
+    track = talking(70.0)
+    encoder = Encoder(rate_hz=RATE_HZ, options=EncoderOptions(kbit_s=kbit_s, ranges=ranges))
     stream = b"".join(encoder.frame(row) for row in track.values) + encoder.finish()
-    assert 8 * len(stream) / 60 / 1000 == pytest.approx(1.5, rel=0.15)
-    assert len({part.header.quant for part in decode(stream).planes}) > 1
+    assert 8 * len(stream) / 70 / 1000 == pytest.approx(kbit_s, rel=0.05)
+    quants = [part.header.quant for part in decode(stream).planes if part.intra]
+    assert quants[0] == FIRST_QUANT
+    assert max(quants[2:]) <= 2 * min(quants[2:])
 
 
 def test_intra_refresh_comes_on_time_and_where_asked() -> None:
@@ -247,6 +254,18 @@ def test_bad_frames_are_refused() -> None:
         encoder.frame([0] * 68, skip=-1)
     with pytest.raises(UsageError, match="no frames"):
         encode(FapTrack.from_values(np.zeros((0, 68), int), rate_hz=25.0))
+
+
+@pytest.mark.parametrize(("unsent", "kind"), [("keep", 1), ("interpolate", 2)])
+def test_headers_say_what_decoders_do_with_what_is_not_sent(unsent: str, kind: int) -> None:
+    track, options = talking(0.2), EncoderOptions(unsent=unsent)
+    mask = track.mask & (np.arange(68) % 2 == 0)
+    encoder = Encoder(rate_hz=RATE_HZ, faps=(np.flatnonzero(mask[0]) + 1).tolist(), options=options)
+    live = encoder.frame(track.values[0]) + encoder.finish()
+    for stream in (live, encode(replace(track, values=np.where(mask, track.values, 0), mask=mask), options)):
+        header = decode(stream).planes[0].header
+        assert header.mask_types == mask_types_of(mask[0], kind)
+        assert kind in header.mask_types
 
 
 @pytest.mark.conformance

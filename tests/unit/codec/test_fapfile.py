@@ -2,7 +2,7 @@
 
 import contextlib
 import tracemalloc
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +10,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fapengine.codec.epf import parse_epf
 from fapengine.codec.fapfile import format_fap, parse_fap
 from fapengine.errors import DataError, TruncatedError
 from fapengine.files.motion import load_fap, save_fap
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack
+from tests.unit.codec.test_bitstream import EXAMPLE_EPF
 
 pytestmark = pytest.mark.conformance
 
@@ -91,8 +93,8 @@ def test_the_single_number_form_keeps_the_first_select() -> None:
         ("9.9 a 25 1\n", DataError, "header.*line 1"),
         ("2.1 25\n", DataError, "header"),
         ("2.1 a x 1\n", DataError, "frame rate: got 'x'"),
-        ("2.1 a 0 1\n", DataError, "positive"),
-        ("2.1 a nan 1\n", DataError, "positive"),
+        ("2.1 9 0 1\n", DataError, "positive number, got 0 "),
+        ("2.1 9 nan 1\n", DataError, "positive number, got nan "),
         (HEAD, TruncatedError, "no frame"),
         (GOOD.replace("11 -21 31\n", "11 -21"), TruncatedError, "FAP values: got 2 numbers, expected 3"),
         (GOOD.replace(MASK, "0 0 2" + MASK[5:], 1), DataError, "mask: digit 3 is '2'.*line 2"),
@@ -108,6 +110,31 @@ def test_refuses(text: str, error: type[DataError], message: str) -> None:
         parse_fap(text.encode())
     with pytest.raises(DataError, match="is not UTF-8 text"):
         parse_fap(b"\xff\xfe")
+
+
+@pytest.mark.parametrize(
+    ("text", "read", "free"),
+    [
+        (GOOD, parse_fap, {(1, 1), (1, 3)}),  # the name, and the number of frames, which not every writer knows
+        (EXAMPLE_EPF.decode().replace("FQU 1", "FQU 1 TC 1 2 1 3 FIX" + " 1" * 66), parse_epf, set()),
+    ],
+)
+def test_a_wrong_word_is_quoted_in_short_with_its_line(
+    text: str, read: Callable[[bytes], object], free: set[tuple[int, int]]
+) -> None:
+    wrong = "w" * 61
+    lines = [line.split() for line in text.splitlines()]
+    places = [(number, at) for number, words in enumerate(lines, start=1) for at in range(len(words))]
+    for number, at in places:
+        if (number, at) in free:
+            continue
+        words = [[wrong if (row, place) == (number, at) else word for place, word in enumerate(line)]
+                 for row, line in enumerate(lines, start=1)]  # fmt: skip
+        with pytest.raises(DataError) as told:
+            read("\n".join(map(" ".join, words)).encode())
+        length = 60 if (number, at) == (1, 0) and free else 20  # of a header, all that has room
+        assert f"'{wrong[:length]}'" in str(told.value)
+        assert f"line {number}" in str(told.value)
 
 
 @given(st.binary(max_size=300) | st.text(max_size=300).map(str.encode))

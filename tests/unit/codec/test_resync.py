@@ -129,6 +129,28 @@ def test_frames_that_are_dropped_are_counted_once_however_often_a_search_comes_t
     assert max(dropped) == HELD
 
 
+@pytest.mark.parametrize("piece", [40, 10_000])
+@pytest.mark.parametrize("left", [0.3, 0.55, 0.8])
+def test_what_is_cut_off_is_one_loss_from_the_last_whole_plane_to_the_end(left: float, piece: int) -> None:
+    stream = encode(walk(60), EncoderOptions(intra_every=25))
+    stream, whole = stream[: int(left * len(stream))], decode(stream)
+    decoder = Decoder(errors="resync")
+    frames = [frame for n in range(0, len(stream), piece) for frame in decoder.feed(stream[n : n + piece])]
+    frames += decoder.close()
+    ends = np.concatenate([part.extents[:, 1] for part in whole.planes])
+    (loss,) = decoder.losses
+    assert loss.end_bit == 8 * len(stream)
+    assert loss.start_bit == ends[len(frames) - 1] == ends[ends <= loss.end_bit].max()
+    assert loss.frames_dropped == 0
+
+
+def test_a_live_decoder_refuses_a_p_plane_at_the_beginning_as_soon_as_it_is_there() -> None:
+    decoder = Decoder()
+    assert decoder.feed(encode(walk(1))[:4] + bytes([0b00100000] * 9)) == []
+    with pytest.raises(DataError, match="first plane: got a P plane, expected an I plane"):
+        decoder.feed(b"more")
+
+
 @pytest.mark.parametrize("errors", ["strict", "resync"])
 def test_a_long_live_stream_needs_no_more_memory(errors: str) -> None:
     stream = encode(walk(1500), EncoderOptions(intra_every=50))
