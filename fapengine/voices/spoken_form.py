@@ -14,8 +14,9 @@ and ``[[rules]]``: a regular expression and what is said, in which ``{1}`` is it
 ``n`` in words. Its group ``x`` is replaced, or all. ``scales`` are words between a number and its currency, ``of`` what
 stands after one, ``[short_scales]`` letters for them (``$5k``). ``starters`` begin a sentence after an abbreviation,
 whose point is then a full stop too. ``minus`` is said before a number, ``share`` between a fraction and its unit.
-``[mixed]`` has what a fraction becomes after a whole number; ``to`` is said between two amounts. A fraction's sign
-(``½``) is what its digits are. ``[date]`` has ``months``, what is ``said``, and forms of ``year`` and of ``day``, by
+``[mixed]`` has what a fraction becomes after a whole number, or after its unit (``2 kilos et demi``) if it is ``last``,
+and for a unit apart if that follows in its key; ``to`` is said between two amounts. A fraction's sign (``½``) is what
+its digits are. ``[date]`` has ``months``, what is ``said``, and forms of ``year`` and of ``day``, by
 what stands before the date; ``year_first`` is true where only 2024-05-12 is sure to be one.
 ``phones`` is a pattern of telephone numbers beside the usual one. ``joined`` is the greatest number of digits before a
 space in a number that the voice would read in parts. ``[[gender]]`` has ``nouns``, what the number in words before one
@@ -164,7 +165,8 @@ def _rules(language: str) -> tuple[_Rule, ...]:
     words, units = _words(table), _units(table, language)
     last = (units, words) if table.get("spaced", True) else (words, units)  # 1人 has a word of its own
     first = _dates(table, language), _phones(table), _prices(table, language), _genders(table, language)
-    return tuple(chain(*first, _numbers(table, language), _fractions(table), _listed(table, language), *last))
+    mixed = _mixed_units(table, language)
+    return tuple(chain(*first, _numbers(table, language), mixed, _fractions(table), _listed(table, language), *last))
 
 
 _DATE = re.compile(
@@ -349,20 +351,42 @@ def _fractions(table: dict[str, Any]) -> Iterator[_Rule]:
         yield _Rule(pattern, lambda match: [(*match.span(), fractions[match[0]])])
 
 
+_MIXED = rf"\d+(?: ?[{''.join(_SIGNS.values())}]| \d/\d)"
+
+
+def _mixed_units(table: dict[str, Any], language: str) -> Iterator[_Rule]:
+    """Fractions that are said after the unit of the whole number."""
+    if not table.get("mixed", {}).get("last"):
+        return
+    mixed, units = table["mixed"], table["units"] | table["currencies"]
+    plain = {sign: digits for digits, sign in _SIGNS.items()}
+
+    def edits(match: re.Match[str]) -> list[Edit]:
+        part, one = plain.get(match["part"], match["part"]), units[match["x"]].partition("|")[0]
+        unit = _form(units[match["x"]], match["n"], language)
+        whole = _agreed(table, language, match["n"], unit, match.string[: match.start()])
+        said = mixed.get(f"{part} {one}") or mixed.get(part)
+        return [(*match.span(), f"{whole} {unit} {said}" + _full_stop(match, "x"))] if said else []
+
+    parts = f" ?(?P<part>{_any_of(plain)}|(?<= ){_any_of(_SIGNS)})"
+    edge, end = _edges(table)
+    yield _Rule(re.compile(rf"{edge}(?P<n>\d+){parts}{_GAP}(?P<x>{_any_of(units)}){end}{_sentence(table)}"), edits)
+
+
 def _units(table: dict[str, Any], language: str) -> Iterator[_Rule]:
     units, spaced, share = table.get("units", {}), table.get("spaced", True), table.get("share")
-    fractions, signs = table["fractions"], "".join(_SIGNS.values())
+    fractions = table["fractions"]
     if not units:
         return
 
     def edits(match: re.Match[str]) -> list[Edit]:
         number = match["n"]
         said = " " if spaced and match.end("n") == match.start("x") else ""
-        if number in fractions:
+        if re.fullmatch(_MIXED, number):
+            number = re.sub(r"(?<=\d)\D.*", ".5", number)
+        elif number in fractions:
             said += f"{share} " if share and number not in ("1/2", "½") else ""
             number = "0.5"
-        elif not number[-1].isdecimal():
-            number = f"{number.rstrip(signs)}.5"
         unit = _form(units[match["x"]], number, language)
         agreed = _agreed(table, language, number, unit, match.string[: match.start()])
         counted = [(*match.span("n"), agreed)] if agreed != number and match["n"] == number else []
@@ -370,7 +394,7 @@ def _units(table: dict[str, Any], language: str) -> Iterator[_Rule]:
 
     number, (edge, end) = _number(language), _edges(table)
     if fractions:
-        number = number.replace("(?>", rf"(?>{_any_of(fractions)}|\d+ ?[{signs}]|", 1)
+        number = number.replace("(?>", rf"(?>{_MIXED}|{_any_of(fractions)}|", 1)
     yield _Rule(re.compile(rf"{edge}{number}{_GAP}(?P<x>{_any_of(units)}){end}{_sentence(table)}"), edits)
 
 
