@@ -60,9 +60,17 @@ def soft_positive(x: ArrayLike, width: float) -> Array:
     >>> soft_positive([-1.0, 0.0, 0.5, 2.0], 0.5).tolist()
     [0.0, 0.0, 0.25, 1.75]
     """
-    x = np.asarray(x, dtype=np.float64)
-    s = np.minimum(np.maximum(x / width, 0.0), 1.0)
-    return np.asarray(width * s * s * s * (1.0 - s / 2) + np.maximum(x - width, 0.0))
+    above = np.maximum(np.asarray(x, dtype=np.float64), 0.0)
+    bent = np.minimum(above, width)
+    s = bent / width
+    soft = s * -0.5  # above - bent (1 - s^2 (1 - s / 2)), in place as in smoothstep
+    soft += 1.0
+    soft *= s
+    soft *= s
+    soft -= 1.0
+    soft *= bent
+    soft += above
+    return np.asarray(soft)
 
 
 def low_pass(values: Array, rate_hz: float, cutoff_hz: float) -> Array:

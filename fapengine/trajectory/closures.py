@@ -94,10 +94,14 @@ SIDE_OPENING = 0.6
 _COLUMNS = np.array([[fap.column(number) for number in numbers] for numbers in PAIRS]).T
 _INNER, _OUTER = _COLUMNS[:2], _COLUMNS[2:]
 """(2, 3): columns of the upper and lower lip, in the middle, left and right."""
+_JAW = fap.column(3)
 _LOW, _HIGH = (
-    np.array(ends).reshape(3, 2).T for ends in zip(*(limits(n) for pair in PAIRS for n in pair[:2]), strict=True)
+    np.array(ends).reshape(3, 2).T[..., None]
+    for ends in zip(*(limits(n) for pair in PAIRS for n in pair[:2]), strict=True)
 )
-_SCALE = np.array([1.0, SIDE_OPENING, SIDE_OPENING])
+"""(2, 3, 1), FAPU."""
+_SCALE = np.array([[1.0], [SIDE_OPENING], [SIDE_OPENING]])
+_OPEN, _PER_NEAR = _SCALE * OPEN_FAPU + SOFTNESS_FAPU / 2, 1.0 / (_SCALE * NEAR_FAPU)
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,40 +186,44 @@ def settle(faps: Array, held: Array) -> Array:
 
     Parameters
     ----------
-    faps : (..., 68) float64, FAPU
-    held : (5, ...) float64
+    faps : (N, 68) float64, FAPU
+    held : (5, N) float64
         How far each frame is under a hold of each of :data:`CONTACTS`, 0 to 1.
 
     Returns
     -------
-    (..., 68) float64, FAPU
+    (N, 68) float64, FAPU
     """
     lips, teeth, vowels, jaw, glide = held
+    shuts, bites, opens, lifts, glides = np.any(held, axis=1).tolist()
     settled = faps.copy(order="K")
-    columns = settled.transpose(-1, *range(settled.ndim - 1))
-    down = columns[fap.column(3), ...]  # a view, also of a single frame
-    free = (1.0 - teeth) * (1.0 - vowels)
-    if jaw.any():
+    columns = settled.T
+    if lifts:
+        down = columns[_JAW]
         down -= jaw * soft_positive(down + SOFTNESS_FAPU / 2 - SIBILANT_FAPU, SOFTNESS_FAPU)
-    low, high, scale = (part.reshape(*part.shape, *(1,) * lips.ndim) for part in (_LOW, _HIGH, _SCALE))
     wished = columns[_INNER]
-    upper, lower = np.minimum(np.maximum(wished, low), high)  # (3, ...): middle, left, right
-    if vowels.any():
-        parted = vowels * soft_positive(scale * OPEN_FAPU + SOFTNESS_FAPU / 2 + upper + lower, SOFTNESS_FAPU)
-        upper, lower = upper - (1 - LOWER_SHARE) * parted, lower - LOWER_SHARE * parted
-    if teeth.any():
+    upper, lower = np.minimum(np.maximum(wished, _LOW), _HIGH)  # (3, N): middle, left, right
+    if opens:
+        parted = vowels * soft_positive(_OPEN + upper + lower, SOFTNESS_FAPU)
+        upper -= (1 - LOWER_SHARE) * parted
+        lower -= LOWER_SHARE * parted
+    if bites:
         short = soft_positive(TEETH_FAPU + SOFTNESS_FAPU / 2 - lower, SOFTNESS_FAPU)
         beyond = soft_positive(lower + SOFTNESS_FAPU / 2 - BITTEN_FAPU, SOFTNESS_FAPU)
-        lower = lower + teeth * (short - beyond)
-    opening = -(upper + lower)
+        lower += teeth * (short - beyond)
+    opening = np.negative(upper + lower)
     parting = soft_positive(opening, SOFTNESS_FAPU)
-    # as far as nothing holds them open
-    near = NEAR_SHARE * free * (1.0 - smoothstep(parting / (scale * NEAR_FAPU)))
-    change = opening - (1.0 - lips) * (1.0 - GLIDE_SHARE * glide) * ((1.0 - near) * parting)
-    share = LOWER_SHARE * (1.0 - teeth)
-    upper, lower = upper + (1.0 - share) * change, lower + share * change
-    carried = np.minimum(np.maximum(upper, low[0]), high[0])
-    change_of = np.array([carried, lower + upper - carried]) - wished
-    columns[_INNER] = wished + change_of
-    columns[_OUTER] += change_of
+    near = 1.0 - smoothstep(parting * _PER_NEAR)  # and as far as nothing holds them open
+    near *= NEAR_SHARE * ((1.0 - teeth) * (1.0 - vowels)) if bites or opens else NEAR_SHARE
+    parting -= near * parting
+    if shuts or glides:
+        parting *= (1.0 - lips) * (1.0 - GLIDE_SHARE * glide)
+    opening -= parting
+    opening *= 1.0 - LOWER_SHARE * (1.0 - teeth) if bites else 1.0 - LOWER_SHARE
+    upper += opening
+    carried = np.minimum(np.maximum(upper, _LOW[0]), _HIGH[0])
+    inner = np.array([carried, np.negative(parting + carried)])
+    columns[_INNER] = inner
+    inner -= wished
+    columns[_OUTER] += inner
     return settled

@@ -80,6 +80,9 @@ HELD = 0.7
 CORNERS = tuple(fap.column(number) for number in (6, 7, 53, 54))
 """Columns of the FAPs that draw corners to the side; positive is wide."""
 PUSHED = tuple(fap.column(number) for number in (16, 17))
+_PULLED = [*CORNERS, *PUSHED]
+_ROUND_LOSE, _SPREAD_LOSE = np.array([[1.0, 1.0, 1.0, 1.0, -1.0, -1.0], [-1.0, -1.0, -1.0, -1.0, 0.0, 0.0]])[..., None]
+"""Signs of what rounded and spread lips do not follow, for these columns."""
 SOFT_FAPU = 10.0
 """Half a millimetre."""
 _INDEX = {letter: index for index, letter in enumerate(ARTICULATIONS)}
@@ -188,9 +191,10 @@ def give_way(expression: Array, held: Array) -> Array:
     (68, N) float64, FAPU
         Of rounded lips nothing is drawn wide or back, of spread ones nothing narrow.
     """
-    narrow, spread = smoothstep(held / HELD), smoothstep(-held / HELD)
-    kept, corners, pushed = expression.copy(), list(CORNERS), list(PUSHED)
-    kept[corners] -= narrow * soft_positive(expression[corners], SOFT_FAPU)
-    kept[corners] += spread * soft_positive(-expression[corners], SOFT_FAPU)
-    kept[pushed] += narrow * soft_positive(-expression[pushed], SOFT_FAPU)
+    sign = np.where(held > 0.0, _ROUND_LOSE, _SPREAD_LOSE)
+    lost = soft_positive(sign * expression[_PULLED], SOFT_FAPU)
+    lost *= smoothstep(np.abs(held) / HELD)
+    lost *= sign
+    kept = expression.copy()
+    kept[_PULLED] -= lost
     return kept

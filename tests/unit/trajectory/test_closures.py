@@ -36,6 +36,7 @@ from fapengine.trajectory.context import MAX_DURATION_S
 from fapengine.trajectory.planner import Style, plan
 from fapengine.trajectory.targets import must_open
 from tests.english import english
+from tests.unit.trajectory.mirror import TWINS
 
 
 def mm() -> float:
@@ -196,13 +197,6 @@ def test_each_contact_of_one_frame(upper: float, lower: float) -> None:
             assert changed[0, below] - faps[0, below] == pytest.approx(changed[0, bottom] - faps[0, bottom])
 
 
-def test_a_single_frame_is_settled_like_many() -> None:
-    faps = lips(-200.0, -300.0)
-    faps[0, fap.column(3)] = 600.0
-    held = np.array([0.0, 0.0, 0.0, 1.0, 0.0])
-    np.testing.assert_array_equal(settle(faps[0], held), settle(faps, held[:, None])[0])
-
-
 def test_lips_that_are_far_apart_stay_as_they_are_but_for_the_softness() -> None:
     free = settle(lips(-200.0, -300.0), np.zeros((5, 1)))
     assert free[0, fap.column(4)] == pytest.approx(-196.0)
@@ -302,3 +296,15 @@ def test_lips_that_are_near_each_other_come_nearer() -> None:
     assert parted(160.0, open=1.0)[0] > 145.0 > 1.15 * parted(160.0)[0]
     rising = [parted(opening)[0] for opening in np.linspace(0, 400, 200)]
     assert (np.diff(rising) > 0).all()
+
+
+def test_contacts_are_the_same_on_both_sides() -> None:
+    rng = np.random.default_rng(1)
+    faps, contacts = rng.normal(0, 150, (40, fap.FAP_COUNT)), rng.random((5, 40))
+    np.testing.assert_array_equal(settle(faps[:, TWINS], contacts), settle(faps, contacts)[:, TWINS])
+
+
+def test_a_lower_lip_comes_up_to_the_teeth_from_any_depth() -> None:
+    for lower in (-40.0, -100.0, -300.0):
+        settled = settle(lips(100.0, lower), np.array([[0.0], [1.0], [0.0], [0.0], [0.0]]))
+        assert settled[0, fap.column(5)] == pytest.approx(0, abs=1e-9)  # of the neutral face, which touches them
