@@ -241,16 +241,6 @@ def _wave_sums() -> Array:
 _WAVE_SUMS = _wave_sums()
 BREATH_ROW = len(HEAD_AMPLITUDE_RAD)
 _UPPER_LIDS, _LOWER_LIDS = slice(fap.column(19), fap.column(20) + 1), slice(fap.column(21), fap.column(22) + 1)
-_PITCH, _YAW = fap.column(48), fap.column(49)
-_HEAD, _LIDS, _EYES, _BROWS = (
-    slice(fap.column(first), fap.column(last) + 1) for first, last in ((48, 50), (19, 22), (23, 26), (31, 36))
-)
-_HEAD_SIZES = np.array(list(HEAD_AMPLITUDE_RAD.values()))[:, None] / AU_RAD
-_DRIFTING = [fap.column(number) for numbers in DRIFTS_FAPU for number in numbers]
-_DRIFT_SIZES = np.array([fapu for numbers, fapu in DRIFTS_FAPU.items() for _ in numbers])[:, None]
-_DRIFT_ROWS = [BREATH_ROW + 1 + row for row, numbers in enumerate(DRIFTS_FAPU) for _ in numbers]
-_LID_SIZES = np.array([UPPER_LID, UPPER_LID, LOWER_LID, LOWER_LID])[:, None]
-_LIDS_FOLLOW = np.array([per_rad * AU_RAD for numbers, per_rad in LIDS_FOLLOW.items() for _ in numbers])[:, None]
 _STANCE, _TURN, _LOOK, _GLANCE = (
     slice(first, last + 1)
     for first, last in (
@@ -258,6 +248,28 @@ _STANCE, _TURN, _LOOK, _GLANCE = (
         (Channel.LOOK_YAW, Channel.LOOK_PITCH), (Channel.GLANCE_YAW, Channel.GLANCE_PITCH),
     )
 )  # fmt: skip
+_HEAD = 48, 49, 50
+_MOVES: tuple[dict[int, float], ...] = (
+    *({number: rad / AU_RAD} for number, rad in HEAD_AMPLITUDE_RAD.items()),
+    {48: BREATH_RAD / AU_RAD},
+    *(dict.fromkeys(numbers, fapu) for numbers, fapu in DRIFTS_FAPU.items()),
+    *({number: 1 / AU_RAD} for number in _HEAD),
+    {48: NOD_RAD / AU_RAD} | dict.fromkeys(range(31, 37), BROW_FAPU),
+    {19: UPPER_LID, 20: UPPER_LID, 21: LOWER_LID, 22: LOWER_LID},
+    *(dict.fromkeys(numbers, 1 / AU_RAD) for numbers in ((23, 24), (25, 26))),
+    {number: fapu for numbers, fapu in LIDS_FOLLOW.items() for number in numbers},
+    *({number: 1 / AU_RAD} for number in _HEAD),
+)
+"""FAPU that make a face move, by FAP: a unit of each wave, then a radian of stance, a nod, shut lids, a radian of the
+eyes to the side and down, one of lids that follow them, one of a turn that eyes join."""
+_SIZES = np.zeros((fap.FAP_COUNT, len(_MOVES)))
+for _column, _move in enumerate(_MOVES):
+    _SIZES[[fap.column(number) for number in _move], _column] = list(_move.values())
+_WAVES, _STANCES = slice(len(_WAVE_SUMS)), slice(len(_WAVE_SUMS), len(_WAVE_SUMS) + len(_HEAD))
+_NOD, _SHUT = _STANCES.stop, _STANCES.stop + 1
+_EYES, _FOLLOW = slice(_SHUT + 1, _SHUT + 3), _SHUT + 3
+_HEAD_RAD = _SIZES[[fap.column(49), fap.column(48)], :_SHUT] * AU_RAD
+"""(2, moves): yaw and pitch that eyes counter."""
 
 
 def _draw_waves(head_rng: np.random.Generator, idle_rng: np.random.Generator) -> Array:
@@ -484,22 +496,21 @@ def gesture_faps(levels: Array, waves: Array, since_s: Array) -> Array:
     (68, N) float64, FAPU
         For :func:`add_gestures`, after :func:`.closures.settle`.
     """
-    faps = np.zeros((fap.FAP_COUNT, levels.shape[1]))
-    moving, idle, nod = levels[Channel.HEAD_MOTION], levels[Channel.IDLE], levels[Channel.NOD]
+    moves = np.zeros((len(_MOVES), levels.shape[1]))
+    moving, idle = levels[Channel.HEAD_MOTION], levels[Channel.IDLE]
     if moving.any() or idle.any():
-        wander = _WAVE_SUMS @ np.sin(waves[0, :-WAVES] * since_s + waves[1, :-WAVES])
-        faps[_HEAD] = _HEAD_SIZES * moving * wander[:BREATH_ROW]
-        faps[_HEAD] += levels[_STANCE] / AU_RAD * moving
-        faps[_PITCH] += BREATH_RAD / AU_RAD * idle * wander[BREATH_ROW]
-        faps[_DRIFTING] += _DRIFT_SIZES * idle * wander[_DRIFT_ROWS]
-    faps[_PITCH] += NOD_RAD / AU_RAD * nod
-    faps[_BROWS] += BROW_FAPU * nod
-    shut = np.minimum(np.maximum(levels[Channel.BLINK], 0.0), 1.0)
-    faps[_LIDS] += _LID_SIZES * shut
-    countered = levels[Channel.GAZE] * (levels[_GLANCE] / AU_RAD - faps[[_YAW, _PITCH]])
-    faps[_EYES] = (levels[_LOOK] / AU_RAD + countered).repeat(2, axis=0)
-    faps[_LIDS] += _LIDS_FOLLOW * (1.0 - shut) * faps[_EYES][-1]
-    faps[_HEAD] += levels[_TURN] / AU_RAD  # the eyes turn with a head that a command turns
+        wander = np.matmul(_WAVE_SUMS, np.sin(waves[0, :-WAVES] * since_s + waves[1, :-WAVES]), out=moves[_WAVES])
+        wander[:BREATH_ROW] *= moving
+        wander[BREATH_ROW:] *= idle
+        np.multiply(levels[_STANCE], moving, out=moves[_STANCES])
+    moves[_NOD] = levels[Channel.NOD]
+    shut = np.minimum(np.maximum(levels[Channel.BLINK], 0.0), 1.0, out=moves[_SHUT])
+    eyes = np.subtract(levels[_GLANCE], _HEAD_RAD @ moves[:_SHUT], out=moves[_EYES])
+    eyes *= levels[Channel.GAZE]
+    eyes += levels[_LOOK]
+    moves[_FOLLOW] = (1.0 - shut) * eyes[1]
+    moves[_FOLLOW + 1 :] = levels[_TURN]
+    faps: Array = _SIZES @ moves
     return faps
 
 
