@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.errors import UsageError
-from fapengine.geometry.smooth import bump
+from fapengine.geometry.smooth import smoothstep
 from fapengine.mpeg4.track import to_codable
 from fapengine.profiles import Profile
 from fapengine.speech.phone_track import Phone
@@ -37,6 +37,7 @@ KNOTS = 16
 """Number of knots of a plan in a session's window; two or three fall to a phone, so they last for half a second and
 more."""
 RELEASES_S = np.array([RELEASE_S.get(contact, RAMP_S) for contact in CONTACTS])
+_BOTH, _POWERS = np.arange(2), np.arange(3.0)
 FIRST_ROWS, FIRST_HOLDS = 16, 4
 """Numbers of rows, and of holds in each, that a batch begins with; they double when they are full."""
 
@@ -68,9 +69,10 @@ class _Rows:
         self.fade = np.moveaxis(np.zeros((3, modes, rows)), -1, 0)
         """Value, velocity and acceleration that fade, the last two per their fade and its square. Sessions are next to
         each other in memory."""
-        self.hold_start_s = np.full((rows, holds), np.inf)
-        """Filled up with infinity; so the next."""
-        self.hold_stop_s = np.full((rows, holds), np.inf)
+        self.hold_from_s = np.full((rows, holds), np.inf)
+        """Time at which its ramp begins; filled up with infinity; so the next."""
+        self.hold_until_s = np.full((rows, holds), np.inf)
+        """Time at which its release has ended."""
         self.hold_contact = np.zeros((rows, holds), np.int64)
         """Index in :data:`.closures.CONTACTS`."""
         self.until_s = np.zeros(rows)
@@ -149,7 +151,7 @@ class BatchPlanner:
             raise UsageError(f"begins_s: got {begins_s}, expected a time")
         row, session = len(self._planners), self._opened
         if row == len(self._rows.session):
-            self._rows = self._rows.grown(2 * row, self._rows.hold_start_s.shape[1])
+            self._rows = self._rows.grown(2 * row, self._rows.hold_from_s.shape[1])
         self._opened += 1
         self._planners.append(self._new_planner())
         self._row_of[session] = row
@@ -286,13 +288,15 @@ class BatchPlanner:
 
     def _load_holds(self, rows: NDArray[np.intp], held: list[list[Hold]]) -> None:
         counts = np.array([len(holds) for holds in held])
-        if counts.max() > self._rows.hold_start_s.shape[1]:
+        if counts.max() > self._rows.hold_from_s.shape[1]:
             self._rows = self._rows.grown(len(self._rows.session), 2 * int(counts.max()))
         state, slots = self._rows, _slots(rows, counts)
-        state.hold_start_s[rows] = np.inf
-        state.hold_start_s[slots] = [hold.start_s for holds in held for hold in holds]
-        state.hold_stop_s[slots] = [hold.stop_s for holds in held for hold in holds]
-        state.hold_contact[slots] = [CONTACTS.index(hold.contact) for holds in held for hold in holds]
+        state.hold_from_s[rows] = np.inf
+        every = [hold for holds in held for hold in holds]
+        if every:
+            contacts = state.hold_contact[slots] = [CONTACTS.index(hold.contact) for hold in every]
+            state.hold_from_s[slots] = np.array([hold.start_s for hold in every]) - RAMP_S
+            state.hold_until_s[slots] = np.array([hold.stop_s for hold in every]) + RELEASES_S[contacts]
 
     def _renew_segments(self, rows: NDArray[np.intp], times_s: Array) -> None:
         """Compute coefficients for sessions that have crossed a knot."""
@@ -303,24 +307,24 @@ class BatchPlanner:
         left = np.minimum(np.maximum((knots <= times_s[rows, None]).sum(axis=1) - 1, 0), last)
         every = np.arange(len(rows))
         start_s, end_s = knots[every, left], knots[every, left + 1]
-        state.from_s[rows], state.rate[rows] = start_s, 1.0 / (end_s - start_s)
+        length_s = end_s - start_s
+        state.from_s[rows], state.rate[rows] = start_s, 1.0 / length_s
         state.until_s[rows] = np.where(left < last, end_s, np.inf)
-        first = np.ascontiguousarray(state.jets[rows, left].transpose(1, 2, 0))
-        reach = np.ascontiguousarray(state.jets[rows, left + 1].transpose(1, 2, 0))
-        coefficients = hermite.quintic(end_s - start_s, (first[0], first[1], first[2]), (reach[0], reach[1], reach[2]))
-        for power, coefficient in enumerate(coefficients):
-            state.quintic[:, power].T[:, rows] = coefficient
+        ends = state.jets[rows[:, None], left[:, None] + _BOTH]
+        ends *= (length_s[:, None] ** _POWERS)[:, None, :, None]
+        state.quintic[rows] = hermite.UNITS @ ends.reshape(len(rows), 6, -1)
 
     def _weights(self, times_s: Array) -> Array:
         """(K + axes, S): where every session is in the space, then :mod:`.phonetics`."""
         state, count = self._rows, len(times_s)
         s = _share((times_s - state.from_s[:count]) * state.rate[:count])
-        powers = state.quintic[:count].transpose(1, 2, 0)
-        weights: Array = powers[5] * s
-        for power in (4, 3, 2, 1):
-            weights += powers[power]
-            weights *= s
-        weights += powers[0]
+        powers = np.ones((6, count))
+        powers[1] = s
+        squared = np.multiply(s, s, out=powers[2])
+        cubed = np.multiply(squared, s, out=powers[3])
+        np.multiply(squared, squared, out=powers[4])
+        np.multiply(squared, cubed, out=powers[5])
+        weights: Array = np.einsum("ps,spk->ks", powers, state.quintic[:count])
         since = times_s - state.fade_from_s[:count]
         slow, quick = _share(since * state.fade_rate[:count]), _share(since * state.momentum_rate[:count])
         if slow.min(initial=1.0) < 1.0:
@@ -331,13 +335,13 @@ class BatchPlanner:
     def _held(self, times_s: Array) -> Array:
         """(5, S): what :func:`.closures.held` says of each session and contact, 0..1."""
         state, count = self._rows, len(times_s)
-        starts, stops = state.hold_start_s[:count], state.hold_stop_s[:count]
         now, free = times_s[:, None], np.ones((len(CONTACTS), count))
-        rows, slots = ((starts - RAMP_S < now) & (now < stops + RAMP_S)).nonzero()
+        rows, slots = ((state.hold_from_s[:count] < now) & (now < state.hold_until_s[:count])).nonzero()
         if len(rows):
-            contacts = state.hold_contact[rows, slots]
-            heights = bump(times_s[rows], starts[rows, slots], stops[rows, slots], RAMP_S, RELEASES_S[contacts])
-            np.multiply.at(free, (contacts, rows), 1.0 - heights)
+            contacts, at_s = state.hold_contact[rows, slots], times_s[rows]
+            since_s, left_s = at_s - state.hold_from_s[rows, slots], state.hold_until_s[rows, slots] - at_s
+            rising, falling = smoothstep([since_s / RAMP_S, left_s / RELEASES_S[contacts]])
+            np.multiply.at(free, (contacts, rows), 1.0 - rising * falling)
         return 1.0 - free
 
 
