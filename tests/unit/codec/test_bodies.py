@@ -184,6 +184,11 @@ def test_every_bap_is_in_one_group() -> None:
     assert list(SCALES) == sorted(SCALES)
 
 
+def test_steps_of_the_scale_never_become_smaller() -> None:
+    assert (len(SCALES), *SCALES[:3], SCALES[-1]) == (32, 0, 1, 2, 127)
+    assert (np.diff(SCALES, 2) >= 0).all()
+
+
 def test_a_bap_that_leaves_32_bits_is_an_error_that_names_it() -> None:
     decoder = Decoder()
     stream = with_body(face(6, 0), Body())

@@ -8,6 +8,7 @@ import pytest
 from fapengine.codec.decoder import Decoder, decode
 from fapengine.codec.encoder import (
     FIRST_QUANT,
+    WINDOW_S,
     Encoder,
     EncoderOptions,
     coarsest_quant,
@@ -19,7 +20,7 @@ from fapengine.codec.encoder import (
     quantise,
     table_ranges,
 )
-from fapengine.codec.fields import FIELD_COUNT, SentRanges
+from fapengine.codec.fields import FIELD_COUNT, UNIT, SentRanges
 from fapengine.codec.fit import fill
 from fapengine.codec.header import mask_types_of
 from fapengine.codec.kernels import SKIP_LIMIT
@@ -87,6 +88,20 @@ def test_live_rate_control_settles_at_its_target(ranges: str, kbit_s: float) -> 
     quants = [part.header.quant for part in decode(stream).planes if part.intra]
     assert quants[0] == FIRST_QUANT
     assert max(quants[2:]) <= 2 * min(quants[2:])
+
+
+def test_live_ranges_hold_the_motion_of_the_last_seconds() -> None:
+    """Of :data:`WINDOW_S`, and not what went before."""
+    column, rows = fap.column(19), np.zeros((round((WINDOW_S + 4.0) * RATE_HZ), 68), int)
+    rows[: round(2 * RATE_HZ) : 2, column] = 600
+    encoder = Encoder(rate_hz=RATE_HZ, options=EncoderOptions(ranges="fitted"))
+    stream = b""
+    for number, row in enumerate(rows):
+        if number in (round(0.9 * WINDOW_S * RATE_HZ), round((WINDOW_S + 3.0) * RATE_HZ)):
+            encoder.request_intra()
+        stream += encoder.frame(row)
+    within, after = [part.header for part in decode(stream + encoder.finish()).planes if part.intra][1:]
+    assert within.ranges.p_max[column - 2] >= 600 // UNIT > after.ranges.p_max[column - 2]
 
 
 def test_intra_refresh_comes_on_time_and_where_asked() -> None:

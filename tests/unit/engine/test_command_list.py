@@ -4,7 +4,7 @@ import inspect
 import json
 import re
 from dataclasses import dataclass
-from math import inf
+from math import inf, isinf, nan
 from pathlib import Path
 from typing import Annotated, ClassVar
 
@@ -16,6 +16,7 @@ from fapengine.clients.sender import Client
 from fapengine.engine import commands
 from fapengine.engine.command_table import (
     Angle,
+    Choice,
     Command,
     CommandSpec,
     Duration,
@@ -182,3 +183,16 @@ def test_numbers_of_the_server_s_own_utterances_and_of_phones_fit_into_the_int32
     assert checked(most := commands.End(1, 2**31 - 1, 1.0)) == most
     with pytest.raises(UsageError, match="got 2147483648"):
         checked(commands.End(1, 2**31, 1.0))
+
+
+@pytest.mark.parametrize("kind", commands.COMMANDS, ids=python_name)
+def test_a_value_out_of_range_is_named_as_its_sender_names_it(kind: type[Command]) -> None:
+    for spec in fields_of(kind).values():
+        if isinstance(spec, Choice | Time):
+            continue
+        name = spec.json or spec.osc or "value"
+        for value in (nan,) if isinstance(spec, Duration) else (spec.low - 1, spec.high + 1):
+            if not isinf(value):
+                with pytest.raises(UsageError) as told:
+                    spec.checked(value)
+                assert str(told.value) == f"{name}: got {value}, expected {spec.low:g} to {spec.high:g}"

@@ -1060,6 +1060,27 @@ def test_an_utterance_without_an_end_is_looked_at_only_when_something_is_due(ope
     assert [round(look_s, 1) for look_s in looks if look_s > 0.1] == due_s
 
 
+def test_an_utterance_that_waits_for_its_sound_is_looked_at_when_it_has_waited_long_enough(monkeypatch):
+    face = engine(wait_s=1.5)
+    say(face, sentence(), anchor="audio")
+    looks = []
+    advance = type(face._rows[0]).advance
+    monkeypatch.setattr(type(face._rows[0]), "advance", lambda self, now_s: (looks.append(now_s), advance(self, now_s)))
+    for n in range(160):
+        face.frame(n / RATE_HZ)
+    assert [look_s for look_s in looks if look_s > 0.1] == [pytest.approx(1.5, abs=1.5 / RATE_HZ)]
+
+
+@pytest.mark.parametrize("count", [1, 4, 9])
+def test_revised_speech_runs_dry_when_what_is_left_of_it_is_over(count):
+    face = engine()
+    for revision, phones in enumerate((sentence(), sentence(["o"] * count))):
+        face.apply("anna", Begin(1), 0.0)
+        face.apply("anna", Append(1, 0, phones, revision), 0.0)
+    told = [n / RATE_HZ for n in range(100) if face.frame(n / RATE_HZ) is not None and "underrun" in kinds(face)]
+    assert told == [pytest.approx(0.3 + 0.1 * count, abs=1.5 / RATE_HZ)]
+
+
 @pytest.mark.parametrize("state", list(UtteranceState))
 def test_every_transition_is_in_the_table_and_nothing_leaves_over(state):
     for step in Step:

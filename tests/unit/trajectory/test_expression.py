@@ -75,6 +75,8 @@ def test_a_half_smile_lifts_one_corner_and_leaves_lips_shut() -> None:
     )
     for mood in (left, right, Expression.CONTEMPT):  # what opens the lips is the sum of both
         assert of(mood, 4, 8, 9) + of(mood, 5, 10, 11) == pytest.approx(0)
+    outer, inner = of(left, 51, 52, 55, 57) / of(left, 59), of(left, 4, 5, 8, 10) / of(left, 12)
+    assert outer == pytest.approx(inner)  # the contours follow each their own corner, in the same way
     assert 0.4 * of(left, 12)[0] < of(Expression.CONTEMPT, 12)[0] < 0.8 * of(left, 12)[0]
     assert of(Expression.CONTEMPT, 20)[0] > 100
 

@@ -159,3 +159,10 @@ def test_faces_that_do_not_exist_are_data_errors(
 def test_weights_beyond_their_range_are_clipped(profile: Profile) -> None:
     shown = expand(track_of([(10, 1, 500, 0)], [(1, -5, 0, 10**6, 0, 0)]), profile)
     np.testing.assert_array_equal(shown.values[0], np.rint(viseme_faces(profile)[10]))
+
+
+def test_what_goes_before_counts_as_much_as_what_follows(profile: Profile) -> None:
+    """The cheapest way there is the cheapest way back."""
+    planned = plan(phones_of(SENTENCE), profile, rng=np.random.default_rng(1)).track.values[20:]
+    there, back = (to_visemes(FapTrack.from_values(one, rate_hz=60.0), profile) for one in (planned, planned[::-1]))
+    np.testing.assert_array_equal(there.visemes, back.visemes[::-1])

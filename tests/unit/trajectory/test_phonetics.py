@@ -15,6 +15,7 @@ from fapengine.trajectory.planner import plan
 from fapengine.trajectory.style import Style
 from fapengine.trajectory.targets import keys_of
 from tests.english import english
+from tests.unit.trajectory.mirror import TWINS
 
 CONTRAST_MM = 4.0
 JOY = {Expression.JOY: 0.6}
@@ -222,3 +223,10 @@ def test_giving_way_takes_only_what_is_in_the_way() -> None:
     np.testing.assert_array_equal(narrow[list(CORNERS), 1], -pull[list(CORNERS), 1])
     assert (np.abs(narrow[list(CORNERS), 2]) <= 5.1).all()
     assert ROUND == 1
+
+
+def test_left_and_right_are_alike() -> None:
+    np.testing.assert_array_equal(layer_faps(english())[:, TWINS], layer_faps(english()))
+    rng = np.random.default_rng(1)
+    pull, held = rng.normal(0, 150, (fap.FAP_COUNT, 40)), rng.uniform(-1, 1, 40)
+    np.testing.assert_array_equal(give_way(pull[TWINS], held), give_way(pull, held)[TWINS])

@@ -15,6 +15,7 @@ from fapengine.trajectory.planner import plan
 from fapengine.trajectory.style import Style
 from fapengine.trajectory.targets import keys_of
 from fapengine.trajectory.variation import DIRECTIONS, PARTS, QUANTILES_HZ, SINES, draw_variation, variation_faps
+from tests.unit.trajectory.mirror import TWINS
 
 RATE_HZ = 100.0
 WORD = (("b", 0.08), ("ɑ", 0.14), ("m", 0.08), ("i", 0.12), ("w", 0.07), ("u", 0.14), ("s", 0.1), ("ɛ", 0.12))
@@ -112,3 +113,19 @@ def test_a_face_that_does_not_articulate_does_not_vary() -> None:
     assert Style().without(["all"]).liveliness == 0
     with pytest.raises(UsageError, match=r"^liveliness: must be 0 to 1, got 1\.5"):
         Style(liveliness=1.5)
+
+
+def test_directions_are_symmetric_or_asymmetric() -> None:
+    """Both halves move alike, or one up as far as the other down; what is in the middle moves with both."""
+    for index, direction in enumerate(DIRECTIONS):
+        faps, sign = np.zeros(fap.FAP_COUNT), -1.0 if index < 3 else 1.0
+        faps[[fap.column(number) for number in direction]] = list(direction.values())
+        paired = np.arange(fap.FAP_COUNT) != TWINS
+        np.testing.assert_array_equal(faps[TWINS][paired], sign * faps[paired])
+
+
+def test_quantiles_rise_from_rest_to_half_the_frame_rate_of_video() -> None:
+    for quantiles in QUANTILES_HZ:
+        assert (quantiles[0], quantiles[-1]) == (0.0, 12.5)
+        assert (np.diff(quantiles) > 0).all()
+        assert (np.diff(quantiles, 2)[-4:] > 0).all()  # the faster, the rarer
