@@ -56,7 +56,7 @@ void main() {
     occlusion *= mix(0.66, 1.0, smoothstep(-0.03, 0.18, above_lower)) * mix(1.0, 0.55, smoothstep(0.55, 1.0, aside));
     vec3 colour = albedo * irradiance(normal, v_surface.z, occlusion) * mix(0.62, 1.0, occlusion);
     // The upper lashes' line, thicker outside; it hides what is left of an eye that is nearly shut.
-    float lashes = mix(0.13, 0.015, smoothstep(0.0, 0.5, margins.x - margins.y)) + 0.06 * smoothstep(-0.1, 0.7, outwards);
+    float lashes = mix(0.13, 0.015, smoothstep(0.0, 0.2, margins.x - margins.y)) + 0.06 * smoothstep(-0.1, 0.7, outwards);
     colour *= smoothstep(lashes - 0.05, lashes + 0.02, below_upper);
 
     // The cornea stands out of the ball, so one small highlight of the key lies within the iris.

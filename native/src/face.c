@@ -827,7 +827,7 @@ static I eye_colour(const float *u, const EyePlace *p, V3 ball, F softness) {
     F occlusion = mix(all(0.22f), all(1), step(-0.05f, 0.36f, below_upper));
     occlusion *= mix(all(0.66f), all(1), step(-0.03f, 0.18f, above_lower)) * mix(all(1), all(0.55f), step(0.55f, 1, aside));
     V3 light = scaled(irradiance(g.normal, softness, occlusion), mix(all(0.62f), all(1), occlusion));
-    F lashes = mix(all(0.13f), all(0.015f), step(0, 0.5f, upper_margin - lower_margin)) + 0.06f * step(-0.1f, 0.7f, outwards);
+    F lashes = mix(all(0.13f), all(0.015f), step(0, 0.2f, upper_margin - lower_margin)) + 0.06f * step(-0.1f, 0.7f, outwards);
     light = scaled(light, step_(lashes - 0.05f, lashes + 0.02f, below_upper));
     V3 colour = {albedo.x * light.x, albedo.y * light.y, albedo.z * light.z};
 

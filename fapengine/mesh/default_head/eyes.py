@@ -29,8 +29,9 @@ LID_THICKNESS = 1.15
 OPENED_BY_CHARM_MM = 3.2
 """Additional lid distance at charm 1; the iris, as high as the opening, grows with it."""
 INNER_CORNER, OUTER_CORNER = np.array([17.9, 32.6]), np.array([45.2, 35.0])
-OUTSIDE = (1.82, 1.66, 1.52, 1.42, 1.36, 1.32, 1.24, 1.12, 1.0)
-CREASE = 1.32
+OUTSIDE = (1.82, 1.66, 1.52, 1.42, 1.36, 1.32, 1.22, 1.1, 1.0)
+CREASE, LINE = 1.32, 1.1
+"""Levels of the crease, and of the edge of the line of lashes, which a closing lid does not stretch."""
 EDGE = ((0.93, 0.42, 0.99), (0.8, 0.04, 0.965), (0.5, -1.2, 1.12))
 """Around the margin: level, height above the eyeball, size of the opening."""
 STRETCH_ROUNDS, STRETCH_COLUMNS = 7, 58
@@ -186,7 +187,7 @@ def _build_lashes(
     """Strands on the lids' margins in groups whose tips meet, the upper ones longer and bent upwards."""
     order = np.argsort(t)
     spines, half_widths, albedo, roots = [], [], [], []
-    for is_upper, count, length_mm in ((True, 26, 3.2), (False, 14, 1.5)):
+    for is_upper, count, length_mm in ((True, 34, 2.3), (False, 8, 1.2)):
         mine = order[(upper[order] == is_upper) & (np.abs(t[order]) < 1)]
         number = np.arange(max(8, round(count * min(detail, 1.5))))
         at = -0.74 + 1.68 * (number + 0.35 * (golden(number) - 0.5)) / (len(number) - 1)
@@ -205,12 +206,13 @@ def _build_lashes(
         outwards = unit_vectors(base - centre)
         base = base + LASH_OUT_MM * (1.0 if is_upper else 0.4) * outwards
         # They lean away from the middle of the eye, and together within a group.
-        aside = (on_rim(tips) - on_rim(at)) / length[:, None] + (0.08 + 0.42 * at)[:, None] * [side, 0.0, 0.0]
+        aside = (on_rim(tips) - on_rim(at)) / length[:, None] + (0.12 + 0.60 * at)[:, None] * [side, 0.0, 0.0]
         lift = np.array([0.0, 0.62 if is_upper else -0.62, 0.0])
         middle = base + length[:, None] * (0.5 * outwards + 0.45 * aside + 0.32 * lift)
         tip = base + length[:, None] * (0.88 * outwards + aside + lift)
         spines.append(np.stack([base, middle, tip], axis=1))
-        half_widths.append(np.broadcast_to([0.30, 0.15, 0.02] if is_upper else [0.09, 0.06, 0.01], (len(at), 3)))
+        widths = [0.40, 0.20, 0.02] if is_upper else [0.08, 0.05, 0.01]
+        half_widths.append((0.4 + 0.6 * full)[:, None] * widths)
         albedo.append(np.broadcast_to(colours.LASH if is_upper else 0.35 * skin + 0.65 * colours.LASH, (len(at), 3)))
         roots.append(mine[np.abs(t[mine] - at[:, None]).argmin(axis=1)])
     spine = np.concatenate(spines)
@@ -272,7 +274,8 @@ def lid_displacement(points: Array, eye: Eye, turn: Array, shut: float = 0.0) ->
     its margin to the brow.
     """
     level = eye.lids.level
-    share = np.where(level >= 1, 1 - smoothstep((level - 1) / (CREASE + 0.12 - 1)), 1.0)
+    edge = LINE if shut > 0 else 1.0
+    share = 1 - smoothstep((level - edge) / (CREASE + 0.12 - edge))
     moves = turned(points, eye.centre, share[:, None] * turn)
     return moves + shut * (_stretched(points + moves, eye) - points - moves) if shut > 0 else moves
 
@@ -280,7 +283,7 @@ def lid_displacement(points: Array, eye: Eye, turn: Array, shut: float = 0.0) ->
 def _stretched(points: Array, eye: Eye) -> Array:
     """(levels, N, 3) mm: the skin of an upper lid, averaged over neighbours, clear of the ball."""
     level = eye.lids.level[:, None]
-    free = smoothstep((level - 1.0) / 0.15) * smoothstep((1.9 - level) / 0.3)
+    free = smoothstep((level - LINE) / 0.1) * smoothstep((1.9 - level) / 0.3)
     free = (free * eye.lids.upper * (1 - np.abs(eye.lids.t) ** 6))[..., None]
     moved = points.copy()
     for _ in range(round(STRETCH_ROUNDS * (points.shape[1] / STRETCH_COLUMNS) ** 2)):

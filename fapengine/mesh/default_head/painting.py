@@ -194,13 +194,13 @@ def _round_eyes(x: Array, y: Array, front: Mask, style: HeadStyle) -> Array:
     above = np.interp(t, row, eyes.margin(row, np.ones(201, dtype=bool), style)[:, 1])
     below = np.interp(t, row, eyes.margin(row, np.zeros(201, dtype=bool), style)[:, 1])
     near = smoothstep((1.12 - np.abs((across - middle_x) / half_x)) / 0.16) * front
-    thick = 0.3 + 0.75 * smoothstep((t + 0.5) / 1.3)
+    thick = 0.35 + 0.55 * smoothstep((t + 0.6) / 1.3)
     upper = smoothstep((thick + 0.5 - (y - above)) / 0.9) * (y > above - 1.5)
     lower = np.exp(-np.clip(below - y, 0, None) / 0.8) * (y < below + 1.5)
     line = near * (0.93 * upper * (y > (above + below) / 2) + 0.30 * lower * (y <= (above + below) / 2))
     up = y - above
-    lid = near * smoothstep(up / 1.5) * np.exp(-np.clip(up - 2.0, 0, None) / 3.4)
-    return (1 - line[..., None]) * (1 - lid[..., None] * np.array([0.08, 0.13, 0.13]))
+    lid = near * smoothstep(up / 1.5) * np.exp(-np.clip(up - 1.0, 0, None) / 2.6)
+    return (1 - line[..., None]) * (1 - lid[..., None] * np.array([0.22, 0.34, 0.36]))
 
 
 def _bearded(x: Array, y: Array, angle: Array, style: HeadStyle) -> Array:
