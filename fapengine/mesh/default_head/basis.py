@@ -333,9 +333,9 @@ def _brows(points: Array, head: HeadParts, skin: Indices, feature_points: dict[s
         along = sign * x
         knots = sign * np.array([inner[0], middle[0], outer[0]])
         at = np.clip(along, knots[0], knots[2])
-        heights = np.array([inner[1], middle[1], outer[1]])
-        off = y - _parabola(at, knots) @ heights
         hairs = points[head.brows[side]]
+        heights = np.linalg.lstsq(_parabola(sign * hairs[:, 0], knots), hairs[:, 1])[0]
+        off = y - _parabola(at, knots) @ heights
         thick = np.percentile(np.abs(hairs[:, 1] - _parabola(sign * hairs[:, 0], knots) @ heights), 97)
         above = np.clip((off - thick) / BROW_ABOVE_MM, 0, 1)
         reach = BROW_TO_LID_MM - thick + BROW_TO_NOSE_MM * (1 - smoothstep((along / knots[0] - 0.3) / 1.3))

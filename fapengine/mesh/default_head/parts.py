@@ -137,12 +137,12 @@ def build_tongue(builder: MeshBuilder, detail: float) -> Indices:
 
 
 BROWS: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = {
-    "soft": ((53.5, 55.4, 57.5, 57.9, 54.6), (2.8, 3.4, 3.1, 2.2, 0.5)),
-    "straight": ((54.4, 56.0, 57.8, 58.1, 54.9), (2.9, 3.2, 2.9, 2.2, 0.7)),
-    "arched": ((53.6, 55.1, 57.3, 57.4, 53.6), (2.3, 3.0, 2.7, 1.8, 0.4)),
+    "soft": ((51.4, 52.6, 54.3, 54.7, 51.9), (3.1, 3.6, 3.4, 2.6, 0.7)),
+    "straight": ((52.2, 53.0, 54.2, 54.4, 52.4), (3.2, 3.5, 3.2, 2.5, 0.8)),
+    "arched": ((51.2, 52.6, 54.7, 55.2, 51.6), (2.6, 3.3, 3.0, 2.1, 0.5)),
 }
 """Height of the centre line and half width at five places, mm, from the nose outwards, by shape."""
-BROW_X = (12.5, 21.0, 32.0, 43.0, 53.5)
+BROW_X = (11.0, 20.5, 32.0, 43.0, 53.5)
 """Places of these; feature points 4.1, 4.3 and 4.5 are near the first, third and last."""
 BROW_HAIRS = 140
 

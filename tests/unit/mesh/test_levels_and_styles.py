@@ -166,7 +166,7 @@ def test_the_painting_darkens_what_it_should() -> None:
 
     forehead = at(0, 75)
     assert (forehead > 225).all()
-    assert at(17, 59).mean() < 190  # a brow
+    assert at(17, 54).mean() < 190  # a brow
     assert at(80, 90).mean() < 180  # under the hair
     again = painting.paint(HeadStyle())
     assert again is painting.paint(HeadStyle())
