@@ -151,8 +151,8 @@ class Resting(NamedTuple):
 
 BROWS, CORNERS = (31, 32, 33, 34, 35, 36), (12, 13, 59, 60, 6, 7, 53, 54)
 RESTING = (
-    *(Resting({number: 70.0}, (number,), 350.0) for number in (19, 20)),
-    *(Resting({number: 15.0}, (number,), 350.0) for number in (21, 22)),
+    *(Resting({number: 120.0}, (number,), 350.0) for number in (19, 20)),
+    *(Resting({number: 35.0}, (number,), 350.0) for number in (21, 22)),
     Resting(
         {12: 85.0, 13: 85.0, 59: 110.0, 60: 110.0, 6: 20.0, 7: 20.0, 53: 35.0, 54: 35.0}, (*CORNERS, *BROWS), 250.0
     ),

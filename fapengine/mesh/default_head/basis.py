@@ -71,8 +71,8 @@ JAW_FAP = 3
 JAW_PIVOT = np.array([0.0, 2.0, 18.0])
 """Midpoint of the axis through the jaw joints, mm."""
 LIFT_CHEEK, PUFF_CHEEKS = 41, (39, 40)
-SMILE_FAPU, SMILE_CHEEK_MM, SMILE_LID = (140.0, 450.0), 3.5, 90.0
-"""FAPU of a lip corner over which a smile lifts its cheek, how far, and by how many FAPU it raises the lower lid."""
+SMILE_FAPU, SMILE_CHEEK_MM = (140.0, 450.0), 3.5
+"""FAPU of a lip corner over which a smile lifts its cheek, and how far."""
 PUFF_MM, PUFF_FORWARD, PUFF_CORNER_MM = 40.0, 0.35, 36.0
 """A puffed cheek: its radius; its way forwards per millimetre outwards; and the distance from the corner of the lips
 within which it is held, long, or the cheek would have a crease there.
@@ -398,9 +398,6 @@ def _lids(
                 poses.append(np.concatenate([lids, lashes]))
             for (start, before), (stop, after) in pairwise(zip(knots, poses, strict=True)):
                 collector.add(Channel(number, start, stop), moving, (after - before) / abs(stop - start))
-            if number == 21 + side and knots is LOWER_LID_KNOTS:
-                rise = (poses[1] - poses[0]) * SMILE_LID / knots[1]
-                collector.add(Channel(RAISE_CORNERS[side], *SMILE_FAPU), moving, rise / (SMILE_FAPU[1] - SMILE_FAPU[0]))
 
 
 def _swelling_below(neutral: Array, eye: Eye) -> Array:
