@@ -40,6 +40,24 @@ class Hearing:
     mismatches: "tuple[Mismatch, ...]"
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Recognition:
+    """How phones are found in a recording."""
+
+    transcript: str | None = None
+    """By default, phones are recognized without a transcript."""
+    language: str | None = None
+    """Language of the transcript, by default American English: a voice of espeak-ng, which pronounces words that are
+    not in the dictionary of American English, and all words of other languages."""
+    channel: int | None = None
+    """Channel of the file, 1 for the first; by default the mean of all."""
+    recognizer: Path | None = None
+    """Recognizer without a transcript: a name of :mod:`fapengine.recognition.choice`, or an ONNX model. Default: the
+    built-in network and PocketSphinx together, or the network alone if PocketSphinx is not installed."""
+    trust_transcript: bool = False
+    """Align all words of the transcript, without a check that they are in the recording."""
+
+
 def is_sound(path: Path) -> bool:
     """Whether a name is that of audio or video."""
     return path.suffix.lower() in SOUND_SUFFIXES
@@ -55,34 +73,14 @@ def read_text(path: Path) -> str:
     return subtitle_text(text) or text
 
 
-def hear(
-    path: Path,
-    *,
-    transcript: str | None = None,
-    language: str | None = None,
-    channel: int | None = None,
-    recognizer: Path | None = None,
-    trust_transcript: bool = False,
-    on_heard: Callable[[float], None] = lambda _: None,
-) -> Hearing:
+def hear(path: Path, how: Recognition, *, on_heard: Callable[[float], None] = lambda _: None) -> Hearing:
     """Find the phones of a recording.
 
     Parameters
     ----------
     path : Path
         Audio or video.
-    transcript : str, optional
-        By default, phones are recognized without a transcript.
-    language : str, optional
-        Language of the transcript, by default American English: a voice of espeak-ng, which pronounces words that are
-        not in the dictionary of American English, and all words of other languages.
-    channel : int, optional
-        Channel of the file, 1 for the first; by default the mean of all.
-    recognizer : Path, optional
-        Recognizer without a transcript: a name of :mod:`fapengine.recognition.choice`, or an ONNX model. Default:
-        the built-in network and PocketSphinx together, or the network alone if PocketSphinx is not installed.
-    trust_transcript : bool
-        Align all words of the transcript, without a check that they are in the recording.
+    how : Recognition
     on_heard : callable
         Called with the duration in s of each processed piece.
     """
@@ -91,13 +89,14 @@ def hear(
 
     def sound() -> Iterator[NDArray[np.int16]]:
         heard = 0
-        for piece in stream_sound(path, rate_hz=16_000, channel=channel):
+        for piece in stream_sound(path, rate_hz=16_000, channel=how.channel):
             heard += len(piece)
             yield piece
         if not heard:
             raise DataError(f"{path}: contains no audio")
 
-    if trust_transcript and transcript is None:
+    transcript, recognizer = how.transcript, how.recognizer
+    if how.trust_transcript and transcript is None:
         raise UsageError("trust_transcript: requires a transcript")
     inspect_sound(path)  # reports a bad file before models are loaded
     if recognizer is not None and str(recognizer) != SPHINX and transcript is not None:
@@ -109,13 +108,13 @@ def hear(
             recording = listen(sound(), on_heard=on_heard)
         else:
             recording = listen_by(new_recognizer(recognizer), sound(), on_heard=on_heard)
-        unused = () if language is None else (f"language: {language!r} is used only with a transcript",)
+        unused = () if how.language is None else (f"language: {how.language!r} is used only with a transcript",)
         return Hearing(recording.phones, recording.soundings, unused, ())
-    pronouncer = _Pronouncer(language or DEFAULT_VOICE)
+    pronouncer = _Pronouncer(how.language or DEFAULT_VOICE)
     aligner = _aligner(transcript, pronouncer)
-    recording = follow(sound(), aligner, is_trusted=trust_transcript, on_heard=on_heard)
+    recording = follow(sound(), aligner, is_trusted=how.trust_transcript, on_heard=on_heard)
     notes = [str(mismatch) for mismatch in recording.mismatches]
-    if recording.unheard > MAX_UNHEARD and not trust_transcript:
+    if recording.unheard > MAX_UNHEARD and not how.trust_transcript:
         listed = "; ".join(notes[:3])
         raise DataError(
             f"text: {100 * recording.unheard:.0f} % of the words are not in the recording ({listed});"

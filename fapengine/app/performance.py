@@ -35,7 +35,7 @@ from fapengine.voices.choice import VoiceChoice, language_voice, loaded
 from fapengine.voices.protocol import SHORT_S, Speech, Voice
 
 if TYPE_CHECKING:
-    from fapengine.app.hearing import Hearing
+    from fapengine.app.hearing import Hearing, Recognition
     from fapengine.app.motion import Weights
     from fapengine.app.scene_files import Into
     from fapengine.codec.encoder import EncoderOptions
@@ -368,13 +368,18 @@ def animate(
     ResourceError
         If a recognizer is needed and not installed.
     """
+    from fapengine.app.hearing import Recognition  # with recordings, which a text does not need
+
     check_expressions(expressions)
     manner = Manner(profile=profile, style=style or Style(), expressions=expressions, seed=seed, rate_hz=rate_hz)
     return animated(
         timings if isinstance(timings, PhoneTrack) else Path(timings),
         Path(sound) if isinstance(sound, str | Path) else sound,
-        manner, transcript=transcript, language=language, channel=channel,
-        recognizer=Path(recognizer) if recognizer is not None else None, trust_transcript=trust_transcript,
+        manner,
+        Recognition(
+            transcript=transcript, language=language, channel=channel, trust_transcript=trust_transcript,
+            recognizer=Path(recognizer) if recognizer is not None else None,
+        ),
         voice=voice, strict=strict,
         how={"format": format, "tier": tier, "alphabet": alphabet, "columns": columns},
     )  # fmt: skip
@@ -384,12 +389,8 @@ def animated(
     source: Path | PhoneTrack,
     sound: Path | SoundLike | None,
     manner: Manner,
+    recognition: Recognition,
     *,
-    transcript: str | None = None,
-    language: str | None = None,
-    channel: int | None = None,
-    recognizer: Path | None = None,
-    trust_transcript: bool = False,
     voice: str | VoiceChoice | Voice | None = None,
     how: Mapping[str, str | None] | None = None,
     strict: bool = False,
@@ -401,14 +402,16 @@ def animated(
     ``how`` has the options of :func:`fapengine.files.timings.load_timings`; ``hears`` takes the place of
     :func:`fapengine.app.hearing.hear`, to show its progress.
     """
-    from fapengine.app.hearing import hear, is_sound, with_loudness  # recordings, which a text does not need
+    from fapengine.app.hearing import hear, is_sound, with_loudness
     from fapengine.files.sound import load_sound
 
     report, how = report or Report(), how or {}
+    language, channel = recognition.language, recognition.channel
     listens = not isinstance(source, PhoneTrack) and is_sound(source)
     of_timings = {"sound": sound, "voice": voice, **how}
     of_sound = {
-        "recognizer": recognizer, "transcript": transcript, "trust_transcript": trust_transcript or None,
+        "recognizer": recognition.recognizer, "transcript": recognition.transcript,
+        "trust_transcript": recognition.trust_transcript or None,
     }  # fmt: skip
     for name, value in (of_timings if listens else of_sound).items():
         if value is not None:
@@ -417,10 +420,7 @@ def animated(
     if listens:
         assert isinstance(source, Path)
         with report.stage("listen"):
-            heard = (hears or hear)(
-                source, transcript=transcript, language=language, channel=channel,
-                recognizer=recognizer, trust_transcript=trust_transcript,
-            )  # fmt: skip
+            heard = (hears or hear)(source, recognition)
         phones = replace(heard.phones, reading=replace(heard.phones.reading, notes=heard.notes))
         with report.stage("read"):
             played = load_sound(source, channel=channel)
@@ -440,7 +440,7 @@ def animated(
                 played = as_sound(sound)
             phones = with_loudness(phones, *played) if played else phones
     with report.stage("plan"):
-        performance = perform(phones, played, manner, text=transcript or "")
+        performance = perform(phones, played, manner, text=recognition.transcript or "")
     if strict:
         refuse(performance.doubts, "timings" if isinstance(source, PhoneTrack) else str(source))
     return performance

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, Self
 
@@ -37,35 +36,11 @@ class Screen(Protocol):
     def __exit__(self, *_: object) -> None: ...
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LiveOutput:
-    """Where live sound and frames go."""
-
-    device: str | None = None
-    """Number of the sound device, or part of its name; None: the system's."""
-    silent: bool = False
-    sinks: tuple[str, ...] = ()
-    """URLs: see :mod:`fapengine.server.sinks.kinds`."""
-
-
-def open_face(manner: Manner, output: LiveOutput) -> Face:
-    """Create a face. Raises as :class:`Face`."""
-    return Face(
-        manner.profile,
-        style=manner.style,
-        seed=manner.seed,
-        rate_hz=manner.rate_hz,
-        device=output.device,
-        silent=output.silent,
-        sinks=output.sinks,
-    )
-
-
 def say_live(
     speech: Speech,
     text: str,
     manner: Manner,
-    output: LiveOutput,
+    open_face: Callable[[], Face],
     open_screen: Callable[[], Screen],
     *,
     on_silence: Callable[[str], None] = lambda reason: None,
@@ -78,9 +53,8 @@ def say_live(
     text : str
         Words of the speech, for programs that show them.
     manner : Manner
-    output : LiveOutput
-    open_screen : callable
-        Creates the screen when the face is ready.
+    open_face, open_screen : callable
+        Create the face in this manner, and the screen when the face is ready.
     on_silence : callable
         Called with the reason if no sound is played.
 
@@ -97,7 +71,7 @@ def say_live(
         If a named sound device is missing, or the screen cannot be opened.
     """
     moods = moods_of(manner.expressions, speech.phones)
-    with open_face(manner, output) as face, open_screen() as screen:
+    with open_face() as face, open_screen() as screen:
         ticks = Ticks(manner.rate_hz)
         opened = face.speaker.open(speech.sample_rate_hz)
         if opened.is_silent:
@@ -138,7 +112,7 @@ def finish(face: Face, screen: Screen, ticks: Ticks, position_s: float = 0.0) ->
 
 def listen_live(
     manner: Manner,
-    output: LiveOutput,
+    open_face: Callable[[], Face],
     open_screen: Callable[[], Screen],
     *,
     microphone: str | None = None,
@@ -150,10 +124,9 @@ def listen_live(
     ----------
     manner : Manner
         Its expressions are shown all the time.
-    output : LiveOutput
-        Its sinks get the frames; no sound is played.
-    open_screen : callable
-        Creates the screen when microphone, recognizer and face are ready.
+    open_face, open_screen : callable
+        Create the face in this manner, and the screen when microphone, recognizer and face are ready. The face plays no
+        sound.
     microphone : str, optional
         Number of the device, or part of its name; by default the system's.
     recognizer : Path, optional
@@ -174,7 +147,7 @@ def listen_live(
     if any(isinstance(entry, str) and "@" in entry for entry in manner.expressions):
         raise UsageError("expressions: cannot have times or words with a microphone")
     check_recognizer(recognizer)
-    with Microphone(microphone) as source, open_face(manner, output) as face:
+    with Microphone(microphone) as source, open_face() as face:
         hearing = Hearing(face.hub, max_recognizers=1, model=recognizer)
         try:
             hearing.listen(SESSION, np.zeros(0, np.int16), source.rate_hz, source=source)  # the recognizer starts

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine._strict_toml import checked
-from fapengine.app.hearing import hear, read_text
+from fapengine.app.hearing import Recognition, hear, read_text
 from fapengine.app.manner import Manner
 from fapengine.app.performance import perform, pronounced, read_timings
 from fapengine.errors import DataError, UsageError
@@ -279,7 +279,7 @@ def _phones(job: ScoreJob, sound: Path | None) -> tuple[PhoneTrack | None, bool]
     if sound is None or (transcript is None and job.against is not None and job.recognizer is None):
         return None, False
     recognizer = None if transcript is not None else job.recognizer or Path(RECOGNIZER)
-    found = hear(sound, transcript=transcript, language=job.language, recognizer=recognizer)
+    found = hear(sound, Recognition(transcript=transcript, language=job.language, recognizer=recognizer))
     return found.phones, transcript is None
 
 

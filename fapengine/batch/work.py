@@ -9,6 +9,7 @@ from typing import Any
 
 import fapengine
 from fapengine.app.fit import run_fit
+from fapengine.app.hearing import Recognition
 from fapengine.app.manner import manner_of, voice_of
 from fapengine.app.outputs import find_kind, write_output
 from fapengine.app.performance import Performance, animated, perform_speech, spoken
@@ -79,9 +80,12 @@ def perform_row(row: Row) -> Performance:
     source = row.timings or row.audio
     if source is not None:
         return animated(
-            source, row.audio if row.timings else None, manner, transcript=row.text, language=options.language,
-            channel=options.channel, voice=options.chosen_voice if row.timings else None, how=options.how,
-            strict=options.strict, trust_transcript=options.trust_transcript and row.text is not None,
+            source, row.audio if row.timings else None, manner,
+            Recognition(
+                transcript=row.text, language=options.language, channel=options.channel,
+                trust_transcript=options.trust_transcript and row.text is not None,
+            ),
+            voice=options.chosen_voice if row.timings else None, how=options.how, strict=options.strict,
         )  # fmt: skip
     assert row.text is not None
     performance = perform_speech(spoken(row.text, _Fresh(voice_of(options))), manner)

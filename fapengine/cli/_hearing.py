@@ -1,12 +1,13 @@
 """Options of the commands that recognize speech, and their progress bar."""
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 if TYPE_CHECKING:
-    from fapengine.app.hearing import Hearing
+    from fapengine.app.hearing import Hearing, Recognition
 
 HEARING = "Speech recognition"
 
@@ -58,59 +59,71 @@ MAX_EACH = 8
 """Largest number of channels for ``each``."""
 
 
-def channels_of(
-    channel: str | None, path: Path | None, output: Path, *, has_words: bool = False
-) -> list[tuple[int | None, Path]]:
-    """List the channels to read, and the output of each; None is the mean of all.
+@dataclass(frozen=True, slots=True)
+class RecognitionOptions:
+    """How the phones of a recording are found."""
 
-    Raises
-    ------
-    UsageError
-        If it is not a number, or ``each`` is combined with one transcript.
-    """
-    from fapengine.errors import UsageError
-    from fapengine.files.sound import inspect_sound
+    text: Text = None
+    transcript: Transcript = None
+    language: Language = None
+    channel: Channel = None
+    recognizer: RecognizerName = None
+    trust_transcript: TrustTranscript = False
 
-    if channel is None:
-        return [(None, output)]
-    if channel != EACH:
-        if not channel.isdecimal():
-            raise UsageError(f"channel: must be a number from 1, or {EACH}, got {channel!r}")
-        return [(int(channel), output)]
-    if path is None:
-        raise UsageError(f"channel: {EACH} works with recordings only, not with timings")
-    if has_words:
-        raise UsageError(f"channel: {EACH} cannot be combined with a transcript; process one channel at a time")
-    count = inspect_sound(path).channels
-    if count > MAX_EACH:
-        raise UsageError(f"channel: {EACH} supports at most {MAX_EACH} channels, got {count}")
-    return [(n, output.with_name(f"{output.stem}-{n}{output.suffix}")) for n in range(1, count + 1)]
+    def channels(self, path: Path | None, output: Path) -> list[tuple[int | None, Path]]:
+        """List the channels to read, and the output of each; None is the mean of all.
+
+        Raises
+        ------
+        UsageError
+            If it is not a number, or ``each`` is combined with one transcript.
+        """
+        from fapengine.errors import UsageError
+        from fapengine.files.sound import inspect_sound
+
+        if self.channel is None:
+            return [(None, output)]
+        if self.channel != EACH:
+            if not self.channel.isdecimal():
+                raise UsageError(f"channel: must be a number from 1, or {EACH}, got {self.channel!r}")
+            return [(int(self.channel), output)]
+        if path is None:
+            raise UsageError(f"channel: {EACH} works with recordings only, not with timings")
+        if self.text is not None or self.transcript is not None:
+            raise UsageError(f"channel: {EACH} cannot be combined with a transcript; process one channel at a time")
+        count = inspect_sound(path).channels
+        if count > MAX_EACH:
+            raise UsageError(f"channel: {EACH} supports at most {MAX_EACH} channels, got {count}")
+        return [(n, output.with_name(f"{output.stem}-{n}{output.suffix}")) for n in range(1, count + 1)]
+
+    def value(self) -> "Recognition":
+        """Return the recognition that the options describe, of the mean of all channels.
+
+        Raises
+        ------
+        UsageError
+            If there are two transcripts, or the file cannot be read.
+        """
+        from fapengine.app.hearing import Recognition, read_text
+        from fapengine.errors import UsageError
+        from fapengine.files.paths import is_standard
+
+        text = self.text
+        if text is not None and self.transcript is not None:
+            raise UsageError("--transcript-file and --transcript: use only one")
+        if text is not None and not is_standard(text) and not text.exists():
+            raise UsageError(f"--transcript-file: file not found: {text}; --transcript takes the words themselves")
+        return Recognition(
+            transcript=read_text(text) if text is not None else self.transcript, language=self.language,
+            recognizer=self.recognizer, trust_transcript=self.trust_transcript,
+        )  # fmt: skip
 
 
-def transcript_of(text: Path | None, transcript: str | None) -> str | None:
-    """Return the transcript of either option.
-
-    Raises
-    ------
-    UsageError
-        If both are given, or the file cannot be read.
-    """
-    from fapengine.app.hearing import read_text
-    from fapengine.errors import UsageError
-    from fapengine.files.paths import is_standard
-
-    if text is not None and transcript is not None:
-        raise UsageError("--transcript-file and --transcript: use only one")
-    if text is not None and not is_standard(text) and not text.exists():
-        raise UsageError(f"--transcript-file: file not found: {text}; --transcript takes the words themselves")
-    return read_text(text) if text is not None else transcript
-
-
-def hear_with_bar(path: Path, **how: Any) -> "Hearing":
-    """Recognize a file with a progress bar; options as :func:`fapengine.app.hearing.hear`."""
+def hear_with_bar(path: Path, how: "Recognition") -> "Hearing":
+    """Recognize a file with a progress bar; errors as of :func:`fapengine.app.hearing.hear`."""
     from fapengine.app.hearing import hear
     from fapengine.cli._printing import progress
     from fapengine.files.sound import inspect_sound
 
     with progress("listening, s", round(inspect_sound(path).duration_s)) as advance:
-        return hear(path, **how, on_heard=advance)
+        return hear(path, how, on_heard=advance)

@@ -5,18 +5,13 @@ from typing import Annotated
 
 import typer
 
-from fapengine.cli import _hearing
 from fapengine.cli import options as shared
+from fapengine.cli._hearing import RecognitionOptions, hear_with_bar
 
 
 def align(
     sound: Annotated[Path, typer.Argument(help="Recording: WAV, FLAC, MP3, Ogg, Opus, M4A or any video.")],
-    text: _hearing.Text = None,
-    transcript: _hearing.Transcript = None,
-    language: _hearing.Language = None,
-    channel: _hearing.Channel = None,
-    recognizer: _hearing.RecognizerName = None,
-    trust_transcript: _hearing.TrustTranscript = False,
+    recognition: RecognitionOptions = RecognitionOptions(),
     output: Annotated[
         Path,
         typer.Option("--output", "-o", help="Output file: .TextGrid (Praat), .ctm (Kaldi), .json or .pho (MBROLA)."),
@@ -33,21 +28,19 @@ def align(
     Without one, one in ten of p, b and m is missed. Correct a TextGrid by hand in Praat, then use it with
     `fapengine animate`.
     """
+    from dataclasses import replace
+
     from fapengine.app.hearing import write_phones
-    from fapengine.cli._hearing import channels_of, hear_with_bar, transcript_of
     from fapengine.cli._printing import print_result, print_rows
     from fapengine.speech.formats.writing import check_writable
 
     check_writable(output.suffix)
-    tracks = channels_of(channel, sound, output, has_words=text is not None or transcript is not None)
-    writing.check([path for _, path in tracks], [sound, text, recognizer])
-    words = transcript_of(text, transcript)
+    tracks = recognition.channels(sound, output)
+    writing.check([path for _, path in tracks], [sound, recognition.text, recognition.recognizer])
+    how = recognition.value()
     results = []
     for number, path in tracks:
-        hearing = hear_with_bar(
-            sound, transcript=words, language=language, channel=number, recognizer=recognizer,
-            trust_transcript=trust_transcript,
-        )  # fmt: skip
+        hearing = hear_with_bar(sound, replace(how, channel=number))
         write_phones(hearing, path)
         spoken = sum(not phone.is_silence for phone in hearing.phones.phones)
         results.append({

@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
-from fapengine.cli import _hearing
 from fapengine.cli import options as shared
+from fapengine.cli._hearing import RecognitionOptions, hear_with_bar
 from fapengine.speaking import MannerOptions
 
 
@@ -22,12 +22,7 @@ def animate(
     ] = None,
     output: shared.Output = Path("out/talk.mp4"),
     shapes: shared.Shapes = None,
-    text: _hearing.Text = None,
-    transcript: _hearing.Transcript = None,
-    language: _hearing.Language = None,
-    channel: _hearing.Channel = None,
-    recognizer: _hearing.RecognizerName = None,
-    trust_transcript: _hearing.TrustTranscript = False,
+    recognition: RecognitionOptions = RecognitionOptions(),
     voice: shared.WordsVoice = None,
     head: shared.HeadName = "default",
     strict: shared.Strict = False,
@@ -50,7 +45,6 @@ def animate(
     With --channel each, two speakers in two channels give two videos: out/two-1.mp4 and out/two-2.mp4.
     """
     from dataclasses import replace
-    from functools import partial
 
     from fapengine.app.hearing import is_sound
     from fapengine.app.manner import manner_of
@@ -58,7 +52,6 @@ def animate(
     from fapengine.app.performance import animated
     from fapengine.app.report import Report
     from fapengine.app.talk import outputs_of
-    from fapengine.cli._hearing import channels_of, hear_with_bar, transcript_of
     from fapengine.cli._printing import print_remarks, working
     from fapengine.cli._talking import print_reports, write
     from fapengine.files.paths import is_standard, standard_output
@@ -67,26 +60,34 @@ def animate(
     output = standard_output(output, ".json" if shapes in EVENT_SETS else ".fap")
     chosen, how, into = manner_of(manner), drawing.value(), avatar.value()
     inputs = [source, *([audio] if audio else [])]
-    has_words = text is not None or transcript is not None
-    tracks = channels_of(channel, source if listens else None, output, has_words=has_words)
+    tracks = recognition.channels(source if listens else None, output)
     recording = source if listens else audio
     saving = SaveOptions(head=head, drawing=how, shapes=shapes, into=into, recording=recording)
     names = [outputs_of(path, sound=recording is not None, inputs=inputs, recording=True) for _, path in tracks]
     writing.check(
         [name for files, _ in names for name in files],
-        [*inputs, text, recognizer, head, manner.profile, drawing.background, avatar.into, avatar.mapping],
+        [
+            *inputs,
+            recognition.text,
+            recognition.recognizer,
+            head,
+            manner.profile,
+            drawing.background,
+            avatar.into,
+            avatar.mapping,
+        ],
         beside=[name for _, beside in names for name in beside],
     )
     check_output(output, saving, rate_hz=chosen.rate_hz)
-    read = partial(
-        animated, source, audio, chosen, transcript=transcript_of(text, transcript), language=language,
-        recognizer=recognizer, trust_transcript=trust_transcript, voice=voice, how=timings.how, strict=strict,
-        hears=hear_with_bar,
-    )  # fmt: skip
+    heard = recognition.value()
     reports: list[Report] = []
     for number, path in tracks:
         reports.append(report := Report(shows=working))
-        performance = replace(read(channel=number, report=report), text=source.name)
+        performance = animated(
+            source, audio, chosen, replace(heard, channel=number), voice=voice, how=timings.how, strict=strict,
+            report=report, hears=hear_with_bar,
+        )  # fmt: skip
+        performance = replace(performance, text=source.name)
         print_remarks(performance.doubts)
         write(performance, path, replace(saving, report=report), inputs=inputs)
     print_reports(reports, as_json=as_json, err=is_standard(output))

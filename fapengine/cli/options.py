@@ -15,7 +15,8 @@ from fapengine.speaking import PROVENANCE
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from fapengine.app.say_live import LiveOutput
+    from fapengine.app.face import Face
+    from fapengine.app.manner import Manner
     from fapengine.app.scene_files import Into
     from fapengine.render.drawing import RenderOptions
 
@@ -308,8 +309,11 @@ class LiveOptions:
     silent: Annotated[bool, live("--silent", help="Do not play sound. The face follows the system clock.")] = False
     sink: Sinks = field(default_factory=list)
 
-    def value(self) -> "LiveOutput":
-        """Return the live output that the options describe."""
-        from fapengine.app.say_live import LiveOutput
+    def open_face(self, manner: "Manner") -> "Face":
+        """Create a face with this output. Raises as :class:`fapengine.app.face.Face`."""
+        from fapengine.app.face import Face
 
-        return LiveOutput(device=self.device, silent=self.silent, sinks=tuple(self.sink))
+        return Face(
+            manner.profile, style=manner.style, seed=manner.seed, rate_hz=manner.rate_hz, device=self.device,
+            silent=self.silent, sinks=self.sink,
+        )  # fmt: skip

@@ -86,6 +86,7 @@ def say(
 
     output = standard_output(output, ".json" if shapes in EVENT_SETS else ".fap")
     chosen, how, into = manner_of(speaking), drawing.value(), avatar.value()
+    open_face = partial(live_output.open_face, chosen)
     if mic or mic_device is not None:
         if text is not None or not live:
             need = "requires --live" if not live else "cannot be used with a text; use --live --mic without TEXT"
@@ -94,7 +95,7 @@ def say(
         from fapengine.cli._say_live import open_screen, print_live
 
         screen = partial(open_screen, None, head=head, drawing=how, window=window, rate_hz=chosen.rate_hz)
-        heard = listen_live(chosen, live_output.value(), screen, microphone=mic_device, recognizer=recognizer)
+        heard = listen_live(chosen, open_face, screen, microphone=mic_device, recognizer=recognizer)
         print_live(heard, as_json=as_json)
         return
     if text is None:
@@ -121,7 +122,7 @@ def say(
 
         screen = partial(open_screen, speech.phones, head=head, drawing=how, window=window, rate_hz=chosen.rate_hz)
         done = say_live(
-            speech, speech.text, chosen, live_output.value(), screen,
+            speech, speech.text, chosen, open_face, screen,
             on_silence=lambda reason: note(f"no sound ({reason}); the face follows the system clock"),
         )  # fmt: skip
         print_live(done, as_json=as_json)

@@ -81,12 +81,11 @@ def view(
 
     def open_source() -> "Source":
         from fapengine.app.face import LEAD_S, TAIL_S
-        from fapengine.app.say_live import open_face
         from fapengine.app.view import FaceSource, open_file, open_url
 
         if source is None:
             spoken = [chosen.load().speak(text).padded(lead_s=LEAD_S, tail_s=TAIL_S) for text in say]
-            face = open_face(manner, live_output.value())
+            face = live_output.open_face(manner)
             for text, speech in zip(say, spoken, strict=True):
                 face.say(speech, text=text)
             return FaceSource(face)

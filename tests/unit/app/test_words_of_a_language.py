@@ -113,7 +113,7 @@ def test_python_reads_a_file_as_the_command_line_does(tmp_path: Path) -> None:
 
 def test_strict_holds_for_recordings_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     heard = Hearing(PhoneTrack.from_phones([Phone("QQ", 0.0, 0.5)]), (), (), ())
-    monkeypatch.setattr("fapengine.app.hearing.hear", lambda path, **options: heard)
+    monkeypatch.setattr("fapengine.app.hearing.hear", lambda path, how: heard)
     save_wav(tmp_path / "talk.wav", np.tile(np.array([900, -900], np.int16), 8000), 16000)
     assert "unknown phone 'QQ'" in fapengine.animate(tmp_path / "talk.wav").remarks[0]
     with pytest.raises(DataError, match="unknown phone 'QQ'"):

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import fapengine
-from fapengine.app.hearing import hear
-from fapengine.cli._hearing import transcript_of
+from fapengine.app.hearing import Recognition, hear
+from fapengine.cli._hearing import RecognitionOptions
 from fapengine.cli.main import app
 from fapengine.errors import DataError, FapEngineError, ResourceError, UsageError
 from fapengine.files.motion import load_fap
@@ -35,7 +35,7 @@ def talk(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_language_without_a_transcript_is_remarked(talk: Path) -> None:
-    assert hear(talk, language="de").notes == ("language: 'de' is used only with a transcript",)
+    assert hear(talk, Recognition(language="de")).notes == ("language: 'de' is used only with a transcript",)
 
 
 @pytest.mark.parametrize("words", [BABY, None])
@@ -162,21 +162,21 @@ def test_one_sample_is_a_face_at_rest(tmp_path: Path) -> None:
 
 def test_a_transcript_may_come_from_standard_input(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(b"My baby.")))
-    assert transcript_of(Path("-"), None) == "My baby."
+    assert RecognitionOptions(Path("-")).value().transcript == "My baby."
 
 
 def test_a_transcript_of_subtitles_is_their_text(tmp_path: Path) -> None:
     (tmp_path / "a.srt").write_text(
         "1\n00:00:00,000 --> 00:00:01,000\n<i>My baby</i>\nfell off.\n\n2\n00:00:01,000 --> 00:00:02,000\n42 boats\n"
     )
-    assert transcript_of(tmp_path / "a.srt", None) == "My baby\nfell off.\n42 boats"
+    assert RecognitionOptions(tmp_path / "a.srt").value().transcript == "My baby\nfell off.\n42 boats"
     rolling = (
         "WEBVTT\n\n00:00.000 --> 00:01.000\nMy<00:00:00.500><c> baby</c>\n\n00:01.000 --> 00:02.000\nMy baby\nfell\n"
     )
     (tmp_path / "a.vtt").write_text(rolling)
-    assert transcript_of(tmp_path / "a.vtt", None) == "My baby\nfell"
+    assert RecognitionOptions(tmp_path / "a.vtt").value().transcript == "My baby\nfell"
     (tmp_path / "a.txt").write_text("From 10:30 --> 11:00\n")
-    assert transcript_of(tmp_path / "a.txt", None) == "From 10:30 --> 11:00\n"
+    assert RecognitionOptions(tmp_path / "a.txt").value().transcript == "From 10:30 --> 11:00\n"
 
 
 def test_refusals(talk: Path, tmp_path: Path) -> None:
