@@ -191,7 +191,8 @@ def parse_toml(
     if schema is not None and isinstance(stated := document.get("schema"), int) and stated != schema:
         message = f"schema: got {stated}, expected {schema}; a file of another version must be made again"
         raise error(message, where=spell_path(name, "schema"))
-    return _structured(document, kind, (name,), error)
+    read: T = _structured(document, kind, (name,), error)
+    return read
 
 
 def quoted(text: str) -> str:

@@ -255,7 +255,8 @@ class Face(GestureMethods):
             self.errors.sync_error_s.append(self.speaker.sync_error_s)
         self._shown_s = max(self._shown_s, now_s + display_latency_s)
         frames = self.hub.tick(self._shown_s)
-        return frames.faps[frames.sessions.index(SESSION)]
+        faps: NDArray[np.int32] = frames.faps[frames.sessions.index(SESSION)]
+        return faps
 
     def frames(self) -> Iterator[NDArray[np.int32]]:
         """Yield each frame, (68,) int32 FAPU, when it is due, until the speech is over and the face is at rest."""

@@ -223,7 +223,8 @@ class TrackSource(Source):
                 self.seek(0.0)
         seen_s = min(max(self._position_s + (0.0 if self.is_paused else display_latency_s), 0.0), self.duration_s)
         row = int(np.searchsorted(self._times_s, seen_s + 1e-9, side="right")) - 1
-        return self._track.values[max(row, 0)]
+        faps: NDArray[np.int32] = self._track.values[max(row, 0)]
+        return faps
 
     def status(self) -> str:
         """See :class:`Source`."""

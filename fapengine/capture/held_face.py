@@ -158,7 +158,8 @@ def _filled(times_s: Array, points: Array, seen: NDArray[np.bool_]) -> Array:
 
 def _mean_rotation(rotations: Array) -> Array:
     u, _, v = np.linalg.svd(rotations.mean(axis=0))
-    return u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v
+    mean: Array = u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v
+    return mean
 
 
 def _upright(still: Array, model: FaceModel) -> Array:

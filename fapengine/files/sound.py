@@ -340,4 +340,4 @@ def _mono(frame: Any, channel: int | None, path: Path) -> NDArray[np.float32]:
     chosen = values.astype(np.float64) - (128.0 if kind == "u1" else 0.0)
     mixed = chosen[channel - 1] if channel is not None and channel <= channels else chosen.mean(axis=0)
     finite = np.nan_to_num(mixed / _FULL_SCALE[kind], nan=0.0, posinf=1.0, neginf=-1.0)
-    return np.clip(finite, -1.0, 1.0).astype(np.float32)
+    return np.asarray(np.clip(finite, -1.0, 1.0), np.float32)

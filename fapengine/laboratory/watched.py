@@ -313,7 +313,7 @@ class WatchedFace:
         direction = 1 if time_s - self._seen_s <= HOLD_S else -1
         self._weight = float(np.clip(self._weight + direction * since_s / EASE_S, 0.0, 1.0))
         eased = self._weight**2 * (3 - 2 * self._weight)
-        return to_codable((eased * self._shown)[None])[0]
+        return to_codable((eased * self._shown)[None]).ravel()
 
     def _calibrate(self, time_s: float) -> None:
         """Measure the neutral pose in the kept frames; a face that cannot be measured is retried later."""

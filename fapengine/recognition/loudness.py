@@ -64,8 +64,9 @@ def loudness_db(samples: NDArray[np.int16]) -> NDArray[np.float64]:
     count = -(-len(samples) // HOP)
     padded = np.zeros(count * HOP)
     padded[: len(samples)] = samples
-    power: NDArray[np.float64] = (padded.reshape(count, HOP) ** 2).mean(axis=1) / 2.0**30
-    return np.maximum(10 * np.log10(np.maximum(power, 1e-12)), SILENT_DB)
+    power = (padded.reshape(count, HOP) ** 2).mean(axis=1) / 2.0**30
+    level: NDArray[np.float64] = np.maximum(10 * np.log10(np.maximum(power, 1e-12)), SILENT_DB)
+    return level
 
 
 def pitch_hz(samples: NDArray[np.int16], first: int = 0, stop: int | None = None) -> NDArray[np.float64]:

@@ -49,7 +49,8 @@ def softmax(scores: NDArray[np.float64]) -> NDArray[np.float64]:
     Logarithms of probabilities come out as these.
     """
     raised = np.exp(scores - scores.max(axis=1, keepdims=True))
-    return raised / raised.sum(axis=1, keepdims=True)
+    shares: NDArray[np.float64] = raised / raised.sum(axis=1, keepdims=True)
+    return shares
 
 
 def segments_of(labels: Sequence[str], frame_hz: float) -> list[Labelled]:
@@ -150,10 +151,10 @@ class PhoneModel:
         if not np.issubdtype(answer.dtype, np.floating) or not shape_fits:
             got = f"{answer.dtype} of shape {answer.shape}"
             raise DataError(f"{self.path}: got an answer {got}, expected {expected}")
-        scores = answer.astype(np.float64)
-        if not np.isfinite(scores.max(axis=2, initial=-np.inf)).all() or np.isnan(scores).any():
+        scores: NDArray[np.float64] = answer[0].astype(np.float64)
+        if not np.isfinite(scores.max(axis=1, initial=-np.inf)).all() or np.isnan(scores).any():
             raise DataError(f"{self.path}: got scores that are not finite, expected {expected}")
-        return scores[0]
+        return scores
 
 
 def load_model(path: Path) -> PhoneModel:

@@ -88,7 +88,8 @@ def log_mel(frames: NDArray[np.int16]) -> NDArray[np.float32]:
     """
     spectrum = np.fft.rfft(frames * (_WINDOW / 2**15), n=_FFT, axis=1)
     power = (spectrum.real**2 + spectrum.imag**2).astype(np.float32)
-    return np.log(power @ _FILTERS + np.float32(FLOOR))
+    logarithms: NDArray[np.float32] = np.log(power @ _FILTERS + np.float32(FLOOR))
+    return logarithms
 
 
 @dataclass(slots=True, eq=False)
@@ -214,7 +215,8 @@ def shipped() -> Weights:
 
 def _normed(x: Floats) -> Floats:
     power = np.add.reduce(x * x) / np.float32(len(x))  # rounds as x.mean() does, in a third of its time
-    return x / np.sqrt(power + np.float32(1e-5))
+    normed: Floats = x / np.sqrt(power + np.float32(1e-5))
+    return normed
 
 
 class _Layer:

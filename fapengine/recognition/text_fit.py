@@ -96,7 +96,8 @@ def _log_likelihoods(samples: NDArray[np.int16]) -> NDArray[np.float32]:
     """(T, C) log-likelihoods of the small network's labels for each frame of a piece, (N,) int16."""
     scores = whole_scores(samples)
     scores = scores - scores.max(axis=1, keepdims=True)
-    return scores - np.log(np.exp(scores).sum(axis=1, keepdims=True))
+    likely: NDArray[np.float32] = scores - np.log(np.exp(scores).sum(axis=1, keepdims=True))
+    return likely
 
 
 def _misplaced(aligned: Sequence[Aligned], likely: NDArray[np.float32]) -> float:

@@ -46,7 +46,8 @@ def frame_scores(samples: NDArray[np.int16], heard: Sequence[Labelled]) -> Float
     scores = whole_scores(samples)
     numbers = {label: number for number, label in enumerate(weights.labels)}
     scores = weighed(scores, known.labels(0, len(scores), numbers), weights, known.weight) + phone_bonus(weights)
-    return np.maximum(scores - scores.max(axis=1, keepdims=True), np.float32(WORST))
+    raised: NDArray[np.float32] = np.maximum(scores - scores.max(axis=1, keepdims=True), np.float32(WORST))
+    return raised
 
 
 def words_said(piece: Floats, following: Floats | None, words: Sequence[Sequence[str]], *, is_whole: bool) -> int:

@@ -225,7 +225,8 @@ def _openings_mm(faps: Array) -> Array:
     """(..., 68) FAPU -> (...) mm between the lips in the middle: three quarters inner edges, one quarter outer."""
     inner, outer = ([fap.column(number) for number in pairs[0]] for pairs in (INNER_PAIRS, OUTER_PAIRS))
     moved_mm = faps * weights_mm()
-    return -0.75 * moved_mm[..., inner].sum(axis=-1) - 0.25 * moved_mm[..., outer].sum(axis=-1)
+    opening: Array = -0.75 * moved_mm[..., inner].sum(axis=-1) - 0.25 * moved_mm[..., outer].sum(axis=-1)
+    return opening
 
 
 def _by_name(values: dict[str, float]) -> Array:

@@ -174,7 +174,8 @@ class BlendMap:
             faster = (1 + np.sqrt(1 + 4 * momentum**2)) / 2
             ahead = after + (momentum - 1) / faster * (after - here)
             here, momentum = after, faster
-        return here / self._lengths
+        weights: Array = here / self._lengths
+        return weights
 
     def _over_time(self, faps: Array, goal: Array, rate_hz: float) -> Array:
         """Weights of all frames, (T, B): each beside the one before, then again beside both neighbours."""
@@ -252,12 +253,14 @@ class BlendMap:
 
 def opening_mm(faps: Array) -> Array:
     """(..., 68) FAPU -> (...) mm by which the inner lips of an adult's face are farther apart than at rest."""
-    return -(faps[..., LIPS] * weights_mm()[LIPS]).sum(axis=-1)
+    opening: Array = -(faps[..., LIPS] * weights_mm()[LIPS]).sum(axis=-1)
+    return opening
 
 
 def fractions(weights: Array) -> Array:
     """(..., B): weights that add up to 1 at most."""
-    return weights / np.maximum(weights.sum(axis=-1, keepdims=True), 1.0)
+    shares: Array = weights / np.maximum(weights.sum(axis=-1, keepdims=True), 1.0)
+    return shares
 
 
 def _meeting(faps: Array) -> tuple[Array, Array]:

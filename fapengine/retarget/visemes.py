@@ -248,4 +248,5 @@ def _near(parted: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
     here = np.arange(len(parted))
     before = count[here + 1] - count[np.maximum(here - reach, 0)]
     after = count[np.minimum(here + reach + 1, len(parted))] - count[here]
-    return (before > 0) & (after > 0)
+    both: NDArray[np.bool_] = (before > 0) & (after > 0)
+    return both

@@ -130,7 +130,8 @@ def _means(values: Array, weights: Array, seed: int) -> Array:
         drawn = rng.integers(count, size=(min(at_once, DRAWS - first), count))
         sums.append(np.stack([weighted[drawn].sum(axis=1), weights[drawn].sum(axis=1)]))
     total, weight = np.concatenate(sums, axis=1)
-    return total[weight > 0] / weight[weight > 0]
+    means: Array = total[weight > 0] / weight[weight > 0]
+    return means
 
 
 def _interval(mean: float, means: Array, count: int) -> Estimate:

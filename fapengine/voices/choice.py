@@ -72,8 +72,9 @@ class VoiceChoice(Checked):
         kind, colon, rest = self.name.partition(":")
         if kind in MODELS and colon:
             module, _, name = MODELS[kind].partition(":")
-            voice = getattr(import_module(f"fapengine.voices.{module}"), name)
-            return voice.named(self.name, self.rate_wpm, self.ssml, most_s=most_s)
+            kind_of_voice = getattr(import_module(f"fapengine.voices.{module}"), name)
+            voice: Voice = kind_of_voice.named(self.name, self.rate_wpm, self.ssml, most_s=most_s)
+            return voice
         if kind in SERVICE_NAMES:
             from fapengine.voices.service_client import ServiceVoice
 

@@ -85,7 +85,8 @@ class SoundLevel:
         first = np.clip(np.rint(np.asarray(start_s) * self._rate_hz).astype(int), 0, last)
         behind = np.clip(np.rint(np.asarray(end_s) * self._rate_hz).astype(int), 0, last)
         mean = (self._energy[behind] - self._energy[first]) / np.maximum(behind - first, 1)
-        return np.sqrt(np.maximum(mean, 0.0)) / self._whole
+        level: NDArray[np.float64] = np.sqrt(np.maximum(mean, 0.0)) / self._whole
+        return level
 
     def quiet_until(self, at_s: float, earliest_s: float) -> float:
         """Start of the quiet that ends at a time, give or take :data:`SLACK_S`; the time itself without such quiet."""

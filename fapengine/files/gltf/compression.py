@@ -219,7 +219,7 @@ def _filtered(values: Bytes, name: str, where: str) -> NDArray[np.generic]:
             return _quaternion(values.view("<i2"))
         if name == "EXPONENTIAL":
             whole = values.view("<i4")
-            return np.ldexp((whole << 8 >> 8).astype(np.float32), whole >> 24).astype("<f4")
+            return np.asarray(np.ldexp((whole << 8 >> 8).astype(np.float32), whole >> 24), "<f4")
     raise UnsupportedError(f"meshopt: got filter {name!r} of {stride} bytes", where=where)
 
 
