@@ -266,8 +266,10 @@ class Utterance:
     def gap(self) -> tuple[Phone, Phone, range] | None:
         """First gap that is not bridged: the phones on both sides, and the indices between them."""
         known, order = self.known, self.order
-        first = bisect_left(known, order[0]) if order else 0
-        if not order or known[-1] - known[first] == len(known) - 1 - first:
+        if not order:
+            return None
+        first = bisect_left(known, order[0])
+        if known[-1] - known[first] == len(known) - 1 - first:
             return None
         between = bisect_right(range(first, len(known)), known[first] - first, key=lambda place: known[place] - place)
         # beside it there may be others than phones, after a revision

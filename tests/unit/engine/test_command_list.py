@@ -144,6 +144,16 @@ def test_the_client_has_a_method_of_the_commands_name_and_defaults(kind: type[Co
         assert ours in method
 
 
+def test_a_head_turns_by_what_is_asked_for_and_is_straight_otherwise(monkeypatch: pytest.MonkeyPatch) -> None:
+    sent: list[Command] = []
+    monkeypatch.setattr(Client, "send_command", lambda client, command: sent.append(command))
+    with Client(port=9) as face:
+        for asked in ({}, {"pitch_rad": 0.1}, {"yaw_rad": 0.1}, {"roll_rad": 0.1}):
+            face.turn_head(**asked)
+            straight = {"pitch_rad": 0.0, "yaw_rad": 0.0, "roll_rad": 0.0}
+            assert sent.pop() == commands.TurnHead(**straight | asked)
+
+
 def test_the_page_sends_only_messages_that_there_are() -> None:
     sent = set()
     for file in (*(ROOT / "web-page").glob("*.js"), *(ROOT / "fapengine-face").glob("*.js")):
