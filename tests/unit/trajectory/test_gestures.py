@@ -37,6 +37,7 @@ from fapengine.trajectory.gestures import (
 )
 from fapengine.trajectory.ramps import Ramp, Ramps, sample_ramps
 from fapengine.trajectory.style import Style
+from tests.unit.trajectory.mirror import TWINS
 
 TIMES = np.arange(0, 20, 0.01)
 PHONES = PhoneTrack.from_phones([Phone("a", 2.0, 2.2, stress=1), Phone("t", 2.2, 2.3), Phone("i", 4.0, 4.1, stress=2)])
@@ -333,6 +334,40 @@ def test_speech_that_is_taken_back_settles_the_head_and_makes_no_nod() -> None:
     settled = [ramp for ramp in after if ramp.channel == Channel.STANCE_YAW]
     assert [ramp.at_s for ramp in settled] == [1.1]
     assert not [ramp for ramp in after if ramp.channel == Channel.NOD]
+
+
+def test_what_is_taken_back_from_a_time_on_makes_no_nod_and_what_is_before_does() -> None:
+    def told(generator: GestureGenerator) -> list[Ramp]:
+        return [ramp for ramp in generator.draw(12.0) if ramp.channel == Channel.NOD]
+
+    for count in (0, 7, 20, len(STRESSED)):
+        shortened, short = GestureGenerator(rng(), Style()), GestureGenerator(rng(), Style())
+        shortened.hear([(phone.start_s, phone) for phone in STRESSED], 0.0)
+        shortened.forget(STRESSED[count].start_s if count < len(STRESSED) else 12.0)
+        short.hear([(phone.start_s, phone) for phone in STRESSED[:count]], 0.0)
+        ramps = told(shortened)
+        assert ramps == told(short)
+        assert bool(ramps) is (count > 0)
+
+
+def test_left_and_right_are_alike() -> None:
+    levels = rng().uniform(-1, 1, (CHANNELS, 30))
+    faps = gesture_faps(levels, GestureGenerator(rng(), Style()).waves[..., None], np.linspace(0, 9, 30))
+    assert np.abs(faps[[fap.column(number) for number in (19, 21, 23, 25, 31, 35, 48)]]).min(axis=1).all()
+    np.testing.assert_allclose(faps[TWINS], faps, atol=1e-9)
+
+
+def test_an_idle_face_moves_by_as_much_as_one_that_is_attentive() -> None:
+    """Head in degrees, of a face that speaks and of one that breathes; brows, corners and lids in FAPU: effective."""
+    times = np.arange(0, 400, 0.05)
+    head, idle = (only(name, times=times, end_s=400.0).std(axis=0) for name in ("head_motion", "idle"))
+    in_degrees = np.degrees(AU_RAD)
+    moved = [head[fap.column(number)] * in_degrees for number in (48, 49, 50)]
+    assert moved == pytest.approx([0.9, 1.2, 0.5], rel=0.15)
+    assert idle[fap.column(48)] * in_degrees == pytest.approx(0.16, rel=0.15)
+    for numbers, size in (((31, 33), 11.0), ((35,), 5.8), ((12, 59), 4.8), ((19,), 10.6)):
+        for number in numbers:
+            assert idle[fap.column(number)] == pytest.approx(size, rel=0.25), number
 
 
 def test_speech_that_comes_late_moves_the_head_from_then_on() -> None:

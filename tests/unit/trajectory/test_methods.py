@@ -55,6 +55,17 @@ def test_overshoot_is_half_of_the_range_of_four_keys_at_most(method: Method, key
         np.testing.assert_allclose(path[[0, -1]], values[index : index + 2], atol=1e-6)  # keys are met all the same
 
 
+@pytest.mark.parametrize(("method", "power"), [("context", 3), ("paper", 2), ("minimum-jerk", 3)])
+def test_a_path_starts_from_rest_and_ends_at_rest(method: Method, power: int) -> None:
+    """It moves with the square of the time, or with its cube where the acceleration begins at 0 too."""
+    values = np.random.default_rng(1).normal(size=(9, 4))
+    values[[0, -1]] = 0.0
+    frames = keyframes(np.arange(9) * 0.1, values)
+    for edge_s, way in ((0.0, 1), (0.8, -1)):
+        once, twice = np.abs(SPLINES[method](frames, edge_s + way * np.array([0.001, 0.002])))
+        np.testing.assert_allclose(np.log2(twice / once), power, atol=0.2)
+
+
 def test_a_spline_through_even_keys_is_left_alone() -> None:
     values = np.sin(0.7 * np.arange(30))[:, None] * np.sin(np.pi * np.arange(30) / 29)[:, None]
     frames, times = keyframes(np.arange(30) * 0.05, values), np.linspace(0, 1.45, 400)
