@@ -15,11 +15,11 @@ uniform mat4 u_bones[5];  // as in face.vert: 2 and 3 turn the eyes, 4 the head
 
 out vec4 o_colour;
 
-const vec3 SCLERA = vec3(0.72, 0.67, 0.64);  // white would look lit from inside
-const vec3 VEINS = vec3(0.92, 0.68, 0.62);
+const vec3 SCLERA = vec3(0.76, 0.72, 0.69);  // white would look lit from inside
+const vec3 VEINS = vec3(0.95, 0.80, 0.75);
 const float CORNEA = 1.75;  // curvature of the cornea to that of the ball
 const float CORNERS = 0.965;  // the eye's corners lie so far aside, as a share of the ball's radius
-const vec2 CORNER_HEIGHT = vec2(-0.155, 0.085);  // their height, and its slope outwards
+const vec2 CORNER_HEIGHT = vec2(-0.13, 0.11);  // their height, and its slope outwards
 
 // soft: half of the width of an edge, at least a third of a pixel, or edges would flicker as the eye moves.
 vec3 iris_colour(vec2 at, float radius, float soft) {
@@ -53,10 +53,10 @@ void main() {
     float below_upper = lids.x - place.y;
     float above_lower = place.y - lids.y;
     float occlusion = mix(0.22, 1.0, smoothstep(-0.05, 0.36, below_upper));
-    occlusion *= mix(0.66, 1.0, smoothstep(-0.03, 0.18, above_lower)) * mix(1.0, 0.55, smoothstep(0.55, 1.0, aside));
+    occlusion *= mix(0.66, 1.0, smoothstep(-0.03, 0.18, above_lower)) * mix(1.0, 0.7, smoothstep(0.55, 1.0, aside));
     vec3 colour = albedo * irradiance(normal, v_surface.z, occlusion) * mix(0.62, 1.0, occlusion);
     // The upper lashes' line, thicker outside; it hides what is left of an eye that is nearly shut.
-    float lashes = mix(0.13, 0.015, smoothstep(0.0, 0.2, margins.x - margins.y)) + 0.06 * smoothstep(-0.1, 0.7, outwards);
+    float lashes = mix(0.13, 0.015, smoothstep(0.0, 0.2, margins.x - margins.y)) + 0.04 * smoothstep(-0.1, 0.7, outwards);
     colour *= smoothstep(lashes - 0.05, lashes + 0.02, below_upper);
 
     // The cornea stands out of the ball, so one small highlight of the key lies within the iris.

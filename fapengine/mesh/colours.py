@@ -29,7 +29,7 @@ HAIR_COLOURS: dict[str, tuple[float, float, float]] = {
 """Hair colours by name, linear RGB."""
 
 EYE_COLOURS: dict[str, tuple[float, float, float]] = {
-    "brown": (0.225, 0.108, 0.044),
+    "brown": (0.175, 0.080, 0.036),
     "dark": (0.115, 0.058, 0.028),
     "hazel": (0.250, 0.180, 0.072),
     "green": (0.140, 0.172, 0.085),

@@ -29,7 +29,7 @@ from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fap import FEATURE_POINT_NAMES
 from fapengine.mpeg4.fapu import Fapu
 
-BROWN_IRIS = (0.225, 0.108, 0.044)
+BROWN_IRIS = (0.175, 0.080, 0.036)
 """Linear RGB near the pupil."""
 EYEBALL_RADIUS_MM = 14.2
 """Radius that positions on an eyeball are relative to."""

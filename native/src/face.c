@@ -810,8 +810,8 @@ static I eye_colour(const float *u, const EyePlace *p, V3 ball, F softness) {
     F change = absolute(gx.radius - g.radius) + absolute(gy.radius - g.radius);
     F soft = fmax_(0.35f * change, all(0.02f));
     F veined = step(0.35f, 0.95f, absolute(g.x));
-    V3 white = {ball.x * 0.72f * mix(all(1), all(0.92f), veined), ball.y * 0.67f * mix(all(1), all(0.68f), veined),
-                ball.z * 0.64f * mix(all(1), all(0.62f), veined)};
+    V3 white = {ball.x * 0.76f * mix(all(1), all(0.95f), veined), ball.y * 0.72f * mix(all(1), all(0.80f), veined),
+                ball.z * 0.69f * mix(all(1), all(0.75f), veined)};
     V3 albedo = mix3(iris_colour(u, g.x, g.y, g.radius, soft), white,
                      step_(u[U_IRIS] - 0.025f - soft, u[U_IRIS] + 0.015f + soft, g.radius));
 
@@ -821,13 +821,13 @@ static I eye_colour(const float *u, const EyePlace *p, V3 ball, F softness) {
     F upper_margin = sel(g.is_left, all(lid[0]), all(lid[2])), lower_margin = sel(g.is_left, all(lid[1]), all(lid[3]));
     F aside = fmin_(absolute(outwards) * (1 / 0.965f), all(1));
     F arch = 1 - power(aside, all(2.2f));
-    F corner = -0.155f + 0.085f * outwards;
+    F corner = -0.13f + 0.11f * outwards;
     F upper = mix(corner, upper_margin, arch), lower_lid = mix(corner, lower_margin, arch);
     F below_upper = upper - place_y, above_lower = place_y - lower_lid;
     F occlusion = mix(all(0.22f), all(1), step(-0.05f, 0.36f, below_upper));
-    occlusion *= mix(all(0.66f), all(1), step(-0.03f, 0.18f, above_lower)) * mix(all(1), all(0.55f), step(0.55f, 1, aside));
+    occlusion *= mix(all(0.66f), all(1), step(-0.03f, 0.18f, above_lower)) * mix(all(1), all(0.7f), step(0.55f, 1, aside));
     V3 light = scaled(irradiance(g.normal, softness, occlusion), mix(all(0.62f), all(1), occlusion));
-    F lashes = mix(all(0.13f), all(0.015f), step(0, 0.2f, upper_margin - lower_margin)) + 0.06f * step(-0.1f, 0.7f, outwards);
+    F lashes = mix(all(0.13f), all(0.015f), step(0, 0.2f, upper_margin - lower_margin)) + 0.04f * step(-0.1f, 0.7f, outwards);
     light = scaled(light, step_(lashes - 0.05f, lashes + 0.02f, below_upper));
     V3 colour = {albedo.x * light.x, albedo.y * light.y, albedo.z * light.z};
 

@@ -26,9 +26,9 @@ RADIUS = 14.2
 CENTRE = np.array([31.4, 36.0, 81.2])
 """Left eyeball; the right one is its mirror image."""
 LID_THICKNESS = 1.15
-OPENED_BY_CHARM_MM = 3.2
+OPENED_BY_CHARM_MM = 2.6
 """Additional lid distance at charm 1; the iris, as high as the opening, grows with it."""
-INNER_CORNER, OUTER_CORNER = np.array([17.9, 32.6]), np.array([45.2, 35.0])
+INNER_CORNER, OUTER_CORNER = np.array([17.9, 32.6]), np.array([45.2, 35.7])
 OUTSIDE = (1.82, 1.66, 1.52, 1.42, 1.36, 1.32, 1.22, 1.1, 1.0)
 CREASE, LINE = 1.32, 1.1
 """Levels of the crease, and of the edge of the line of lashes, which a closing lid does not stretch."""
@@ -36,7 +36,7 @@ EDGE = ((0.93, 0.42, 0.99), (0.8, 0.04, 0.965), (0.5, -1.2, 1.12))
 """Around the margin: level, height above the eyeball, size of the opening."""
 STRETCH_ROUNDS, STRETCH_COLUMNS = 7, 58
 """Rounds of averaging of a closed lid, for so many columns."""
-LASH_SWING = 1.7
+LASH_SWING = 1.85
 """Turn of a lash about its root, relative to that of its lid."""
 LASH_OUT_MM, LASH_LIFT_MM = 0.6, 0.9
 """How far upper lashes are rooted before the margin, and how far a turn of 1 rad lifts them: they overlap the line of a
