@@ -18,6 +18,7 @@ from fapengine.agents.face import AgentFace, AgentOptions
 from fapengine.agents.livekit import AvatarSession
 from fapengine.agents.livekit_tracks import (
     IDENTITY,
+    MAX_ACTS,
     SAMPLE_RATE_HZ,
     FaceGenerator,
     FaceOutput,
@@ -280,6 +281,29 @@ async def _session() -> None:
 
 def test_the_session_takes_the_sound_and_the_words() -> None:
     asyncio.run(_session())
+
+
+def test_what_is_said_when_the_room_has_gone_is_dropped_with_a_warning(caplog: pytest.LogCaptureFixture) -> None:
+    async def left(room: Room) -> list[Any]:
+        output = RemoteOutput(room)  # type: ignore[arg-type]
+        for number in range(MAX_ACTS + 1):
+            output.act("word", number)
+        assert output._acting is not None
+        await asyncio.wait_for(output._acting, 10.0)
+        return output._acts
+
+    class Gone(Room):
+        asked = 0
+
+        def isconnected(self) -> bool:
+            self.asked += 1
+            assert self.asked < 5, "it tries for ever"
+            return False
+
+    assert asyncio.run(left(Gone())) == []
+    assert [record.getMessage() for record in caplog.records] == [
+        "the remote face did not receive words, cues or a pause: room is not connected"
+    ]
 
 
 def test_what_is_sent_before_a_remote_face_has_joined_reaches_it_and_is_dropped_if_it_leaves() -> None:

@@ -5,11 +5,14 @@ import subprocess
 import sys
 from collections.abc import Mapping
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from fapengine.app import view
+from fapengine.app.view import Source
 from fapengine.cli.main import app
 from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.files.motion import save_fap
@@ -123,6 +126,39 @@ def test_a_file_with_its_sound_is_shown_and_paused(
     assert window.options["hold_hz"] == 60.0
     assert (tmp_path / "s.png").exists()
     assert 5 < len(window.shown) < 40
+
+
+def test_a_window_s_time_begins_with_its_first_image_however_long_that_takes(
+    windows: list[FakeWindow], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In virtual time: an image takes 4 ms, the first 60 s."""
+    now_s = [1000.0]
+
+    class Ticking:
+        frames, skipped = 0, 0
+
+        def __init__(self, rate_hz: float) -> None: ...
+
+        def wait(self) -> None:
+            self.frames += 1
+
+    class Still(Source):
+        title = "still"
+
+        def frame(self, display_latency_s: float) -> np.ndarray:
+            now_s[0] += 0.004 if windows[0].shown else 60.0
+            return np.zeros(68, np.int32)
+
+        def status(self) -> str:
+            return ""
+
+        def close(self) -> None: ...
+
+    monkeypatch.setattr(view, "time", SimpleNamespace(monotonic=lambda: now_s[0]))
+    monkeypatch.setattr(view, "Ticks", Ticking)
+    told = view.run_window(None, [], Still, RenderOptions(), seconds=2.0)  # type: ignore[arg-type]
+    assert told["seconds"] == pytest.approx(2.0, abs=0.01)
+    assert told["frames"] == len(windows[0].shown) - 1 == pytest.approx(500, abs=1)
 
 
 def test_our_own_face_speaks_in_a_window(windows: list[FakeWindow]) -> None:
