@@ -29,8 +29,8 @@ LID_THICKNESS = 1.15
 OPENED_BY_CHARM_MM = 2.6
 """Additional lid distance at charm 1; the iris, as high as the opening, grows with it."""
 INNER_CORNER, OUTER_CORNER = np.array([17.9, 32.6]), np.array([45.2, 35.7])
-OUTSIDE = (1.82, 1.66, 1.52, 1.42, 1.36, 1.32, 1.22, 1.1, 1.0)
-CREASE, LINE = 1.32, 1.1
+OUTSIDE = (1.82, 1.66, 1.52, 1.42, 1.36, 1.32, 1.24, 1.14, 1.0)
+CREASE, LINE = 1.32, 1.14
 """Levels of the crease, and of the edge of the line of lashes, which a closing lid does not stretch."""
 EDGE = ((0.93, 0.42, 0.99), (0.8, 0.04, 0.965), (0.5, -1.2, 1.12))
 """Around the margin: level, height above the eyeball, size of the opening."""

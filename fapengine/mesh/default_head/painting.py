@@ -194,7 +194,7 @@ def _round_eyes(x: Array, y: Array, front: Mask, style: HeadStyle) -> Array:
     above = np.interp(t, row, eyes.margin(row, np.ones(201, dtype=bool), style)[:, 1])
     below = np.interp(t, row, eyes.margin(row, np.zeros(201, dtype=bool), style)[:, 1])
     near = smoothstep((1.12 - np.abs((across - middle_x) / half_x)) / 0.16) * front
-    thick = 0.35 + 0.55 * smoothstep((t + 0.6) / 1.3)
+    thick = 0.5 + 0.75 * smoothstep((t + 0.6) / 1.3)
     upper = smoothstep((thick + 0.5 - (y - above)) / 0.9) * (y > above - 1.5)
     lower = np.exp(-np.clip(below - y, 0, None) / 0.8) * (y < below + 1.5)
     line = near * (0.93 * upper * (y > (above + below) / 2) + 0.30 * lower * (y <= (above + below) / 2))
