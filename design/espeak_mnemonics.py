@@ -2,7 +2,7 @@
 """Measure what espeak-ng's mnemonics mean in IPA: one text spoken twice, its phoneme events named both ways, side by side.
 
 The library fixes the kind of names when it starts, so each kind is a process. The table ``ESPEAK`` of
-``fapengine/speech/alphabets/phone_sets.py`` was written from what this prints.
+``fapengine/speech/alphabets/phone_sets.toml`` was written from what this prints.
 
 Usage: python design/espeak_mnemonics.py
 """

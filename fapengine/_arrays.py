@@ -1,5 +1,6 @@
 """Arrays that enter the package: checked ones in its types, and tables that it ships."""
 
+import csv
 import hashlib
 import io
 import struct
@@ -237,6 +238,11 @@ def read_table(package: str, name: str) -> dict[str, NDArray[Any]]:
     if hashlib.sha256(data).hexdigest() != digests.get(name):
         raise ResourceError(f"{name}: its digest is not the one in {DIGESTS}; reinstall fapengine")
     return unpack(data)
+
+
+def read_rows(package: str, name: str) -> list[list[str]]:
+    """Read a table of a package, ``.csv``, without the line that names its columns."""
+    return list(csv.reader((files(package) / name).read_text("utf-8").splitlines()))[1:]
 
 
 def unpack(data: bytes) -> dict[str, NDArray[Any]]:

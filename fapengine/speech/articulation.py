@@ -4,7 +4,7 @@ The profile's recordings show how far a mouth opens and how wide it is; they sho
 (a single camera) and nothing of the tongue. This table has values for that, with source and uncertainty. Length,
 nasalisation and tone are ignored, because they are invisible (:func:`.ipa.letters` drops their marks).
 
-Axes of a symbol's row, in the order of :data:`AXES`:
+Axes of a symbol's row in ``articulation.csv``, in the order of :data:`AXES`:
 
 - ``push``: both lips forward from rest, mm, mean of upper and lower.
 - ``round``: what the corners of the mouth are held to, 1 narrow, 0 free, -1 spread.
@@ -28,6 +28,8 @@ Sources:
 """
 
 from dataclasses import dataclass
+
+from fapengine._arrays import read_rows
 
 AXES = ("push", "round", "tip_up", "tip_out", "body_up")
 
@@ -65,65 +67,10 @@ class Articulation:
         return (self.lips_insist,) * 2 + (self.tongue_insists,) * 3
 
 
-# fmt: off
-_ROWS: tuple[tuple[str, tuple[float, ...], str], ...] = (
-    # letters; push, round, tip_up, tip_out, body_up, lips_insist, tongue_insists, sure_mm; source
-    ("i",    ( 0.0, -1.0,  0.0, -1.0,  8.0, 1.0, 1.0, 2), "JD3 i"),
-    ("ɪ",    ( 0.0, -0.6,  0.0, -1.0,  3.0, 0.9, 0.9, 2), "JD3 ɪ"),
-    ("e",    ( 0.0, -0.8, -1.0, -2.0,  7.0, 1.0, 1.0, 2), "JD3 e"),
-    ("ɛ",    ( 0.0, -0.5, -2.0, -2.0,  0.0, 0.9, 0.9, 2), "JD3 ɛ"),
-    ("æ",    ( 0.0, -0.5, -3.0, -3.0, -2.0, 0.9, 0.9, 3), "chart, ɛ and a"),
-    ("a",    ( 0.0,  0.0, -5.0, -5.0, -2.0, 0.9, 0.9, 2), "JD3 a"),
-    ("ɑʌɐ",  ( 0.0,  0.0, -5.0, -5.0, -4.0, 0.9, 0.9, 3), "JD3 ɐ; ɑ ʌ by chart"),
-    ("əɘ",   ( 0.0,  0.0,  0.0,  0.0,  0.0, 0.4, 0.5, 2), "JD3 ə; ɘ by chart"),
-    ("ɜ",    ( 0.0,  0.0,  0.0, -1.0,  0.0, 0.8, 0.8, 3), "chart, ə"),
-    ("ɨ",    ( 0.0, -0.4, -1.0, -4.0,  7.0, 0.9, 0.9, 3), "chart, i and ɯ"),
-    ("ɯɤ",   ( 0.0, -0.4,  0.0, -8.0,  7.0, 0.9, 0.9, 3), "chart, tongue of u and o, lips of i"),
-    ("ɚɝ",   ( 4.0,  0.3,  3.0, -8.0,  3.0, 0.8, 0.9, 4), "chart, ɹ and ə"),
-    ("y",    ( 9.0,  1.0, -1.0, -1.0,  8.0, 1.0, 1.0, 2), "JD3 y, 8.7"),
-    ("ʏ",    ( 8.5,  0.9, -2.0, -2.0,  2.0, 1.0, 0.9, 2), "JD3 ʏ, 8.9"),
-    ("ø",    ( 9.0,  0.9, -1.0, -2.0,  6.0, 1.0, 1.0, 2), "JD3 ø, 9.4"),
-    ("œɶ",   ( 6.0,  0.7, -3.0, -4.0, -3.0, 1.0, 0.9, 3), "JD3 œ, 4.2, and ø, 9.4; ɶ by chart"),
-    ("ɵʉɞ",  ( 8.5,  0.9, -1.0, -4.0,  5.0, 1.0, 0.9, 3), "chart, y, ø and u"),
-    ("u",    (10.0,  1.0,  0.0,-10.0,  8.0, 1.0, 1.0, 2), "JD3 u, 10.7"),
-    ("ʊ",    ( 8.5,  0.9, -2.0, -8.0,  5.0, 1.0, 0.9, 2), "JD3 ʊ, 8.6"),
-    ("o",    ( 8.5,  0.9, -1.0,-12.0,  5.0, 1.0, 1.0, 2), "JD3 o, 7.6; ICT"),
-    ("ɔ",    ( 6.0,  0.7, -5.0, -8.0,  0.0, 1.0, 0.9, 3), "JD3 ɔ, 4.9"),
-    ("ɒ",    ( 4.5,  0.5, -5.0, -8.0, -3.0, 0.9, 0.9, 3), "chart, ɔ and ɑ"),
-    ("pbm",  ( 0.0,  0.0,  0.0,  0.0,  0.0, 0.4, 0.1, 2), "JD3 p in a, i, u: 1.4, 1.5, 6.7"),
-    ("ɓʘʙɸβ", (0.0,  0.0,  0.0,  0.0,  0.0, 0.4, 0.1, 3), "chart, p"),
-    ("fvɱʋⱱ", (-1.0, 0.0,  0.0, -2.0,  0.0, 0.85, 0.1, 2), "JD3 f in a, i, u: -2.9, -1.0, 1.7; lip on teeth"),
-    ("θð",   ( 0.0, -0.2,  3.5, 11.0,  0.0, 0.6, 1.0, 2), "JD3 θ: tip 2.2 to 3.1 mm before the upper incisors"),
-    ("tdn",  ( 0.0,  0.0,  9.0, -3.0,  1.0, 0.2, 0.9, 2), "JD3 t: tip at the ridge; lips of the vowel"),
-    ("ɗǀ",   ( 0.0,  0.0,  9.0, -3.0,  1.0, 0.2, 0.9, 3), "chart, t"),
-    ("lɫɬɮɺ", (0.0,  0.0, 10.0, -2.0,  0.0, 0.2, 0.9, 2), "JD3 l"),
-    ("rɾǃǁ", ( 0.0,  0.0,  9.0, -5.0,  0.0, 0.2, 0.9, 3), "chart, t"),
-    ("sz",   ( 0.0, -0.2,  5.0, -2.0,  1.0, 0.67, 0.9, 2), "JD3 s in a, i, u: 1.9, 1.2, 4.6; tip 4 mm up"),
-    ("ʃʒ",   ( 8.0,  0.5,  7.0, -8.0,  4.0, 0.8, 0.9, 3), "Toda; ICT; JD3 ʃ in a, i, u: 4.0, 3.9, 6.9"),
-    ("ʂʐ",   ( 6.0,  0.3,  9.0, -9.0,  2.0, 0.7, 0.9, 4), "chart, ʃ; the tip turned up"),
-    ("ɕʑ",   ( 0.0, -0.4,  4.0, -4.0,  7.0, 0.7, 0.9, 3), "chart, ç and s: not rounded"),
-    ("ɧ",    ( 5.0,  0.5,  2.0, -6.0,  6.0, 0.6, 0.9, 4), "chart, ʃ and x"),
-    ("ɹ",    ( 6.0,  0.4,  6.0, -8.0,  3.0, 0.7, 0.9, 3), "King and Ferragne 2020: labial, unlike w; sizes ours"),
-    ("ɻ",    ( 6.0,  0.4,  9.0,-10.0,  3.0, 0.7, 0.9, 4), "chart, ɹ"),
-    ("ʈɖɳɭɽ", (1.0,  0.0, 10.0, -9.0,  1.0, 0.3, 0.9, 4), "chart, t; the tip turned back"),
-    ("jʎɲ",  ( 0.0, -0.6,  0.0, -2.0,  9.0, 0.5, 0.9, 3), "JD3 i and ç; chart"),
-    ("cɟʄǂçʝ", (0.0, -0.3, 1.0, -3.0,  9.0, 0.5, 0.9, 3), "JD3 ç in a, i, u: 1.7, 1.7, 5.4"),
-    ("w",    (10.0,  1.0,  0.0,-10.0,  8.0, 1.0, 0.9, 2), "JD3 u; Toda: narrow"),
-    ("ʍ",    (10.0,  1.0,  0.0,-10.0,  8.0, 1.0, 0.9, 3), "chart, w"),
-    ("ɥ",    ( 9.0,  1.0, -1.0, -1.0,  9.0, 1.0, 0.9, 3), "JD3 y"),
-    ("kɡŋ",  ( 0.0,  0.0, -1.0, -5.0, 10.0, 0.17, 0.8, 2), "JD3 k in a, i, u: 1.4, 0.4, 8.6; body at the palate"),
-    ("ɠɰʟ",  ( 0.0,  0.0, -1.0, -5.0,  9.0, 0.2, 0.8, 3), "chart, k"),
-    ("xɣ",   ( 0.0,  0.0, -1.0, -4.0,  6.0, 0.5, 0.8, 3), "JD3 x in a, i, u: 1.9, 1.9, 6.0"),
-    ("χʁ",   ( 0.0,  0.0, -1.0, -4.0,  4.0, 0.5, 0.8, 3), "JD3 χ"),
-    ("qɢʛɴʀ", (0.0,  0.0, -2.0, -6.0,  5.0, 0.2, 0.8, 4), "chart, k and χ"),
-    ("ħʕʜʢ", ( 0.0,  0.0, -4.0, -6.0, -3.0, 0.2, 0.6, 4), "chart, ɑ"),
-    ("hɦʔʡ", ( 0.0,  0.0,  0.0,  0.0,  0.0, 0.05, 0.05, 2), "no gesture of lips or tongue"),
-)
-# fmt: on
-
-
 ARTICULATIONS: dict[str, Articulation] = {
-    letter: Articulation(source, *numbers) for letters, numbers, source in _ROWS for letter in letters
+    letter: Articulation(source, *map(float, numbers))
+    for letters, *numbers, source in read_rows("fapengine.speech", "articulation.csv")
+    for letter in letters
 }
 """The articulation of every symbol of :data:`.ipa.SOUNDS`."""
 OPENINGS = {

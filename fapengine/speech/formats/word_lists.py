@@ -1,10 +1,10 @@
 """Words with times: JSON of speech recognizers and voices, and subtitles.
 
 Every tool's JSON has a list of words somewhere, each with a text, a start and an end; where the list is, what the keys
-are called and what a time means differs. One reader serves them all, with a row of data for each tool. A word without
-times, which aligners leave where they fail, gets the time between its neighbours, or joins the word before. Lists that
-are timed in phrases are refused, and the message says how to ask for words. Sources: the tools' own documentation, as
-of 2026-11.
+are called and what a time means differs. One reader serves them all, with a table for each tool (``word_lists.toml``).
+A word without times, which aligners leave where they fail, gets the time between its neighbours, or joins the word
+before. Lists that are timed in phrases are refused, and the message says how to ask for words. Sources: the tools' own
+documentation, as of 2026-11.
 
 Subtitles, SRT (as SubRip writes it) and WebVTT (W3C, 2019), are read where words have times: one word a cue (edge-tts,
 Whisper with one word a line), times inside a cue (WebVTT, ``<00:00:01.120>``), or one underlined word in each cue
@@ -12,8 +12,11 @@ Whisper with one word a line), times inside a cue (WebVTT, ``<00:00:01.120>``), 
 """
 
 import re
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from importlib.resources import files
+from typing import Any
 
 from fapengine.errors import DataError
 from fapengine.speech.alphabets.guess import guess
@@ -21,8 +24,6 @@ from fapengine.speech.formats.documents import Node, decode_text, parse_document
 from fapengine.speech.formats.entries import Entry, shared_out, track_of, without_overlaps
 from fapengine.speech.phone_track import PhoneTrack
 
-TICK_S = 1e-7
-"""Length of a tick of 100 ns, the unit of Azure and edge-tts."""
 MIN_WORD_S = 0.05
 """Shortest time in s that a word without times is given between its neighbours."""
 _EDGES = ' \t\r\n.,!?;:…"“”„«»‹›()[]{}¿¡–—-*♪'
@@ -57,50 +58,13 @@ class WordList:
     hint: str = "ask the tool for word timestamps"
 
 
-_WORDS_OF_AZURE = "ask for words: wordLevelTimestampsEnabled, or request_word_level_timestamps()"
-# fmt: off
-WORD_LISTS: tuple[WordList, ...] = (
-    WordList("whisper", "WhisperX, faster-whisper, whisper-timestamped, stable-ts", ("segments[].words[]",),
-             ("word", "text")),
-    WordList("openai-words", "OpenAI, NeMo", ("words[]", "word_segments[]", "timestamp.word[]"), ("word",),
-             phrases=("segments[]",), hint="ask for words: word_timestamps=True, timestamp_granularities=['word']"),
-    WordList("whisper-cpp", "whisper.cpp", ("transcription[].tokens[]", "transcription[]"), ("text",),
-             ("offsets.from",), ("offsets.to",), unit_s=1e-3, pieces=True, phrases=("transcription[]",),
-             hint="ask for words: -ojf, or -ml 1"),
-    WordList("transformers", "Hugging Face pipelines", ("chunks[]",), ("text",), ("timestamp[0]",), ("timestamp[1]",),
-             hint="ask for words: return_timestamps='word'"),
-    WordList("vosk", "Vosk", ("result[]", "[].result[]", "alternatives[0].result[]"), ("word",)),
-    WordList("deepgram", "Deepgram", ("results.channels[].alternatives[0].words[]",
-                                      "[].channel.alternatives[0].words[]", "channel.alternatives[0].words[]"),
-             ("punctuated_word", "word")),
-    WordList("assemblyai", "AssemblyAI", ("words[]",), ("text",), unit_s=1e-3, never=("loss", "type", "logprob")),
-    WordList("aws-transcribe", "Amazon Transcribe", ("results.items[]",), ("alternatives[0].content",),
-             ("start_time",), ("end_time",), only=("type", "pronunciation")),
-    WordList("azure-speech", "Azure speech to text", ("phrases[].words[]",), ("text",), ("offsetMilliseconds",), (),
-             ("durationMilliseconds",), unit_s=1e-3, phrases=("combinedPhrases[]",), hint=_WORDS_OF_AZURE),
-    WordList("azure-speech-ticks", "Azure Speech SDK, batch transcription", ("recognizedPhrases[].nBest[0].words[]",
-             "NBest[0].Words[]", "[].NBest[0].Words[]"), ("word", "Word"), ("offsetInTicks", "Offset"), (),
-             ("durationInTicks", "Duration"), unit_s=TICK_S, phrases=("recognizedPhrases[]",), hint=_WORDS_OF_AZURE),
-    WordList("rev", "Rev AI", ("monologues[].elements[]",), ("value",), ("ts",), ("end_ts",), only=("type", "text")),
-    WordList("speechmatics", "Speechmatics", ("results[]",), ("alternatives[0].content",), ("start_time",),
-             ("end_time",), only=("type", "word")),
-    WordList("gladia", "Gladia", ("result.transcription.utterances[].words[]", "transcription.utterances[].words[]",
-             "utterances[].words[]"), ("word",), phrases=("result.transcription.utterances[]",)),
-    WordList("watson", "IBM Watson Speech to Text", ("results[].alternatives[0].timestamps[]",), ("[0]",), ("[1]",),
-             ("[2]",), hint="ask for words: timestamps=true"),
-    WordList("google-speech", "Google Cloud Speech-to-Text", ("results[].alternatives[0].words[]",
-             "response.results[].alternatives[0].words[]"), ("word",), ("startTime", "startOffset", "start_time"),
-             ("endTime", "endOffset", "end_time")),
-    WordList("soniox", "Soniox", ("tokens[]", "[].tokens[]"), ("text",), ("start_ms",), ("end_ms",), unit_s=1e-3,
-             pieces=True),
-    WordList("kokoro-fastapi", "Kokoro-FastAPI captioned speech", ("timestamps[]", "[].timestamps[]"), ("word",),
-             ("start_time",), ("end_time",)),
-    WordList("edge-tts", "edge-tts, Azure word boundaries",
-             ("[]", "[].Metadata[]", "Metadata[]"), ("text", "Data.text.Text"),
-             ("offset", "Data.Offset", "audio_offset"), (), ("duration", "Data.Duration"), unit_s=TICK_S,
-             only=("type", "WordBoundary"), hint="ask for words: boundary='WordBoundary'"),
-)
-# fmt: on
+def _word_list(name: str, row: dict[str, Any]) -> WordList:
+    fields: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in row.items()}
+    return WordList(name, **fields)
+
+
+_TABLES = tomllib.loads((files(__package__) / "word_lists.toml").read_text("utf-8"))
+WORD_LISTS = tuple(_word_list(name, row) for name, row in _TABLES.items())
 
 
 def value_of(row: Node, keys: Sequence[str]) -> Node | None:

@@ -6,7 +6,7 @@ from fapengine.speech import ipa
 from fapengine.speech.alphabets import convert as alphabets
 from fapengine.speech.alphabets.convert import ARPABET
 from fapengine.speech.alphabets.guess import explains, guess, is_one_phone
-from fapengine.speech.alphabets.phone_sets import MISAKI, MRPA, OPENJTALK
+from fapengine.speech.alphabets.phone_sets import MISAKI, OPENJTALK, PHONE_SETS
 from fapengine.speech.formats.entries import Entry, track_of
 from fapengine.speech.phone_track import SILENCE, PhoneTrack, Reading, find_unknown
 
@@ -219,7 +219,7 @@ def test_misaki_speaks_japanese_and_mandarin(label: str, expected: str) -> None:
 
 
 def test_festivals_and_julius_sets() -> None:
-    assert [MRPA.to_ipa(label) for label in ("@@", "e@", "i@", "uu", "#")] == ["ɜː", "ɛə", "ɪə", "uː", ""]
+    assert [PHONE_SETS["mrpa"].to_ipa(label) for label in ("@@", "e@", "i@", "uu", "#")] == ["ɜː", "ɛə", "ɪə", "uː", ""]
     assert [OPENJTALK.to_ipa(label) for label in ("silB", "a:", "q", "ch", "N")] == ["", "aː", "ʔ", "tɕ", "ɴ"]
 
 
