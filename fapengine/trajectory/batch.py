@@ -318,13 +318,7 @@ class BatchPlanner:
         """(K + axes, S): where every session is in the space, then :mod:`.phonetics`."""
         state, count = self._rows, len(times_s)
         s = _share((times_s - state.from_s[:count]) * state.rate[:count])
-        powers = np.ones((6, count))
-        powers[1] = s
-        squared = np.multiply(s, s, out=powers[2])
-        cubed = np.multiply(squared, s, out=powers[3])
-        np.multiply(squared, squared, out=powers[4])
-        np.multiply(squared, cubed, out=powers[5])
-        weights: Array = np.einsum("ps,spk->ks", powers, state.quintic[:count])
+        weights: Array = np.einsum("ps,spk->ks", hermite.powers(s), state.quintic[:count])
         since = times_s - state.fade_from_s[:count]
         slow, quick = _share(since * state.fade_rate[:count]), _share(since * state.momentum_rate[:count])
         if slow.min(initial=1.0) < 1.0:

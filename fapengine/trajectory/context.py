@@ -280,14 +280,16 @@ NEXT_FROM = 0.65
 end of the letter before. In the last keyframe it is 1."""
 AT_ONCE = 64
 """Tokens that are compared with examples at a time: what is computed of them stays in the processor's cache."""
-FIRST_PAIRS = 64
-"""Rows that tables begin with; they double when they are full."""
+FIRST_KINDS = 64
+"""Rows that tables begin with, of kinds and of pairs; they double when they are full."""
 KIND_RADIX = 1 << 20
 """Kinds of tokens that three of make one number; labels are remembered up to 4,096
 (:data:`.context.LABELS`)."""
 
 
-_LENGTHS, _NEXT_TO = np.array(LENGTHS), np.array((-1, 0, 1))
+_STEPS, _LENGTHS = np.arange(-REACH, REACH + 1), np.arange(-2, 3)
+_STEP_PLACES, _PAIRED = _STEPS + REACH, REACH + np.array([[-1, 0], [0, 1]])
+_UNLIKE_LENGTHS = np.array(UNLIKE_LENGTHS)
 
 
 class Likeness:
@@ -299,8 +301,8 @@ class Likeness:
         rows = [self._known.index(letter) for one in letters for letter in one]
         self._letters = np.array(rows, np.intp).reshape(len(letters), len(UNLIKE_WAYS))
         """(M, 8): of the letters in ``_known``."""
-        weights = np.array(UNLIKE_LENGTHS)
-        self._of_lengths = np.vstack([(2.0 * weights * lengths).T, -(lengths**2 @ weights), -np.ones(len(lengths))])
+        squares = lengths**2 @ _UNLIKE_LENGTHS
+        self._of_lengths = np.vstack([(2.0 * _UNLIKE_LENGTHS * lengths).T, -squares, -np.ones(len(lengths))])
         """(5, M): for three lengths, 1, and their weighted squares."""
 
     def unlike(self, place: int, letter: str) -> Array:
@@ -316,8 +318,10 @@ class Likeness:
 
     def of(self, unlike: Array, lengths: Array) -> Array:
         """(..., M), 0..1: of (..., M) differences of letters, in all, and (..., 3) lengths."""
-        ones = np.ones(lengths.shape[:-1])
-        alike = np.stack([*lengths.T, ones.T, (lengths**2 @ UNLIKE_LENGTHS).T], axis=-1) @ self._of_lengths
+        own = np.ones((*lengths.shape[:-1], len(self._of_lengths)))
+        own[..., :3] = lengths
+        own[..., 4] = lengths**2 @ _UNLIKE_LENGTHS
+        alike = own @ self._of_lengths
         alike -= unlike
         return np.asarray(np.exp(alike, out=alike))
 
@@ -343,28 +347,34 @@ class ContextTables:
         examples = model.examples
         self._likeness = Likeness(examples.letters, examples.lengths)
         self._adds = examples.adds.reshape(len(examples.letters), flat.shape[1])
-        self._unlike = np.zeros((2 * REACH + 1, 0, len(examples.letters)))
+        self._unlike = np.zeros((2 * REACH + 1, FIRST_KINDS, len(examples.letters)))
         """(steps, kinds, M), steps as in ``_by_step``: how unlike it is to the letters of each example there."""
-        self._lengths_beside = np.stack([self._sum({f"length {step}": 1.0}) for step in LENGTHS])
-        """(steps, D), per length of the neighbour at each of :data:`LENGTHS`."""
-        self._by_step = np.zeros((0, 2 * REACH + 1, flat.shape[1]))
+        self._lengths_beside = np.stack([self._sum({f"length {step}": 1.0} if step else {}) for step in _LENGTHS])
+        """(5, D), per length of the neighbour at each of :data:`LENGTHS`; 0 for the token itself."""
+        self._by_step = np.zeros((FIRST_KINDS, 2 * REACH + 1, flat.shape[1]))
         """(kinds, steps, D): as the neighbour at each step, and in the middle as the token itself."""
-        self._by_length = np.zeros((0, flat.shape[1]))
+        self._by_length = np.zeros((FIRST_KINDS, flat.shape[1]))
         """(kinds, D), per length of the token itself."""
-        self._idle = np.zeros(0, bool)
+        self._idle = np.zeros(FIRST_KINDS, bool)
         """(kinds,): which have no gesture of their own."""
         self._parts: list[tuple[Part, Part]] = []
         self._kinds: dict[str, int] = {}
-        self._pairs = np.full((FIRST_PAIRS, FIRST_PAIRS), -1)
+        self._letters: dict[str, Array] = {}
+        self._pairs = np.full((FIRST_KINDS, FIRST_KINDS), -1)
         """(kinds, kinds): row in ``_pair_sums``, -1 before the two have met."""
         self._met = 0
         """Count of the rows of ``_pair_sums`` that are in use."""
-        self._pair_sums = np.zeros((FIRST_PAIRS, 2, flat.shape[1]))
+        self._pair_sums = np.zeros((FIRST_KINDS, 2, flat.shape[1]))
+        crosses = [name.split(" ") for name in model.features if name.startswith("cross ")]
+        self._ways = {way: index for index, way in enumerate(sorted({way for _, _, *both in crosses for way in both}))}
+        crossed = np.zeros((2, len(self._ways), len(self._ways), flat.shape[1]))
+        places = [(int(step == "1"), self._ways[mine], self._ways[other]) for _, step, mine, other in crosses]
+        crossed[*np.array(places, np.intp).reshape(-1, 3).T] = flat[[self._rows[" ".join(one)] for one in crosses]]
+        self._crosses = crossed.reshape(2, len(self._ways), len(self._ways) * flat.shape[1])
+        """(steps, ways, ways x D): of a token's own ways times those of the one before, and of the one behind."""
         self.silence = self.kind(())
-        codes = []
-        for name in (feature for feature in model.features if feature.startswith("triple ")):
-            kinds = (self._kind_named(one) for one in name.split(" ")[1:])
-            codes.append((self._code(*kinds), self._rows[name]))
+        triples, kind = [name for name in model.features if name.startswith("triple ")], cache(self._kind_named)
+        codes = [(self._code(*map(kind, name.split(" ")[1:])), self._rows[name]) for name in triples]
         self._codes = np.array(sorted(codes), dtype=np.int64).reshape(-1, 2)
         """(triples, 2): three kinds as one number, rising, and the row of their coefficients."""
 
@@ -383,7 +393,9 @@ class ContextTables:
         letters = name.removeprefix(IN_NAME)
         return self.kind(() if name == SILENCE else ipa.letters(letters), (letters,) if letters != name else ())
 
-    def targets(self, around: NDArray[np.intp], lengths_s: Array, own: NDArray[np.intp]) -> Array:
+    def targets(
+        self, around: NDArray[np.intp], lengths_s: Array, own: NDArray[np.intp]
+    ) -> tuple[Array, NDArray[np.bool_]]:
         """Targets of tokens between their neighbours.
 
         Parameters
@@ -397,82 +409,87 @@ class ContextTables:
 
         Returns
         -------
-        (N, keyframes, K) float64
+        targets : (N, keyframes, K) float64
+        heard : (N,) bool
+            Whether the recorded speaker said a token between the same neighbours.
         """
-        lengths = np.log(np.minimum(np.maximum(lengths_s, MIN_DURATION_S), MAX_DURATION_S) / TYPICAL_S)
-        found = self._sums(around, lengths, own, range(-REACH, REACH + 1))
+        lengths, count = np.log(np.minimum(np.maximum(lengths_s, MIN_DURATION_S), MAX_DURATION_S) / TYPICAL_S), len(own)
         idle = np.flatnonzero(self._idle[around[own]])
         if len(idle):
-            found[idle] = self._between(found[idle], around, lengths, own[idle])
-        return found
+            own = np.concatenate([own, own[idle] - 1, own[idle] + 1])
+        kinds = around.take(own[:, None] + _STEPS, mode="clip")
+        if len(idle):  # none sees more of the track than other tokens do
+            kinds[count : count + len(idle), 0] = kinds[count + len(idle) :, -1] = self.silence
+        found, heard = self._sums(kinds, lengths[own[:, None] + _LENGTHS])
+        if len(idle):
+            before, behind = np.split(found[count:], 2)
+            found[idle] = self._between(found[idle], kinds[idle], before[:, -1:], behind[:, :1])
+        return found[:count], heard[:count]
 
-    def _sums(self, around: NDArray[np.intp], lengths: Array, own: NDArray[np.intp], steps: range) -> Array:
-        """(N, keyframes, K): what every feature adds, of neighbours at ``steps``; in place of the others is silence."""
-        total = self._near(around, own)
-        total += lengths[own, None] * self._by_length[around[own]]
-        total += lengths[own[:, None] + _LENGTHS] @ self._lengths_beside
-        for step in range(-REACH, REACH + 1):
-            total += self._by_step[around[own + step] if step in steps else self.silence, step + REACH]
+    def _sums(self, kinds: NDArray[np.intp], lengths: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """What every feature adds to N tokens.
+
+        Parameters
+        ----------
+        kinds : (N, steps) int
+            Of the tokens, in the middle, and of the three before and behind each.
+        lengths : (N, 5) float64
+            Of two before, of the tokens and of two behind, as they count.
+
+        Returns
+        -------
+        (N, keyframes, K) float64, and heard as in :meth:`targets`
+        """
+        total: Array = self._by_step[kinds, _STEP_PLACES].sum(axis=1)
+        total += lengths @ self._lengths_beside
+        total += lengths[:, 2:3] * self._by_length[kinds[:, REACH]]
+        pairs = self._pair_rows(kinds[:, _PAIRED])
+        total += self._pair_sums[pairs, _STEP_PLACES[:2]].sum(axis=1)
+        heard, rows = self._triples(*kinds[:, REACH - 1 : REACH + 2].T)
+        total[heard] += self._coefficients[rows[heard]]
         if len(self._adds):
-            for start in range(0, len(own), AT_ONCE):
+            for start in range(0, len(kinds), AT_ONCE):
                 part = slice(start, start + AT_ONCE)
-                total[part] += self._added(around, lengths, own[part], steps)
-        return total.reshape(len(own), *self._shape)
+                total[part] += self._added(kinds[part], lengths[part, 1:4])
+        return total.reshape(len(kinds), *self._shape), heard
 
-    def _added(self, around: NDArray[np.intp], lengths: Array, own: NDArray[np.intp], steps: range) -> Array:
-        """(N, D): what examples add, as :meth:`_sums`."""
-        unlike, beside = np.zeros((2, len(own), len(self._adds)))
-        for step in range(-REACH, REACH + 1):
-            kinds = around[own + step] if step in steps else np.full(len(own), self.silence)
-            unlike += self._unlike[step + REACH].take(kinds, axis=0, out=beside, mode="clip")
-        return np.asarray(self._likeness.of(unlike, lengths[own[:, None] + _NEXT_TO]) @ self._adds)
+    def _added(self, kinds: NDArray[np.intp], lengths: Array) -> Array:
+        """(N, D): what examples add, as :meth:`_sums`; ``lengths`` of the three in the middle."""
+        unlike, beside = np.empty((2, len(kinds), len(self._adds)))
+        self._unlike[0].take(kinds[:, 0], axis=0, out=unlike, mode="clip")
+        for step in range(1, 2 * REACH + 1):
+            unlike += self._unlike[step].take(kinds[:, step], axis=0, out=beside, mode="clip")
+        return np.asarray(self._likeness.of(unlike, lengths) @ self._adds)
 
-    def _between(self, alone: Array, around: NDArray[np.intp], lengths: Array, own: NDArray[np.intp]) -> Array:
+    def _between(self, alone: Array, kinds: NDArray[np.intp], before: Array, behind: Array) -> Array:
         """(N, keyframes, K): tokens without a gesture, which go from how the one before ends to how the next begins.
 
-        None sees more of the track than other tokens do. ``alone`` is taken where neither neighbour has a gesture.
+        ``alone`` is taken where neither neighbour has a gesture.
         """
         shares = np.linspace(NEXT_FROM, 1.0, self._shape[0])[:, None]
         goes = ~self._idle
         goes[self.silence] = False
-        led, leads = goes[around[own - 1]][:, None, None], goes[around[own + 1]][:, None, None]
-        before = self._sums(around, lengths, own - 1, range(1 - REACH, REACH + 1))[:, -1:]
-        behind = self._sums(around, lengths, own + 1, range(-REACH, REACH))[:, :1]
+        led, leads = goes[kinds[:, REACH - 1]][:, None, None], goes[kinds[:, REACH + 1]][:, None, None]
         both = (1.0 - shares) * before + shares * behind
         either = np.where(led & leads, both, np.where(leads, behind, before))
         return np.where(led | leads, either, alone)
 
-    def _near(self, kinds: NDArray[np.intp], own: NDArray[np.intp]) -> Array:
-        """(N, D): what tokens at ``own`` get from who stands right beside them."""
-        before, mine, behind = kinds[own - 1], kinds[own], kinds[own + 1]
-        pairs = self._pair_rows(before, mine), self._pair_rows(mine, behind)
-        total: Array = self._pair_sums[pairs[0], 0]
-        total += self._pair_sums[pairs[1], 1]
-        heard, rows = self._triples(before, mine, behind)
-        total[heard] += self._coefficients[rows]
-        return total
-
-    def heard_as_here(self, around: NDArray[np.intp], own: NDArray[np.intp]) -> NDArray[np.bool_]:
-        """(N,): as :func:`heard_as_here`, of tokens as :meth:`targets` takes them."""
-        found = np.zeros(len(own), bool)
-        found[self._triples(around[own - 1], around[own], around[own + 1])[0]] = True
-        return found
-
     def _triples(
         self, before: NDArray[np.intp], mine: NDArray[np.intp], behind: NDArray[np.intp]
-    ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Which of three kinds beside each other were heard so, and the rows of their coefficients."""
+    ) -> tuple[NDArray[np.bool_], NDArray[np.intp]]:
+        """Which of three kinds beside each other were heard so, and the rows of their coefficients, if so."""
         if not len(self._codes):
-            return np.zeros(0, np.intp), np.zeros(0, np.intp)
+            return np.zeros(len(mine), bool), np.zeros(len(mine), np.intp)
         codes = self._code(before, mine, behind)
         at = np.minimum(np.searchsorted(self._codes[:, 0], codes), len(self._codes) - 1)
-        heard = np.flatnonzero(self._codes[at, 0] == codes)
-        return heard, self._codes[at[heard], 1]
+        known = self._codes[at]
+        return known[:, 0] == codes, known[:, 1]
 
-    def _pair_rows(self, first: NDArray[np.intp], second: NDArray[np.intp]) -> NDArray[np.intp]:
-        rows = self._pairs[first, second]
-        for index in np.flatnonzero(rows < 0).tolist():
-            rows[index] = self._pair(int(first[index]), int(second[index]))
+    def _pair_rows(self, pairs: NDArray[np.intp]) -> NDArray[np.intp]:
+        """(N, 2): rows of ``_pair_sums`` of (N, 2, 2) kinds, as first and second."""
+        rows = self._pairs[pairs[..., 0], pairs[..., 1]]
+        for at in zip(*(rows < 0).nonzero(), strict=True):
+            rows[at] = self._pair(*pairs[at].tolist())
         return rows
 
     def _pair(self, first: int, second: int) -> int:
@@ -483,28 +500,43 @@ class ContextTables:
             if row == len(self._pair_sums):
                 self._pair_sums = np.concatenate([self._pair_sums, np.zeros_like(self._pair_sums)])
             one, other = self._parts[first][1], self._parts[second][0]
-            self._pair_sums[row] = self._sum(paired(other, -1, one)), self._sum(paired(one, 1, other))
+            self._pair_sums[row] = self._paired(other, -1, one), self._paired(one, 1, other)
         return row
+
+    def _paired(self, own: Part, step: int, other: Part) -> Array:
+        """(D,): what :func:`paired` adds."""
+        crossed = (self._ways_of(own.letter) @ self._crosses[int(step > 0)]).reshape(
+            len(self._ways), self._coefficients.shape[1]
+        )
+        named = self._coefficients[self._rows.get(f"pair {step} {other.name} {own.name}", -1)]
+        return np.asarray(self._ways_of(other.letter) @ crossed + named)
 
     def _new_kind(self, heard: tuple[str, ...], first: Part, last: Part) -> int:
         kind = self._kinds[first.name] = len(self._parts)
         self._parts.append((first, last))
         if kind == len(self._pairs):
             self._pairs = np.pad(self._pairs, (0, kind), constant_values=-1)
-        steps = [
-            self._sum(beside(step, last if step < 0 else first) if step else alone(first))
-            for step in range(-REACH, REACH + 1)
-        ]
-        self._idle = np.append(self._idle, bool(heard) and GESTURELESS.issuperset(heard))
-        self._by_step = np.concatenate([self._by_step, [steps]])
-        unlike = self._likeness.unlike_by_step(first.letter, last.letter)
-        self._unlike = np.concatenate([self._unlike, unlike[:, None]], axis=1)
-        self._by_length = np.concatenate([self._by_length, [self._sum(lengthened(first))]])
+            self._idle, self._by_length = np.pad(self._idle, (0, kind)), np.pad(self._by_length, ((0, kind), (0, 0)))
+            self._by_step = np.pad(self._by_step, ((0, kind), (0, 0), (0, 0)))
+            self._unlike = np.pad(self._unlike, ((0, 0), (0, kind), (0, 0)))
+        self._idle[kind] = bool(heard) and GESTURELESS.issuperset(heard)
+        for place, step in enumerate(_STEPS.tolist()):
+            own = beside(step, last if step < 0 else first) if step else alone(first)
+            self._by_step[kind, place] = self._sum(own)
+        self._unlike[:, kind] = self._likeness.unlike_by_step(first.letter, last.letter)
+        self._by_length[kind] = self._sum(lengthened(first))
         return kind
 
     @staticmethod
     def _code(first: Number, second: Number, third: Number) -> Number:
         return (first * KIND_RADIX + second) * KIND_RADIX + third
+
+    def _ways_of(self, letter: str) -> Array:
+        """(ways,): :func:`ways` of a letter."""
+        if letter not in self._letters:
+            found = ways(letter)
+            self._letters[letter] = np.array([found.get(way, 0.0) for way in self._ways])
+        return self._letters[letter]
 
     def _sum(self, named: Mapping[str, float]) -> Array:
         rows = [self._rows.get(name, -1) for name in named]

@@ -41,9 +41,9 @@ def derivatives(times_s: Array, values: Array, path_of: NDArray[np.intp]) -> tup
     """
     velocity, acceleration = np.zeros_like(values), np.zeros_like(values)
     if len(times_s) > 2:
-        step, is_end = np.diff(times_s)[:, None], path_of[1:] != path_of[:-1]
+        step, is_end = (times_s[1:] - times_s[:-1])[:, None], path_of[1:] != path_of[:-1]
         step[is_end] = 1.0  # of no path
-        slope = np.diff(values, axis=0)
+        slope = values[1:] - values[:-1]
         slope /= step
         before, after = step[:-1], step[1:]
         longer, both = np.maximum(before, after), before + after
@@ -61,7 +61,7 @@ def derivatives(times_s: Array, values: Array, path_of: NDArray[np.intp]) -> tup
             bound = np.multiply(limit, most, out=least)
             np.minimum(found, bound, out=found)
             np.maximum(found, np.negative(bound, out=bound), out=found)
-        ends = np.flatnonzero(is_end)
+        ends = is_end.nonzero()[0]
         for still in (velocity, acceleration):
             still[ends] = still[ends + 1] = 0.0
     return velocity, acceleration
@@ -179,16 +179,25 @@ def moments(since_s: Array, length_s: Array) -> Array:
     -------
     (S, 3, 6) float64
     """
-    s, h = since_s / length_s, length_s
-    s2, s3, s4, h2 = s * s, s**3, s**4, h * h
-    value, velocity, acceleration = powers = np.zeros((3, 6, len(s)))
-    value[0] = 1.0
-    value[1:] = s, s2, s3, s4, s4 * s
-    velocity[1:] = 1.0 / h, 2 * s / h, 3 * s2 / h, 4 * s3 / h, 5 * s4 / h
-    acceleration[2:] = 2 / h2, 6 * s / h2, 12 * s2 / h2, 20 * s3 / h2
-    lengths = np.array([value[0], h, h2] * 2)
-    matrices: Array = (np.moveaxis(powers, -1, 0) @ UNITS) * lengths.T[:, None]
+    jets = np.zeros((3, 6, len(since_s)))
+    value, velocity, acceleration = jets
+    value[:] = powers(since_s / length_s)
+    np.multiply(_SLOPES, value[:5] / length_s, out=velocity[1:])
+    np.multiply(_SLOPES[1:], velocity[1:5] / length_s, out=acceleration[2:])
+    lengths = length_s**_DEGREES
+    matrices: Array = (jets.transpose(2, 0, 1) @ UNITS) * lengths.T[:, None]
     return matrices
+
+
+def powers(s: Array) -> Array:
+    """(6, S): ``1, s, .. s^5`` of (S,)."""
+    found = np.ones((6, len(s)))
+    found[1] = s
+    squared = np.multiply(s, s, out=found[2])
+    cubed = np.multiply(squared, s, out=found[3])
+    np.multiply(squared, squared, out=found[4])
+    np.multiply(squared, cubed, out=found[5])
+    return found
 
 
 def fading(of_value: Array, s: Array) -> tuple[Array, Array, Array]:
@@ -204,5 +213,6 @@ def fading(of_value: Array, s: Array) -> tuple[Array, Array, Array]:
     return value, velocity, acceleration
 
 
+_SLOPES, _DEGREES = np.arange(1.0, 6.0)[:, None], np.array([0.0, 1.0, 2.0] * 2)[:, None]
 UNITS = np.stack(quintic(np.ones(1), tuple(np.eye(6)[:3]), tuple(np.eye(6)[3:])))
 """(6, 6): coefficients of the quintics whose jets at both ends, one after the other, are unit vectors; length 1."""

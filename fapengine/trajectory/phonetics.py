@@ -68,7 +68,7 @@ LONG_TIMES = 6.5
 """Greatest times ``round`` of a long puckered letter. Its corners come in by 3 mm each beside what was recorded, so
 that a u is 12 mm narrower than rest; a pucker of ICT-FaceKit is 9. Sounds that last reach what short ones only point
 at (Lindblom 1963, J. Acoust. Soc. Am. 35, 1773); how far is our choice. A phone that the speaker said between the same
-neighbours is as he said it (:meth:`.context.ContextTables.heard_as_here`): his long u in "soon" is 5 mm narrower than
+neighbours is as he said it (:meth:`.context.ContextTables.targets`): his long u in "soon" is 5 mm narrower than
 the neutral face."""
 LONG_SPREAD_TIMES = 3.2
 """The same for :data:`~fapengine.speech.articulation.SPREAD`: an i alone is 2 mm wider than it would be."""
@@ -126,8 +126,9 @@ def in_context(kinds: NDArray[np.intp], at: NDArray[np.intp], values: Array) -> 
 
     Equal places side by side, keys of one letter, are computed once.
     """
-    fresh = np.diff(at, prepend=-1) != 0
-    at, place = at[fresh], np.cumsum(fresh) - 1
+    fresh = np.ones(len(at), bool)
+    np.not_equal(at[1:], at[:-1], out=fresh[1:])
+    at, place = at[fresh], fresh.cumsum() - 1
     around = kinds[at + _STEPS]
     insists = _INSISTS[around]
     past = 1.0 - insists[:, :-1]

@@ -163,7 +163,7 @@ def speech_keys(tracks: Sequence[tuple[Sequence[Phone], int]], profile: Profile,
     places, length_s = place[phone] + index, ((end_s - start_s) / parts)[phone]
     lengths_s = np.full(len(row.kinds), PAUSE_S)
     lengths_s[places] = length_s
-    wanted = np.flatnonzero(own[phone] >= 0)
+    wanted = (own[phone] >= 0).nonzero()[0]
     kinds, phone, length_s = np.array(row.kinds, np.intp), phone[wanted], length_s[wanted]
     token, fractions, weights, heard = labels.targets(kinds, lengths_s, places[wanted])
     ages_s = length_s[token] * fractions
@@ -177,11 +177,11 @@ def speech_keys(tracks: Sequence[tuple[Sequence[Phone], int]], profile: Profile,
         lips = 2.0 ** (loudness_db[phone[token]] / DB_PER_DOUBLE_LIPS)
         jaws = 2.0 ** (loudness_db[phone[token]] / DB_PER_DOUBLE_DROP) / lips
     inside_s = np.minimum(ages_s, length_s[token] - ages_s)
-    swaying = np.flatnonzero(inside_s > SWAY_FROM_S) if context else np.zeros(0, np.intp)
-    sways_s, shares = times_s[swaying], smoothstep((inside_s[swaying] - SWAY_FROM_S) / SWAY_RISE_S)
+    swaying = (inside_s > SWAY_FROM_S).nonzero()[0] if context else np.zeros(0, np.intp)
     if len(swaying):
+        sways_s, shares = times_s[swaying], smoothstep((inside_s[swaying] - SWAY_FROM_S) / SWAY_RISE_S)
         jaws[swaying] *= 1.0 + shares * sway_of(JAW_SWAY, sways_s)
-    changed = np.flatnonzero(jaws != 1.0)
+    changed = (jaws != 1.0).nonzero()[0]
     if len(changed):
         weights[changed] += (jaws[changed] - 1.0)[:, None] * (weights[changed] @ jaw_share(profile))
         weights[changed] *= lips[changed, None]
@@ -380,14 +380,18 @@ class _Labels:
             fractions = np.array([fraction for phone in phones for fraction in phone.fractions])
             weights = np.concatenate([np.zeros((0, self._modes)), *(phone.targets for phone in phones)])
             return part, fractions, weights, np.zeros(len(own), bool)
-        targets = self._tables.targets(kinds, lengths_s, own)
-        between = self._fractions
-        fractions, kept = np.tile(between, (len(own), 1)), np.ones(targets.shape[:2], bool)
-        crowded = lengths_s[own] * (between[-1] - between[0]) < APART_S * (len(between) - 1)
-        targets[crowded, 0], fractions[crowded, 0] = targets[crowded].mean(axis=1), between.mean()
-        kept[crowded, 1:] = False
-        part = np.repeat(np.arange(len(own)), kept.sum(axis=1))
-        return part, fractions[kept], targets[kept], self._tables.heard_as_here(kinds, own)
+        targets, heard = self._tables.targets(kinds, lengths_s, own)
+        between, every = self._fractions, len(self._fractions)
+        part, fractions = np.arange(len(own)).repeat(every), np.tile(between, len(own))
+        weights = targets.reshape(len(part), self._modes)
+        crowded = (lengths_s[own] * (between[-1] - between[0]) < APART_S * (every - 1)).nonzero()[0]
+        if len(crowded):
+            targets[crowded, 0], fractions[crowded * every] = targets[crowded].mean(axis=1), between.mean()
+            kept = np.ones((len(own), every), bool)
+            kept[crowded, 1:] = False
+            keys = kept.ravel()
+            part, fractions, weights = part[keys], fractions[keys], weights[keys]
+        return part, fractions, weights, heard
 
 
 @lru_cache(maxsize=16)
@@ -427,7 +431,7 @@ def must_open(letter: str) -> bool:
 
 def _apart(times_s: Array, track_of: Indices) -> Indices | slice:
     """Choose the keys that are far enough apart in their track; the first and the last stay."""
-    near = (np.diff(times_s) < CLOSEST_KEYS_S) & (np.diff(track_of) == 0)
+    near = (times_s[1:] - times_s[:-1] < CLOSEST_KEYS_S) & (track_of[1:] == track_of[:-1])
     if not near.any():
         return slice(None)
     kept = np.ones(len(times_s), bool)

@@ -41,7 +41,8 @@ def targets(tokens: list[Token], model: ContextModel) -> np.ndarray:
     lengths_s = [PAUSE_S if token.name == SILENCE else token.end_s - token.start_s for token in tokens]
     own = np.array([n for n, token in enumerate(tokens) if token.name != SILENCE], np.intp)
     found = np.zeros((len(tokens), *model.coefficients.shape[1:]))
-    found[own] = tables.targets(kinds, np.array([*[PAUSE_S] * REACH, *lengths_s, *[PAUSE_S] * REACH]), own + REACH)
+    around_s = [PAUSE_S] * REACH
+    found[own], _ = tables.targets(kinds, np.array([*around_s, *lengths_s, *around_s]), own + REACH)
     return found
 
 
