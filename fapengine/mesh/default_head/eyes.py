@@ -187,9 +187,9 @@ def _build_lashes(
     """Strands on the lids' margins in groups whose tips meet, the upper ones longer and bent upwards."""
     order = np.argsort(t)
     spines, half_widths, albedo, roots = [], [], [], []
-    for is_upper, count, length_mm in ((True, 34, 2.3), (False, 8, 1.2)):
+    for is_upper, count, length_mm in ((True, 32, 2.3), (False, 8, 1.2)):
         mine = order[(upper[order] == is_upper) & (np.abs(t[order]) < 1)]
-        number = np.arange(max(8, round(count * min(detail, 1.5))))
+        number = np.arange(max(5, round(count * min(detail, 1.5))))
         at = -0.74 + 1.68 * (number + 0.35 * (golden(number) - 0.5)) / (len(number) - 1)
         group = (number + 1) // 3
         tips = np.bincount(group, at)[group] / np.bincount(group)[group]
