@@ -42,7 +42,7 @@ LOWER_WIDTHS_MM = (5.0, 5.5, 7.0, 7.0, 7.0, 11.0)
 """Crown widths from the middle to the back, from tables of dental anatomy."""
 IN_TOOTH = (0.0, 0.09, 0.5, 0.91)
 """Columns of a tooth: a gap is a line, and a tooth is round only beside it."""
-ROUND_TOOTH = 0.3
+ROUND_TOOTH = 0.16
 """Slope of the light on a tooth beside its gaps."""
 DARK_BACK_MM, DARK_BACK = (5.0, 26.0), np.array([0.42, 0.48, 0.50])
 """Distances along the arch over which teeth become darker, away from the opening, and by what fraction of red, green
@@ -78,10 +78,10 @@ def build_teeth(builder: MeshBuilder, detail: float, *, upper: bool) -> Indices:
         scallop = 0.14 * (1 - round_off) * (abs(height) < 0.1)
         y = gum_y + direction * abs(edge_y - gum_y) * (np.where(height > 0, height * tip, height) + scallop)
         rows.append(np.stack([xz[:, 0], y, xz[:, 1]], axis=-1))
-        gap = 0.62 + 0.38 * round_off
+        gap = 0.76 + 0.24 * round_off
         far = 1 - smoothstep((np.abs(along) - DARK_BACK_MM[0]) / np.ptp(DARK_BACK_MM))[:, None] * DARK_BACK
         # A smile shows the light half above the upper edges; the edges of lower teeth are in their shadow.
-        shade = np.interp(height, (0.0, 0.3, 0.7, 1.0), (1.2, 1.02, 0.78, 0.72) if upper else (0.7, 0.7, 0.64, 0.5))
+        shade = np.interp(height, (0.0, 0.3, 0.7, 1.0), (1.17, 1.0, 0.76, 0.70) if upper else (0.7, 0.7, 0.64, 0.5))
         colour = colours.GUM if is_gum else colours.TEETH * (shade * gap)[:, None]
         looks.append(np.broadcast_to(colour, rows[-1].shape) * far)
     points, albedo = np.stack(rows), np.stack(looks)
