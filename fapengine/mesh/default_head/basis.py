@@ -33,10 +33,14 @@ from fapengine.mpeg4.fapu import AU_RAD, Fapu
 UPPER_LID_KNOTS = (0.0, 280.0, 560.0, 820.0, 1080.0)
 LOWER_LID_KNOTS = (0.0, 256.0, 512.0)
 WIDE_KNOTS = (0.0, -600.0)
-EASE, ROUND_TO_CORNER = 0.35, 0.55
+EASE, ROUND_TO_CORNER = 0.35, 0.3
 """Weight along the contour: fraction from middle to half way that is a cosine, the rest being a parabola; fraction from
-there to the corner that is of fourth order, the rest being a line. So contours of recorded speech have no kink half way
-and round ends.
+there to the corner that is of fourth order, the rest being a line. So contours of recorded speech have no kink half
+way.
+"""
+WIDE_FAPU, WIDE_MM = (-140.0, -380.0), 2.4
+"""FAPU of a lower lip, lowered half way to a corner, over which it becomes rounder near the corner, and a measure of
+how much: open vowels have round corners, a smile has pointed ones.
 """
 OUTER_WITH_INNER = 0.6
 """Fraction by which the outer contour beside a corner is lifted by the FAP of the inner corner instead of its own, so
@@ -56,9 +60,9 @@ ROLL_OUT = 0.28
 """Pushed lips roll out: their outer edge and the skin around it move this fraction less than the inner edge. If all
 moved alike, u would look like a beak.
 """
-PURSE_FAPU, PURSE_MM, PURSE_OUT_MM, PURSE_FORWARD_MM = (200.0, 550.0), 5.0, 1.4, 4.2
+PURSE_FAPU, PURSE_MM, PURSE_OUT_MM, PURSE_FORWARD_MM = (200.0, 550.0), 5.2, 2.4, 4.8
 """FAPU of a lower lip pushed forward over which lips purse, as in u: how far their corners come in, how much thicker
-the upper lip becomes near them, the lower one 0.6 as much, and how far lips come forward, the corners 1.2 times as far.
+lips become near them, and how far lips come forward, the corners 1.5 times as far.
 So the outline is round, and closed lips stay closed.
 """
 PURSED_CHEEK_MM = np.array([46.0, 36.0])
@@ -225,18 +229,25 @@ def _lips(head: HeadParts, linear: Linear, collector: BasisCollector) -> None:
     # Cheeks follow the corners, or their inside would cover the teeth of a wide mouth.
     cheeks = np.where(level < 0, 1 - smoothstep((-level - 0.35) / 0.65), inner)
     to_corner = np.clip((np.abs(t) - HALF_WAY) / (1 - HALF_WAY), 0, 1)
+    round_off = smoothstep((level - 1) / 0.25)
     with_inner = OUTER_WITH_INNER * outer * (1 - to_corner**3)
     shared = dict.fromkeys((12, 13), with_inner) | dict.fromkeys((59, 60), -with_inner)
     for ring, corners in ((cheeks, (6, 7, 12, 13)), (outer, (53, 54, 59, 60))):
         for number, end in zip(corners, (1, -1, 1, -1), strict=True):
-            # Stretching draws the whole lip along, most at its corner; lifting lifts the corner alone.
-            shape = np.clip(end * t, 0, 1) ** 1.2 if number in (6, 7, 53, 54) else _along(t, end)
+            # Stretching draws the whole lip along, most at its corner; lifting lifts the corner alone, and the skin
+            # above and below it, which would have a crease.
+            rounder = np.where(end * t > 0, smoothstep(to_corner) - _along(t, end), 0.0)
+            shape = np.clip(end * t, 0, 1) ** 1.2 if number in (6, 7, 53, 54) else _along(t, end) + round_off * rounder
             add(number, (ring + shared.get(number, 0.0)) * shape)
     forward = (1 - t**2) * (1 - ROLL_OUT * smoothstep(level))
     add(17, both * forward * on_upper)
     add(16, both * forward * on_lower)
+    rounder = (to_corner - to_corner**4) * both * on_lower * WIDE_MM / (WIDE_FAPU[1] - WIDE_FAPU[0])
+    for number, end in ((10, 1), (11, -1)):
+        moves = (rounder * (end * t > 0))[..., None] * [0.0, 1.0, 0.0]
+        collector.add(Channel(number, *WIDE_FAPU), vertices, moves.reshape(-1, 3)[unique])
     pursed = _pursed(t) * both[..., None]
-    pursed[..., 1] = PURSE_OUT_MM * 4 * t**6 * (1 - t**6) * np.where(upper, outer, -0.6 * outer)
+    pursed[..., 1] = PURSE_OUT_MM * 4 * t**4 * (1 - t**4) * np.where(upper, outer, -outer)
     whole = PURSE_FAPU[1] - PURSE_FAPU[0]
     collector.add(Channel(PUSH_LOWER_LIP, *PURSE_FAPU), vertices, pursed.reshape(-1, 3)[unique] / whole)
     for teeth, way in ((head.upper_teeth, PURSED_TEETH_MM), (head.lower_teeth, PURSED_TEETH_MM * [1, -1, 1])):
@@ -248,9 +259,9 @@ def _pursed(t: Array) -> Array:
     """(..., 3) mm: way of pursed lips, in and forwards."""
     return np.stack(
         [
-            -PURSE_MM * np.sign(t) * np.abs(t) ** 1.8,
+            -PURSE_MM * np.sign(t) * np.abs(t) ** 1.2,
             np.zeros_like(t),
-            PURSE_FORWARD_MM * t**2 * (2.7 - 1.5 * t**2),
+            PURSE_FORWARD_MM * t**2 * (2.4 - 0.9 * t**2),
         ],
         axis=-1,
     )

@@ -25,7 +25,7 @@ APART = 0.004
 """Fraction by which those of the lower lip are closer to the middle: no two neutral feature points coincide."""
 OUTSIDE = (1.78, 1.58, 1.4, 1.25, 1.12, 1.0)
 LIP = (1.0, 0.88, 0.74, 0.58, 0.42, 0.26, 0.12, 0.0)
-BOW_MM = PchipInterpolator((0.0, 0.06, 0.22, 0.36, 0.55, 0.8, 1.0), (8.1, 8.4, 10.0, 9.4, 6.8, 2.6, 0.0))
+BOW_MM = PchipInterpolator((0.0, 0.06, 0.21, 0.34, 0.55, 0.8, 0.93, 1.0), (8.3, 8.5, 9.9, 9.2, 6.2, 2.8, 1.4, 0.0))
 """Height of the upper lip's edge above the mouth line, by position along it: a bow that tapers to the corners."""
 INSIDE = (  # level, away from the mouth line, backwards, share of the width, light
     (-0.08, 0.5, 1.2, 1.0, 1.0),
@@ -53,8 +53,8 @@ def with_half_way(t: Array, upper: Mask) -> Array:
 def outer_contour(t: Array, upper: Mask, fullness: float) -> Array:
     """(N,) height of the outer edge of the lips."""
     bow = BOW_MM(np.abs(t))
-    lower = (1 - np.abs(t) ** 1.9) ** 1.05
-    return LINE_Y + fullness * np.where(upper, bow, -9.8 * lower)
+    lower = (1 - np.abs(t) ** 1.9) ** 1.15
+    return LINE_Y + fullness * np.where(upper, bow, -10.0 * lower)
 
 
 def line(t: Array) -> Array:
@@ -78,7 +78,7 @@ def bulge(share: Array, t: Array, upper: Mask, fullness: float) -> Array:
     columns = 0.6 * np.exp(-(((np.abs(t) - 0.24) / 0.09) ** 2)) * smoothstep((share - 0.9) / 0.2)
     columns = columns * smoothstep((1.9 - share) / 0.5) * upper
     body = np.where(upper, body_upper + tubercle, body_lower) * beyond
-    return fullness * middle * (body + groove) + philtrum + columns - 0.8 * (1 - middle) * beyond
+    return fullness * middle * (body + groove) + philtrum + columns - 0.3 * (1 - middle) * beyond
 
 
 def build_mouth(builder: MeshBuilder, border: Indices, block: Block, style: HeadStyle, detail: float) -> Rings:

@@ -20,6 +20,8 @@ from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.default_head.surface import nostril, radius
 
 PIGMENT = np.array([0.55, 0.9, 1.2])
+CORNER_SHADE, CORNER_ENDS = 0.25, 0.06
+"""Shade around the corners of the mouth; how far the mouth line reaches beyond them, of half the mouth's width."""
 WING_CREASE = 0.2
 """Shade in the crease around a wing of the nose."""
 FADE_MM = (13.0, 16.0)
@@ -179,9 +181,15 @@ def _lips(x: Array, y: Array, front: Mask, style: HeadStyle) -> Array:
     on_lip = smoothstep((1.1 - share) / 0.25) * (np.abs(t) < 1) * front
     shape = (y.shape[0], y.shape[1])
     creases = np.clip(_cloud(shape, 11, (9.0, 1.1)), -2, 2) * smoothstep(share / 0.3)
-    seam = 0.16 * np.exp(-((share / 0.10) ** 2)) * (np.abs(t) < 1.02) * front
+    beyond = np.clip(np.abs(t) - 1, 0, None) / CORNER_ENDS
+    above = y - mouth.LINE_Y
+    half = np.where(upper, edge, -edge)
+    seam = 0.22 * np.exp(-((above / np.maximum(0.1 * half, 0.35)) ** 2) - beyond**2) * front
+    # Corners lie in the shadow of the cheeks.
+    corner = np.exp(-(((np.abs(t) - 1.0) / 0.13) ** 2) - ((above + 1.5) / 4.0) ** 2) * front
     light = 1 - on_lip[..., None] * (0.02 * creases[..., None] + np.array([0.02, 0.03, 0.03]))
-    return light * (1 - seam[..., None] * np.array([0.8, 1.0, 1.0]))
+    light *= 1 - seam[..., None] * np.array([0.8, 1.0, 1.0])
+    return light * (1 - CORNER_SHADE * corner[..., None] * np.array([0.7, 1.0, 1.0]))
 
 
 def _round_eyes(x: Array, y: Array, front: Mask, style: HeadStyle) -> Array:
