@@ -181,7 +181,7 @@ def parse_mfa_csv(data: bytes, *, tier: str | None = None, alphabet: str | None 
         raise DataError(f"MFA CSV: {error}") from error
     wanted = ("Begin", "End", "Label", "Type", "Speaker")
     if not rows or any(name not in rows[0] for name in wanted):
-        raise DataError(f"MFA CSV: got {lines[:1]}, expected the header {','.join(wanted)}", where="line 1")
+        raise DataError(f"MFA CSV: got {''.join(lines[:1])[:40]!r}, expected the header {','.join(wanted)}", where="line 1")
     texts = [(f"line {n}", {name: row[name] or "" for name in wanted}) for n, row in enumerate(rows, start=2)]
     speaker = _only({row["Speaker"] for _, row in texts}, tier, "MFA CSV", "speakers")
     timed: dict[str, list[Entry]] = {"phones": [], "words": []}
@@ -195,7 +195,8 @@ def parse_mfa_csv(data: bytes, *, tier: str | None = None, alphabet: str | None 
 def _only(names: set[str], wanted: str | None, what: str, kind: str) -> str:
     """Return the wanted name, or the only one."""
     if len(names) > 1 and wanted not in names:
-        raise DataError(f"{what}: got the {kind} {sorted(names)[:8]}, expected one; name one with tier=NAME")
+        shown = sorted(name[:40] for name in names)[:8]
+        raise DataError(f"{what}: got the {kind} {shown}, expected one; name one with tier=NAME")
     return wanted if len(names) > 1 and wanted else next(iter(names), "")
 
 

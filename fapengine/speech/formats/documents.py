@@ -77,7 +77,8 @@ class Node:
 
     def __getitem__(self, key: str) -> "Node":
         if not isinstance(self.value, dict) or key not in self.value:
-            got = f"keys {sorted(map(str, self.value))[:8]}" if isinstance(self.value, dict) else self._shown()
+            keys = sorted(str(name)[:40] for name in self.value) if isinstance(self.value, dict) else []
+            got = f"keys {keys[:8]}" if isinstance(self.value, dict) else self._shown()
             raise DataError(f"got {got}, expected an object with {key!r}", where=self.where or "the top")
         return Node(self.value[key], f"{self.where}.{key}" if self.where else key)
 
@@ -152,7 +153,7 @@ def parse_xml(data: bytes, what: str) -> ElementTree.Element:
     try:
         return ElementTree.fromstring(data)
     except (ElementTree.ParseError, ValueError, LookupError) as error:
-        raise DataError(f"{what} XML: no XML here ({error})") from error
+        raise DataError(f"{what} XML: no XML here ({error!s:.50})") from error
 
 
 def _line(number: int, line: str, what: str) -> object:

@@ -145,7 +145,7 @@ def parse_table(data: bytes, *, columns: str | None = None, alphabet: str | None
         if not is_json and (not names or any(re.fullmatch(NUMBER, name.strip()) for name in names)):
             raise DataError("table: got no names of columns; say their numbers: columns='start=1,end=2,label=3'")
         raise DataError(
-            f"table: got the columns {names[:12]}, expected start and label; name them with"
+            f"table: got the columns {[name[:40] for name in names[:12]]}, expected start and label; name them with"
             " columns='start=NAME,end=NAME,label=NAME'"
         )
     units_s = _units_s(rows.values(), found, said)

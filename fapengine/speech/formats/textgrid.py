@@ -251,7 +251,9 @@ def choose_tier(tiers: tuple[Tier, ...], wanted: str | None, usual: tuple[str, .
         fitting = fitting or (list(tiers) if len(tiers) == 1 else [])
     if len(fitting) != 1:
         sought = f"{len(fitting)} tiers " + (f"named {wanted!r}" if wanted is not None else f"for {what}")
-        raise DataError(f"tier: got {sought}, expected one; it has {names}; name one with tier=NAME")
+        raise DataError(
+            f"tier: got {sought}, expected one; it has {[name[:40] for name in names[:12]]}; name one with tier=NAME"
+        )
     return fitting[0]
 
 

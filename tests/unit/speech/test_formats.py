@@ -1,6 +1,7 @@
 """Every timing format: what is read, how it is found, what is refused."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -303,6 +304,55 @@ def test_real_files_of_many_tools(shared: Path) -> None:
     assert sum(a.label != b.label for a, b in zip(mnemonics.phones, in_ipa.phones, strict=True)) <= 1
     chronological, long = (load_timings(folder / f"praat_{form}.TextGrid") for form in ("chronological", "long"))
     assert told(chronological) == told(long)
+
+
+@pytest.mark.parametrize("name", SAMPLES)
+def test_a_wrong_word_of_any_length_is_quoted_by_40_letters_at_most(name: str) -> None:
+    """Wherever it stands; so an error fits a line, whatever a file contains."""
+    text = SAMPLES[name]
+    for word in re.finditer(r"[^\s,:\"'<>{}\[\]()=/;|]+", text):
+        wrong = text[: word.start()] + "w" * 90 + text[word.end() :]
+        told = ""
+        try:
+            parse_timings(wrong.encode(), file_format=name.split()[0], options=NEEDS.get(name))
+        except DataError as error:
+            told = str(error)
+        assert "w" * 41 not in told
+
+
+@pytest.mark.parametrize("name", [name for name, text in SAMPLES.items() if text.startswith(("{", "[{"))])
+def test_json_may_be_laid_out_in_any_way_and_be_an_event(name: str) -> None:
+    options, texts = NEEDS.get(name), [SAMPLES[name]]
+    expected = parse_timings(SAMPLES[name].encode(), options=options)
+    try:
+        value = json.loads(SAMPLES[name])
+    except json.JSONDecodeError:  # one value a line
+        texts += ["\n\n".join(SAMPLES[name].splitlines())]
+    else:
+        texts += [json.dumps(value, indent=2), json.dumps(value, separators=(",", ":")), json.dumps(value) + "\n\n"]
+    is_file = name in ("papagayo json", "table json")  # no service sends them
+    for start in () if is_file else ("data:", "data: ", "event: message\ndata: "):
+        texts += ["\n\n".join(start + line for line in SAMPLES[name].splitlines())]
+    for text in texts:
+        assert parse_timings(text.encode(), file_format=name.split()[0], options=options) == expected
+
+
+def test_what_is_no_number_or_text_is_no_cell_of_a_table() -> None:
+    rows = [{"start": 0.0, "end": 0.5, "phone": "m"}, {"start": 0.5, "end": 1.0, "phone": "aɪ"}]
+    expected = parse_timings(json.dumps(rows).encode(), file_format="table")
+    for other in (True, None, [1], {"a": 1}):
+        beside = [row | {"stress": other, "confidence": other} for row in rows]
+        assert parse_timings(json.dumps(beside).encode(), file_format="table") == expected
+
+
+def test_words_of_a_chunk_are_later_by_its_offset() -> None:
+    events = [json.loads(line.removeprefix("data: ")) for line in SAMPLES["fish"].split("\n\n")]
+    later = [event | {"chunk_audio_offset_sec": 1.5 + event["chunk_audio_offset_sec"]} for event in events]
+    before, after = (parse_timings(lines(*each).encode(), file_format="fish") for each in (events, later))
+    heard = [[phone for phone in track.phones if phone.label != SILENCE] for track in (before, after)]
+    assert [(one.label, one.start_s + 1.5, one.end_s + 1.5) for one in heard[0]] == [
+        (one.label, pytest.approx(one.start_s), pytest.approx(one.end_s)) for one in heard[1]
+    ]
 
 
 def test_lists_of_other_things_beside_the_rows_do_not_hide_a_table() -> None:

@@ -22,6 +22,8 @@ WORD = {"word": "oui", "start": 0.0, "end": 0.4}
         ({"metadata": {"transcription_config": {"language": "fr"}}, "results": []}, "fr"),
         ({"language": "auto", "segments": [{"words": [WORD]}]}, ""),
         ({"language": None, "words": [WORD]}, ""),
+        ({"a": {"language": "fr"}, "b": {"language": "de", "languages": ["de", "fr"]}, "c": {"language": "fr"}}, "fr"),
+        ({"a": {"languages": ["fr", "de"]}, "b": {"languages": ["it", "de"]}, "c": {"language": "fr"}}, "fr"),
         ([WORD], ""),
     ],
 )

@@ -136,3 +136,11 @@ def test_what_cannot_be_is_refused(make: object, message: str) -> None:
 def test_a_contact_takes_from_the_shape_before_where_the_next_has_nothing_to_spare() -> None:
     cues = cues_of_phones(track(("ɑ", 0.2), ("p", 0.02), ("i", 0.05), ("u", 0.2)))
     assert brief(cues) == [("D", 0), ("A", 17), ("B", 22), ("F", 27)]
+
+
+def test_a_phone_of_two_letters_gives_each_half_of_its_time() -> None:
+    """A long l has a shape of its own: an l that has as much of its phone."""
+    shapes = [brief(cues_of_phones(track(("l", own_s), ("ɑ", 0.2))))[0][0] for own_s in (0.07, 0.2)]
+    halves = [brief(cues_of_phones(track(("əl", 2 * own_s), ("ɑ", 0.2))))[1][0] for own_s in (0.07, 0.2)]
+    assert shapes == ["B", "H"]
+    assert halves == ["D", "H"]  # the first is the shape before it, too: one cue

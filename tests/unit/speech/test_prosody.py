@@ -139,3 +139,21 @@ def test_a_long_stream_takes_no_more_work_than_a_short_one() -> None:
         work.append(compared.call_count)
     assert max(work[20:]) == max(work[-20:]) <= 10
     assert len(running._vowels) <= 5 * prosody.KEPT_S
+
+
+@pytest.mark.parametrize(("pitch_hz", "times"), [(900.0, 1.0), (120.0, 6.0)])
+def test_height_and_length_count_up_to_a_limit(pitch_hz: float, times: float) -> None:
+    """However high or long a vowel is, the quietness that outweighs half of it outweighs the whole."""
+
+    def is_stressed(share: float, quieter_db: float) -> bool:
+        phones, soundings = speech([-20.0] * 20)
+        grown_s = phones[21].duration_s * (times**share - 1.0)
+        phones[21] = replace(phones[21], end_s=phones[21].end_s + grown_s)
+        phones[22:] = [replace(one, start_s=one.start_s + grown_s, end_s=one.end_s + grown_s) for one in phones[22:]]
+        soundings[21] = Sounding(-20.0 - quieter_db, 120.0 * (pitch_hz / 120.0) ** share)
+        return bool(with_prosody(phones, soundings)[21].stress)
+
+    enough_db = next(db for db in np.arange(0.0, 30.0, 0.5) if not is_stressed(0.5, db))
+    assert 0 < enough_db < 10
+    assert is_stressed(1.0, enough_db - 0.5)
+    assert not is_stressed(1.0, enough_db)

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fapengine.speech.text.words import attribute, without_tags, words_of
+from fapengine.speech.text.words import attribute, pieces_of, unread_remarks, without_tags, words_of
 
 WORDS = [
     ("", []),
@@ -29,6 +29,28 @@ WORDS = [
 @pytest.mark.parametrize(("text", "words"), WORDS)
 def test_words(text: str, words: list[str]) -> None:
     assert [text[word.start : word.stop] for word in words_of(text)] == words
+
+
+@pytest.mark.parametrize("outer", ["({})", "«{}»", "{}!", "“{}”,", "¿{}?!", "[({})]…", "{}"])
+@pytest.mark.parametrize("word", ["a.m.", "U.S.", "e.g.", "go", "là-bas", "1,234.50"])
+def test_punctuation_around_a_word_is_no_part_of_it(word: str, outer: str) -> None:
+    text = f"so {outer.format(word)} it"
+    assert [text[found.start : found.stop] for found in words_of(text)] == ["so", word, "it"]
+
+
+@pytest.mark.parametrize("letters", [7, 12, 30, 400])
+@given(st.text("ab .,!?éß", max_size=60))
+def test_pieces_are_the_text_and_none_is_longer_and_a_short_text_is_one(letters: int, text: str) -> None:
+    pieces = pieces_of(text, letters)
+    assert "".join(pieces) == text
+    assert all(0 < len(piece) <= letters for piece in pieces)
+    assert len(pieces) <= 1 or len(text) > letters
+
+
+def test_a_voice_tells_the_first_word_that_it_does_not_read_with_its_place() -> None:
+    (cyrillic, greek) = unread_remarks([("word", 0), ("мир", 5), ("λόγος", 9), ("два", 15), ("три", 19)], "en")
+    assert "does not read Cyrillic: 'мир' (letter 6) and 2 more cannot be" in cyrillic
+    assert "does not read Greek: 'λόγος' (letter 10) cannot be" in greek
 
 
 def told(text: str, marks: list[tuple[int, int]]) -> list[list[tuple[str, int]]]:
