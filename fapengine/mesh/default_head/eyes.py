@@ -213,14 +213,13 @@ def _build_lashes(
         spines.append(np.stack([base, middle, tip], axis=1))
         widths = [0.40, 0.20, 0.02] if is_upper else [0.08, 0.05, 0.01]
         half_widths.append((0.4 + 0.6 * full)[:, None] * widths)
-        albedo.append(np.broadcast_to(colours.LASH if is_upper else 0.35 * skin + 0.65 * colours.LASH, (len(at), 3)))
+        fade = np.array([[0.0], [0.1], [0.45]] if is_upper else [[0.35]])  # to the skin's colour, towards the tip
+        albedo.append(np.broadcast_to(colours.LASH + fade * (skin - colours.LASH), (len(at), 3, 3)))
         roots.append(mine[np.abs(t[mine] - at[:, None]).argmin(axis=1)])
     spine = np.concatenate(spines)
     way = spine[:, 2] - spine[:, 0]
     asides = unit_vectors(np.stack([way[:, 1], -way[:, 0], 0 * way[:, 0]], axis=-1))  # ribbons face forwards
-    lashes = builder.strands(
-        spine, np.concatenate(half_widths), asides[:, None], albedo=np.concatenate(albedo)[:, None]
-    )
+    lashes = builder.strands(spine, np.concatenate(half_widths), asides[:, None], albedo=np.concatenate(albedo))
     return lashes, np.concatenate(roots)
 
 

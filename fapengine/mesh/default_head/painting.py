@@ -244,8 +244,8 @@ def _hairs(light: Array, x: Array, y: Array, angle: Array, front: Mask, style: H
     ends = smoothstep((across - middle[0, 0] + 1.5) / 9.5) * smoothstep((middle[-1, 0] + 0.5 - across) / 10.0)
     ragged = off + 0.05 * _mirrored(_cloud(shape, 21, (2.0, 0.9)))[near]
     brow = smoothstep((1.25 - np.abs(ragged)) / 0.85) * ends * front[near]
-    brow *= np.interp(share, (0, 0.25, 1), (0.70, 0.90, 0.86))
-    brow *= np.clip(0.95 + 0.10 * _mirrored(_cloud(shape, 22, (1.0, 0.8)))[near], 0, 1)
+    brow *= np.interp(share, (0, 0.25, 1), (0.70, 0.94, 0.90))
+    brow *= np.clip(0.96 + 0.05 * _mirrored(_cloud(shape, 22, (1.0, 0.8)))[near], 0, 1)
     bearded = root = np.zeros(())
     if style.beard:
         bearded = (

@@ -137,8 +137,8 @@ def build_tongue(builder: MeshBuilder, detail: float) -> Indices:
 
 
 BROWS: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = {
-    "soft": ((51.4, 52.6, 54.3, 54.7, 51.9), (3.1, 3.6, 3.4, 2.6, 0.7)),
-    "straight": ((52.2, 53.0, 54.2, 54.4, 52.4), (3.2, 3.5, 3.2, 2.5, 0.8)),
+    "soft": ((52.2, 53.0, 54.3, 54.5, 51.8), (2.9, 3.6, 3.4, 2.6, 0.7)),
+    "straight": ((53.0, 53.5, 54.4, 54.4, 52.2), (2.8, 3.4, 3.2, 2.5, 0.8)),
     "arched": ((51.2, 52.6, 54.7, 55.2, 51.6), (2.6, 3.3, 3.0, 2.1, 0.5)),
 }
 """Height of the centre line and half width at five places, mm, from the nose outwards, by shape."""
