@@ -273,13 +273,11 @@ class BatchPlanner:
         windows = zip(plans, path.left.tolist(), strict=True)
         state.jets[slots] = np.concatenate([plan.path.jets[left : left + KNOTS] for plan, left in windows])
         state.last[rows] = counts - 2
-        fade_s = np.array([plan.fade_s for plan in plans])
-        start_s = np.array([plan.start_s for plan in plans])
+        start_s, fade_s, momentum_s = np.array([(plan.start_s, plan.fade_s, plan.momentum_s) for plan in plans]).T
         fades = now_s < start_s + fade_s
-        length_s = np.where(fades, fade_s, 1.0)
         state.fade_from_s[rows] = np.where(fades, start_s, 0.0)
-        state.fade_rate[rows] = 1.0 / length_s
-        momentum_s = np.where(fades, [plan.momentum_s for plan in plans], 1.0)
+        state.fade_rate[rows] = 1.0 / np.where(fades, fade_s, 1.0)
+        momentum_s = np.where(fades, momentum_s, 1.0)
         state.momentum_rate[rows] = 1.0 / momentum_s
         left_over = np.concatenate([plan.left_over for plan in plans]).reshape(len(plans), 3, -1) * fades[:, None, None]
         state.fade[rows] = left_over * (momentum_s[:, None] ** np.arange(3.0))[..., None]

@@ -323,9 +323,13 @@ class StreamingPlanner:
             same = before.pop(key_before, None)
             if same is None and phone.end_s <= edge:  # its time is over, and so is what it had to hold
                 continue
-            hold: Hold | None = hold_until(same, max(phone.end_s, edge)) if same else hold_of(phone, contact)
-            if hold and not same and hold.start_s - RAMP_S < edge:
-                hold = hold_late(hold, edge)
+            hold: Hold | None = same
+            if same is None:
+                hold = hold_of(phone, contact)
+                if hold.start_s - RAMP_S < edge:
+                    hold = hold_late(hold, edge)
+            elif same.stop_s > phone.end_s:
+                hold = hold_until(same, max(phone.end_s, edge))
             if hold:
                 self._holds[key] = hold
         begun = [hold_until(hold, edge) for hold in before.values() if hold.start_s - RAMP_S < edge]
@@ -349,10 +353,13 @@ class StreamingPlanner:
 
     def holds_near(self, from_s: float, until_s: float) -> list[Hold]:
         """List the holds that affect the time between two times."""
-        return [hold for hold in self.holds if hold.start_s - RAMP_S < until_s and hold.stop_s + RAMP_S > from_s]
+        starts_s, stops_s = until_s + RAMP_S, from_s - RAMP_S
+        return [hold for hold in self.holds if hold.start_s < starts_s and hold.stop_s > stops_s]
 
     def plan_at(self, time_s: float) -> tuple[StreamPlan, float]:
         """Find the plan that is in force at a time, and when the next one takes over (``inf``: none is known)."""
+        if self._plans[-1].start_s <= time_s:
+            return self._plans[-1], np.inf
         index = max(bisect_right(self._plans, time_s, key=_START) - 1, 0)
         until_s = self._plans[index + 1].start_s if index + 1 < len(self._plans) else np.inf
         return self._plans[index], until_s
