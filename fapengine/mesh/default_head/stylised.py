@@ -1,5 +1,6 @@
-"""Charm: the same head with larger eyes, smaller nose and ears, full cheeks and a thin neck, as in animated films.
+"""Charm: the same head with larger eyes, a short skull, a small nose and chin, and a thin neck, as in animated films.
 
+Its outline from the front and the side was fitted to a head of Ready Player Me, both scaled by eyes to chin.
 A child's head is warped in the same way: its face is low and short below a large skull, on a thin neck.
 
 A smooth warp of space, so hair, teeth and glasses go with the skin. Each eye with its lid margins and lashes is
@@ -18,22 +19,20 @@ from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh.default_head.eyes import RADIUS, Eye, moved_eye
 from fapengine.mesh.default_head.points import HeadParts
 
-LARGER_EYES, APART_MM = 0.60, 3.8
+LARGER_EYES, APART_MM = 0.60, 5.0
 """Growth of the eyes, and how far each moves outwards, at charm 1."""
 MAX_CHARM = 0.7
 """Charm beyond which eyes and nose stay as they are: skin between larger eyes would fold."""
-DEEPER = 0.45
+DEEPER = 0.6
 """Fraction of a ball's growth by which it moves back into the head."""
 NEAR_MM, FAR_MM = 24.0, 70.0
 """Distance from an eye up to which skin moves with it fully, and from which not at all."""
-FORWARD_MM, FORWARD_REACH_MM = 3.5, 34.0
-"""How far each eye comes forward with the skin around it, at charm 1, and the distance over which that fades."""
 LEVEL_MM = 25.0
 """Distance from which skin moves no farther, so that it is not pushed together into a crease."""
-NEAR_LIDS_MM, FAR_LIDS_MM = 15.0, 36.0
-"""The same for the way forwards."""
-SMALLER_EARS = np.array([0.38, 0.16, 0.16])
-"""Shrinkage of an ear about its root, at charm 1: most of it towards the head."""
+NEAR_LIDS_MM, FAR_LIDS_MM = 15.0, 31.0
+"""The same for the way back."""
+EAR_GROWTH = np.array([-0.22, 0.08, 0.06])
+"""Growth of an ear about its root, at charm 1: larger, and closer to the head."""
 EAR_REACH_MM = 3.0
 EDGE_Z_MM, EDGE_Y_MM = (-10.0, 8.0, 25.0, 69.0, 104.0), (-5.0, -18.0, -42.0, -60.0, -78.0)
 """Height of the lower edge of the jaw by depth, from the ear to the chin."""
@@ -59,7 +58,7 @@ def stylise(points: Array, head: HeadParts, charm: float, childlike: float) -> t
     for side, ear in zip((1.0, -1.0), head.ears, strict=True):
         mine = _of_ear(points, ear, head)
         root = points[mine][np.argsort(side * points[mine, 0])[: max(1, len(mine) // 5)]].mean(axis=0)
-        moved[mine] -= (points[mine] - root) * charm * SMALLER_EARS
+        moved[mine] += (points[mine] - root) * charm * EAR_GROWTH
     return moved, replace(head, eyes=(left, right))
 
 
@@ -76,18 +75,17 @@ def _enlarge(eye: Eye, points: Array, moved: Array, depth: LinearNDInterpolator,
     growth, apart = LARGER_EYES * charm, np.array([eye.side * APART_MM * charm, 0.0])
     back = -DEEPER * RADIUS * growth
     off = points - eye.centre
-    centre = eye.centre + np.append(apart, back + charm * FORWARD_MM)
+    centre = eye.centre + np.append(apart, back)
     distance = np.linalg.norm(off[:, :2] * [1.4, 1.0], axis=1)
     ahead = smoothstep((points[:, 2] - 25.0) / 25.0)
     ahead *= smoothstep((off[:, 0] * eye.side + 31.4) / 16.0)  # the nose stays
-    moved[:, 2] += charm * FORWARD_MM * ahead * np.exp(-((off[:, :2] ** 2).sum(axis=1) / FORWARD_REACH_MM**2))
-    beside = _faded(distance, NEAR_MM, FAR_MM) * ahead
-    beside *= 1 - np.exp(-((points[:, 0] / 25.0) ** 4) - ((points[:, 1] + 3.0) / 24.0) ** 4)  # but not the nose's wings
+    beside = _faded(distance, NEAR_MM, FAR_MM) * _faded(np.abs(points[:, 0]), 50.0, 73.0) * ahead  # nor the temples
+    beside *= 1 - np.exp(-((points[:, 0] / 30.0) ** 4) - ((points[:, 1] + 5.0) / 26.0) ** 4)  # but not the nose's wings
     with_lids = _faded(distance, NEAR_LIDS_MM, FAR_LIDS_MM) * ahead
     level_off = (1 + (distance / LEVEL_MM) ** 8) ** -0.125
     shift = beside[:, None] * (growth * level_off[:, None] * off[:, :2] + apart)
     moved[:, :2] += shift
-    # Skin slides over the face; only the lids follow the ball forwards.
+    # Skin slides over the face; only the lids follow the ball.
     slid, near = np.zeros(len(points)), shift.any(axis=1)
     slid[near] = np.nan_to_num(depth(points[near, :2] + shift[near]) - depth(points[near, :2]))
     moved[:, 2] += (1 - with_lids) * slid + with_lids * (growth * off[:, 2] + back)
@@ -105,18 +103,16 @@ def _with_face(points: Array, charm: float, childlike: float) -> Array:
     front = smoothstep((z - 70.0) / 15.0)
     nose = np.exp(-((x / 19.0) ** 4) - (y / 26.0) ** 4) * front
     smaller = min(charm, MAX_CHARM) * nose
-    moved[:, 0] -= 0.26 * smaller * x * smoothstep((np.abs(x) - 4.0) / 8.0)  # its bridge stays round
-    moved[:, 2] -= 0.48 * smaller * np.clip(z - 103.0, 0, None)
-    moved[:, 1] += charm * 1.4 * nose * smoothstep((8.0 - y) / 14.0)  # its tip is turned up
-    moved[:, 2] -= charm * 3.0 * np.exp(-((x / 11.0) ** 2) - ((y - 31.0) / 14.0) ** 2) * front  # its root
-    moved[:, 2] += charm * 5.5 * np.exp(-((x / 20.0) ** 2) - ((y + 70.0) / 12.0) ** 2) * front  # the chin
+    moved[:, 0] -= 0.20 * smaller * x * smoothstep((np.abs(x) - 4.0) / 8.0)  # its bridge stays round
+    moved[:, 2] -= 0.32 * smaller * np.clip(z - 103.0, 0, None)
+    moved[:, 2] += charm * 4.5 * np.exp(-((x / 20.0) ** 2) - ((y + 70.0) / 12.0) ** 2) * front  # the chin
     jaw = smoothstep((2.0 - y) / 72.0) * smoothstep((y + 112.0) / 40.0)
-    moved[:, 0] *= 1 - charm * (0.08 + 0.10 * smoothstep((z - 20.0) / 40.0)) * jaw
+    to_chin = smoothstep((z - 20.0) / 40.0) * (1 + smoothstep((-36.0 - y) / 30.0))
+    moved[:, 0] *= 1 - charm * (0.08 + 0.10 * to_chin) * jaw
     brows = np.exp(-(((y - 59.0) / np.where(y > 59.0, 17.0, 11.0)) ** 2) - ((np.abs(x) - 26.0) / 36.0) ** 4) * front
     moved[:, 1] -= charm * 4.8 * brows  # the larger eyes have moved them up
     cheeks = np.exp(-(((y - 2.0) / 20.0) ** 2) - ((np.abs(x) - 46.0) / 18.0) ** 2) * smoothstep((z - 50.0) / 30.0)
-    moved[:, 0] += charm * 0.5 * cheeks * np.sign(x)
-    moved[:, 2] += charm * (5.0 - 3.0 * childlike) * cheeks
+    moved[:, 2] += charm * (1.5 - 1.0 * childlike) * cheeks
     # Full cheeks beside the mouth, down to a round jaw.
     full = np.exp(-(((y + 58.0) / 28.0) ** 2) - ((z - 68.0) / 32.0) ** 2) * smoothstep((np.abs(x) - 18.0) / 30.0)
     moved[:, 0] += charm * (5.0 - 2.0 * childlike) * full * np.sign(x)
@@ -132,20 +128,21 @@ def _with_face(points: Array, charm: float, childlike: float) -> Array:
     # Below the jaw's edge the skin turns inwards, to a slim neck.
     edge = np.interp(z, EDGE_Z_MM, EDGE_Y_MM)
     under = smoothstep((edge - y) / 20.0) * smoothstep((y + 122.0) / 40.0) * smoothstep((z + 25.0) / 40.0)
-    moved[:, 0] *= 1 - charm * 0.17 * under
+    moved[:, 0] *= 1 - charm * 0.26 * under
     short = charm * 3.0 * (1 - 0.7 * childlike)  # a child's face is short already
     moved[:, 1] += short * smoothstep((28.0 - y) / 62.0) * smoothstep((y + 240.0) / 60.0)
-    lower = smoothstep((-6.0 - y) / 70.0) * smoothstep((y + 240.0) / 60.0)
+    lower = smoothstep((-14.0 - y) / 64.0) * smoothstep((y + 240.0) / 60.0)
     moved[:, 1] += charm * 8.5 * lower
     skull = smoothstep((y - 38.0) / 60.0)
     moved[:, 0] *= 1 + charm * 0.04 * skull
     moved[:, 1] += charm * 5.0 * skull
-    moved[:, 2] = 5.0 + (moved[:, 2] - 5.0) * (1 + charm * 0.035 * skull)
-    neck = smoothstep((-44.0 - y) / 50.0) * smoothstep((70.0 - z) / 50.0) * smoothstep((y + 160.0) / 70.0)
+    back = smoothstep((15.0 - z) / 100.0) * smoothstep((y + 210.0) / 70.0)
+    moved[:, 2] += charm * 22.0 * back  # the skull and the nape
+    neck = smoothstep((-44.0 - y) / 50.0) * smoothstep((70.0 - z) / 50.0) * smoothstep((y + 180.0) / 70.0)
     neck *= _faded(np.abs(x), 70.0, 110.0) * (1 - 0.5 * childlike)
     moved[:, 0] *= 1 - charm * 0.32 * neck
     moved[:, 2] = -8.0 + (moved[:, 2] + 8.0) * (1 - charm * 0.42 * neck)
-    moved[:, 2] -= charm * 16.0 * smoothstep((-52.0 - y) / 80.0) * smoothstep((y + 210.0) / 70.0)  # it leans forwards
+    moved[:, 2] -= charm * 10.0 * smoothstep((-52.0 - y) / 80.0) * smoothstep((y + 210.0) / 70.0)  # it leans forwards
     return moved
 
 

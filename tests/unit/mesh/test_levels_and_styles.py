@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from fapengine.errors import UsageError
 from fapengine.mesh.colours import HAIR_COLOURS
 from fapengine.mesh.default_head import mesh_builder, painting
-from fapengine.mesh.default_head.faces import Scalp
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.default_head.style import LEVELS, HeadStyle, palette_of, parse_look
 from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import FaceMesh, Material
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fap import FEATURE_POINT_NAMES
+from tests.unit.mesh.above_skin import above_skin
 from tests.unit.mesh.unpainted import unpainted
 
 Array = NDArray[np.float64]
@@ -196,8 +196,7 @@ def test_grain_is_even_and_the_same_everywhere() -> None:
 def test_hair_lies_on_the_head(heads: dict[str, FaceMesh]) -> None:
     head = heads["normal"]
     hairs = head.vertices_mm[(head.material == Material.HAIR) & (head.vertices_mm[:, 1] > 75)].astype(float)
-    below, normals = Scalp(HeadStyle()).under(hairs)
-    above = ((hairs - below) * normals).sum(axis=1)
+    above = above_skin(hairs, build_head(HeadStyle(hair=False)))
     assert above.max() < 25  # mm: swept hair has volume
     assert above.min() > -3
     front = hairs[(np.abs(hairs[:, 0]) < 30) & (hairs[:, 2] > 80)]

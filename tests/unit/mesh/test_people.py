@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from fapengine.errors import UsageError
 from fapengine.mesh.colours import CLOTH_COLOURS, EYE_COLOURS
-from fapengine.mesh.default_head.faces import Scalp, cubic_surface, displacement
+from fapengine.mesh.default_head.faces import cubic_surface, displacement
 from fapengine.mesh.default_head.head import build_head, build_parts
 from fapengine.mesh.default_head.style import (
     BROW_SHAPES,
@@ -29,6 +29,7 @@ from fapengine.mesh.default_head.style import (
 from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import BROWN_IRIS, FaceMesh, Material
 from fapengine.mpeg4 import fap
+from tests.unit.mesh.above_skin import above_skin
 
 pytestmark = pytest.mark.usefixtures("no_paint")
 
@@ -174,7 +175,8 @@ def test_long_hair_hangs_past_the_jaw_and_leaves_the_face_free() -> None:
     head = build_head(HeadStyle(haircut="long"), level="coarse")
     hairs = head.vertices_mm[head.material == Material.HAIR]
     assert hairs[:, 1].min() < -100
-    face = (np.abs(hairs[:, 0]) < 45) & (hairs[:, 1] < 62) & (hairs[:, 2] > 65)
+    chin_mm = head.vertices_mm[head.feature_points["2.1"], 1]
+    face = (np.abs(hairs[:, 0]) < 45) & (hairs[:, 1] > chin_mm) & (hairs[:, 1] < 62) & (hairs[:, 2] > 65)
     assert not face.any()
 
 
@@ -187,8 +189,7 @@ def test_locks_of_long_hair_lie_over_head_and_ears(haircut: str, person: str) ->
     hair = head.material == Material.HAIR
     hairs = head.vertices_mm[hair].astype(float)
     hairs = hairs[(hairs[:, 1] > 30) & (hairs[:, 1] < 140)]
-    below, normals = Scalp(style).under(hairs)
-    above = ((hairs - below) * normals).sum(axis=1)
+    above = above_skin(hairs, build_head(replace(style, hair=False), level=parsed[1]))
     assert above.min() > -2.6  # mm; the cap's rim is sunk into the skin by 2
     assert above.max() < 24
     # Hair lies over the ears.
