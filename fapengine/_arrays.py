@@ -5,6 +5,7 @@ import hashlib
 import io
 import struct
 import tokenize
+import tomllib
 import zipfile
 import zlib
 from collections.abc import Sequence
@@ -243,6 +244,11 @@ def read_table(package: str, name: str) -> dict[str, NDArray[Any]]:
 def read_rows(package: str, name: str) -> list[list[str]]:
     """Read a table of a package, ``.csv``, without the line that names its columns."""
     return list(csv.reader((files(package) / name).read_text("utf-8").splitlines()))[1:]
+
+
+def read_tables(package: str, name: str) -> dict[str, Any]:
+    """Read the tables of a package, ``.toml``."""
+    return tomllib.loads((files(package) / name).read_text("utf-8"))
 
 
 def unpack(data: bytes) -> dict[str, NDArray[Any]]:

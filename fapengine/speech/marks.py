@@ -24,6 +24,7 @@ from dataclasses import dataclass, replace
 from html import escape, unescape
 from itertools import pairwise
 
+from fapengine._arrays import read_tables
 from fapengine.errors import UsageError
 from fapengine.expressions import Expression
 from fapengine.speech import ipa
@@ -36,51 +37,16 @@ BRIEF_S = 1.6
 """Duration of a laugh or an emoji."""
 MAX_LEVEL = 2.0
 
-# fmt: off
-_FEELINGS: tuple[tuple[str, Expression, float], ...] = (  # stems of English words, those that decide first
-    ("sarcas", Expression.CONTEMPT, 0.5), ("disgust", Expression.DISGUST, 0.9), ("contempt", Expression.CONTEMPT, 1.0),
-    ("apolog", Expression.SADNESS, 0.4), ("sheepish", Expression.SADNESS, 0.3), ("regret", Expression.SADNESS, 0.5),
-    ("empath", Expression.SADNESS, 0.3), ("sympath", Expression.SADNESS, 0.35), ("concern", Expression.FEAR, 0.3),
-    ("sorry", Expression.SADNESS, 0.45), ("sad", Expression.SADNESS, 0.7), ("cry", Expression.SADNESS, 0.9),
-    ("sob", Expression.SADNESS, 0.9), ("disappoint", Expression.SADNESS, 0.5), ("melanchol", Expression.SADNESS, 0.5),
-    ("sigh", Expression.SADNESS, 0.35), ("worr", Expression.FEAR, 0.5), ("nervous", Expression.FEAR, 0.4),
-    ("anxious", Expression.FEAR, 0.5), ("scared", Expression.FEAR, 0.8), ("afraid", Expression.FEAR, 0.8),
-    ("terrif", Expression.FEAR, 1.0), ("fear", Expression.FEAR, 0.8), ("panic", Expression.FEAR, 0.9),
-    ("angry", Expression.ANGER, 0.8), ("anger", Expression.ANGER, 0.8), ("furious", Expression.ANGER, 1.0),
-    ("annoy", Expression.ANGER, 0.4), ("frustrat", Expression.ANGER, 0.45), ("irritat", Expression.ANGER, 0.45),
-    ("stern", Expression.ANGER, 0.3), ("determin", Expression.ANGER, 0.2), ("shout", Expression.ANGER, 0.4),
-    ("surpris", Expression.SURPRISE, 0.8), ("gasp", Expression.SURPRISE, 0.8), ("shock", Expression.SURPRISE, 1.0),
-    ("amaz", Expression.SURPRISE, 0.7), ("astonish", Expression.SURPRISE, 0.9), ("curious", Expression.SURPRISE, 0.3),
-    ("inquisit", Expression.SURPRISE, 0.3), ("confus", Expression.SURPRISE, 0.25),
-    ("laugh", Expression.JOY, 1.0), ("chuckl", Expression.JOY, 0.7), ("giggl", Expression.JOY, 0.8),
-    ("excit", Expression.JOY, 0.8), ("delight", Expression.JOY, 0.9), ("happ", Expression.JOY, 0.7),
-    ("joy", Expression.JOY, 0.8), ("cheer", Expression.JOY, 0.7), ("playful", Expression.JOY, 0.6),
-    ("mischiev", Expression.JOY, 0.5), ("smil", Expression.JOY, 0.6), ("smirk", Expression.SMILE_LEFT, 0.8),
-    ("grin", Expression.JOY, 0.7), ("warm", Expression.JOY, 0.4), ("welcom", Expression.JOY, 0.45),
-    ("friendl", Expression.JOY, 0.4), ("amiabl", Expression.JOY, 0.4), ("bright", Expression.JOY, 0.5),
-    ("hopeful", Expression.JOY, 0.3), ("proud", Expression.JOY, 0.4), ("enthusias", Expression.JOY, 0.7),
-    ("amus", Expression.JOY, 0.5), ("reassur", Expression.JOY, 0.25), ("gentl", Expression.JOY, 0.2),
-    ("calm", Expression.NEUTRAL, 0.0), ("neutral", Expression.NEUTRAL, 0.0), ("serious", Expression.NEUTRAL, 0.0),
-    ("chill", Expression.NEUTRAL, 0.0), ("casual", Expression.NEUTRAL, 0.0), ("easygoing", Expression.NEUTRAL, 0.0),
-)
+_TABLES = read_tables("fapengine.speech", "marks.toml")
+_FEELINGS = tuple((stem, Expression[name.upper()], level) for stem, (name, level) in _TABLES["feelings"].items())
+_LOUDNESS_DB: dict[str, float] = _TABLES["loudness"]
+_EMOJI = {
+    face: (Expression[name.upper()], level) for faces, (name, level) in _TABLES["emoji"].items() for face in faces
+}
 _SMALLER = re.compile(r"\b(slight|a little|a bit|mild|somewhat)")
 _GREATER = re.compile(r"\b(really|very|extreme|so)\b")
 _SOUNDS = ("laugh", "chuckl", "giggl", "sigh", "gasp", "sob", "cry", "smil", "smirk", "grin")
 """Stems of brief expressions."""
-_LOUDNESS_DB = (("whisper", -9.0), ("x-soft", -9.0), ("soft", -5.0), ("quiet", -5.0), ("x-loud", 7.0), ("loud", 5.0),
-                ("shout", 7.0), ("silent", -12.0))
-_EMOJI: dict[str, tuple[Expression, float]] = {
-    **dict.fromkeys("😀😃😄😁😊☺🙂😺🥰😍🤗😎", (Expression.JOY, 0.7)),
-    **dict.fromkeys("😂🤣😆😹", (Expression.JOY, 1.0)),
-    **dict.fromkeys("😉😜😛🤪", (Expression.JOY, 0.5)), "😏": (Expression.SMILE_LEFT, 1.0),
-    **dict.fromkeys("😢🙁☹😞😔😟🥺😕", (Expression.SADNESS, 0.6)),
-    **dict.fromkeys("😭", (Expression.SADNESS, 1.0)), **dict.fromkeys("😠😡🤬👿", (Expression.ANGER, 0.8)),
-    **dict.fromkeys("😨😰😱", (Expression.FEAR, 0.9)), **dict.fromkeys("😬", (Expression.FEAR, 0.4)),
-    **dict.fromkeys("🤢🤮", (Expression.DISGUST, 0.9)), **dict.fromkeys("🙄😒", (Expression.CONTEMPT, 0.8)),
-    **dict.fromkeys("😮😲😯😳🤯", (Expression.SURPRISE, 0.8)), **dict.fromkeys("🤔🤨", (Expression.SURPRISE, 0.25)),
-    **dict.fromkeys("😐😶😑", (Expression.NEUTRAL, 0.0)),
-}
-# fmt: on
 _TAG = r"<(?P<close>/?)(?P<tag>[A-Za-z][\w:-]*)(?P<rest>(?:[^<>\"']|\"[^\"<]*\"|'[^'<]*')*?)(?P<empty>/?)>"
 _GIVEN = r"\[(?P<said>[^\[\]{}<>]{1,80})\]\{(?P<ipa>[^{}<>]{0,200})\}"
 _MARKS = re.compile(rf"{_TAG}|{_GIVEN}|\[(?P<word>[A-Za-z][A-Za-z ,-]{{1,40}})\]|(?P<emoji>[{''.join(_EMOJI)}])\ufe0f?")
@@ -285,7 +251,9 @@ class _Reader:
         level = given.get("level", "moderate" if name == "emphasis" else "")
         if (name == "emphasis" and level not in ("none", "reduced")) or level in ("emphasis", "emphasized"):
             self._add(Gesture("nod"))
-        loudness = next((Loudness(db) for stem, db in _LOUDNESS_DB if stem in given.get("volume", "").lower()), None)
+        loudness = next(
+            (Loudness(db) for stem, db in _LOUDNESS_DB.items() if stem in given.get("volume", "").lower()), None
+        )
         if loudness:
             self._add(loudness)
         if is_empty:
@@ -329,7 +297,9 @@ class _Reader:
             stem, expression, level = felt
             level *= 0.6 if _SMALLER.search(words) else 1.2 if _GREATER.search(words) else 1.0
             self._add(Feel(expression, round(min(level, MAX_LEVEL), 2), is_brief=stem in _SOUNDS))
-        loudness = next((db for stem, db in _LOUDNESS_DB if any(word.startswith(stem) for word in starts)), None)
+        loudness = next(
+            (db for stem, db in _LOUDNESS_DB.items() if any(word.startswith(stem) for word in starts)), None
+        )
         if loudness is not None:
             self._add(Loudness(loudness))
         return felt is not None or loudness is not None

@@ -3,7 +3,8 @@
 Names are meant to be IPA with stress marks, cut at 8 bytes. Where a voice's data name no IPA, the library converts its
 own mnemonic character by character: ``s.`` for ʂ, ``ə-`` for a weak e. Some results are letters of IPA that stand for
 another sound: ``y`` is the mnemonic of the Russian ы, and ``ø`` (from ``Y``) that of the Turkish ü. So each language
-has its own corrections. A word of another language, between ``(en)`` and ``(ru)``, is read with those of its own.
+has its own corrections (``espeak_labels.toml``). A word of another language, between ``(en)`` and ``(ru)``, is read
+with those of its own.
 
 ``<phoneme ph="wɪn">Nguyen</phoneme>`` becomes ``[[wIn]]``. Each voice has its own mnemonics. They are found by
 speaking: each that is known from any voice is spoken, a vowel before t and a consonant before ə, because voices change
@@ -18,6 +19,7 @@ from dataclasses import replace
 from html import unescape
 from itertools import accumulate, pairwise
 
+from fapengine._arrays import read_tables
 from fapengine.speech import ipa
 from fapengine.speech.marks import check_sounds
 from fapengine.voices.sounding import Mark, is_addition, is_vowel
@@ -30,49 +32,10 @@ _LANGUAGE = re.compile(r"\((.*)\)")
 _ASPIRATED = re.compile(r"(?<=[ptkqcʈɕʂs])h$")
 _NASAL = "\u0303"
 
-# Whole names by voice; espeak-ng 1.52, number texts of all its voices (tests/unit/voices/test_all_voices.py).
-_NAMES = {
-    "s.": "ʂ", "ts.": "ʈʂ", "ts.h": "ʈʂʰ", "i.": "ɨ", "o-": "ɤ",  # cmn, hak
-    "r.": "ɽ", "n^": "ɲ", "t[": "t̪", "d[": "d̪", "l-": "ɫ",  # gu ml or sd; fr; ky
-    "r#": "r̥", "l#": "l̥", "tl#": "tl̥",  # is
-    "ε": "ɛ", "Φ": "ɸ", "A": "ɑ", "t`": "ʈ", "d`": "ɖ",  # da; smj; ga; Scandinavian
-}  # fmt: skip
-_PARTS = {'u"': "ʉ", "?": "ʔ", "_h": "ʰ"}
-"""Parts of names in any voice: mi and ru; da; shn."""
-_JYUTPING = {"eoi": "ɵy", "eo": "ɵ", "oe": "œː", "yu": "yː", "aa": "aː", "nɡ": "ŋ", "c": "tsʰ"}
-_TAP = {"ɹ": "ɾ"}
-_CORRECTIONS: dict[str, dict[str, str]] = {
-    "cmn": {"nɡ": "ŋ"},  # Lee and Zee 2003, JIPA 33: -ong -eng
-    "cy": {"ø": "ɨ"},  # Ball and Williams 2001: u and y of the north; no front rounded vowels
-    "el": {"ʂ": "s"},  # Arvaniti 1999, JIPA 29: one s
-    "et": {"ɵ": "ɤ"},  # Asu and Teras 2009, JIPA 39: õ
-    "fa": {"1": ""},  # the second half of q1, ق
-    "ga": _TAP,  # Ní Chasaide 1999, IPA Handbook: r is not the English one
-    "gn": {"y": "ɨ"},  # Gregores and Suárez 1967: y is high central unrounded
-    "hu": {"ɑ": "ɒ"},  # Szende 1994, JIPA 24: short a is slightly rounded
-    "hy": _TAP, "hyw": _TAP,  # Dum-Tragut 2009: ր
-    "kn": _TAP, "si": _TAP, "th": _TAP,  # Schiffman 1983; Gair and Paolillo 1997; Tingsabadh and Abramson 1993, JIPA 23
-    "shn": _TAP, "mt": {"ɹ": "ɾ", "y": "i"},  # Cushing 1914; Borg and Azzopardi-Alexander 1997: no y
-    "ky": {"oe": "ø"},  # Kara 2003: ө
-    "lt": {"ʂ": "sʲ"},  # Ambrazas 1997: s before front vowels is palatalised
-    "ltg": {"y": "ɨ"},  # Nau 2011: y
-    "lv": {"y": "i"},  # names of foreign letters only
-    "pt": _TAP,  # Cruz-Ferreira 1995, JIPA 25: final r is a tap
-    "pt-br": {"y": "i"},  # Barbosa and Albano 2004, JIPA 34: final e is [i ɪ]
-    "ru": {"y": "ɨ"},  # Yanushevskaya and Bunčić 2015, JIPA 45: ы
-    "sd": {"ʂ": "s"}, "ur": {"ʂ": "s"},  # Cole 2005; Saleem and others 2002: ص is s
-    "ta": {"ɹ": "ɾ", "ʉ": "ɯ"},  # Keane 2004, JIPA 34: ர; Schiffman 1999: u after the first syllable is unrounded
-    "tk": {"ø": "y"},  # Clark 1998: ü; its ö is labelled œ
-    "tn": {"K": "ɬ"},  # Bennett and others 2016, JIPA 46: tlh
-    "tr": {"ø": "y"},  # Zimmer and Orgun 1992, JIPA 22: ü under stress and in closed syllables; its ö is labelled œ
-    "uz": {"y": "ɨ", "ɑ": "ɒ"},  # Sjoberg 1963: i; o is rounded
-    "vi": {"y": "ɯ"},  # Kirby 2011, JIPA 41: ư, ươ, ưa
-    "yue": _JYUTPING,  # Zee 1991, JIPA 21; names are Jyutping's
-}  # fmt: skip
-"""Parts of names by voice or language, and what they stand for, by words of the voice and their spelling.
-
-The works named describe the language's sounds and are the place to check a row; they were not opened for it.
-"""
+_TABLES = read_tables(__package__, "espeak_labels.toml")
+_NAMES: dict[str, str] = _TABLES["names"]
+_PARTS: dict[str, str] = _TABLES["parts"]
+_CORRECTIONS: dict[str, dict[str, str]] = _TABLES["corrections"]
 _NASAL_BEFORE = {"m": "pbm", "n": "tdnszɕɾɽlr", "ŋ": "kɡŋ"}
 """Japanese ん by the consonant after it; else ɴ. To be checked with Okada 1991, JIPA 21."""
 

@@ -27,14 +27,13 @@ their points if the table has a ``dot``.
 """
 
 import re
-import tomllib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
-from importlib.resources import files
 from itertools import chain
 from typing import Any
 
+from fapengine._arrays import read_tables
 from fapengine._late import needed
 from fapengine.speech.text.normal_form import SpeakableText
 
@@ -148,7 +147,7 @@ _SIGNS = {"1/2": "½", "1/3": "⅓", "2/3": "⅔", "1/4": "¼", "3/4": "¾", "1/
 
 @cache
 def _table(language: str) -> dict[str, Any]:
-    table = tomllib.loads((files(__package__) / "spoken" / f"{language}.toml").read_text("utf-8"))
+    table = read_tables(__package__, f"spoken/{language}.toml")
     fractions, gap = table.setdefault("fractions", {}), " " if table.get("spaced", True) else ""
     for plain, sign in _SIGNS.items():
         fractions |= {key.replace(plain, sign): said for key, said in fractions.items() if plain in key}

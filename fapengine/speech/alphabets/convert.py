@@ -12,28 +12,16 @@ is a backslash). It becomes the IPA's diacritic, so rounding and nasality, which
 
 import re
 import unicodedata
+from string import ascii_lowercase
 
+from fapengine._arrays import read_tables
 from fapengine.errors import UsageError
 from fapengine.speech import ipa
 from fapengine.speech.alphabets.phone_set import split_longest
 from fapengine.speech.alphabets.phone_sets import PHONE_SETS
 
-# fmt: off
-ARPABET: dict[str, str] = {
-    "AA": "ɑ",  "AE": "æ",  "AH": "ʌ",  "AO": "ɔ",  "AW": "aʊ", "AX": "ə",  "AXR": "ɚ", "AY": "aɪ", "EH": "ɛ",
-    "ER": "ɝ",  "EY": "eɪ", "IH": "ɪ",  "IX": "ɨ",  "IY": "i",  "OW": "oʊ", "OY": "ɔɪ", "UH": "ʊ",  "UW": "u",
-    "UX": "ʉ",  "B": "b",   "CH": "tʃ", "D": "d",   "DH": "ð",  "DX": "ɾ",  "EL": "l",  "EM": "m",  "EN": "n",
-    "F": "f",   "G": "ɡ",   "HH": "h",  "H": "h",   "JH": "dʒ", "K": "k",   "L": "l",   "M": "m",   "N": "n",
-    "NG": "ŋ",  "NX": "ɾ",  "P": "p",   "Q": "ʔ",   "R": "ɹ",   "S": "s",   "SH": "ʃ",  "T": "t",   "TH": "θ",
-    "V": "v",   "W": "w",   "WH": "ʍ",  "Y": "j",   "Z": "z",   "ZH": "ʒ",
-    "AH0": "ə", "ER0": "ɚ", "IH0": "ɪ̈",                                               # reduced, for want of stress
-    "AX-H": "ə̥", "ENG": "ŋ", "HV": "ɦ",                                               # TIMIT
-    "BCL": "b", "DCL": "d", "GCL": "ɡ", "PCL": "p", "TCL": "t", "KCL": "k",           # its closures
-    "TQ": "ʔ", "HHN": "h",                                                            # Buckeye
-    "AAN": "ɑ̃", "AEN": "æ̃", "AHN": "ʌ̃", "AON": "ɔ̃", "AWN": "ãʊ̃", "AYN": "ãɪ̃", "EHN": "ɛ̃", "ERN": "ɝ̃", "EYN": "ẽɪ̃",
-    "IHN": "ɪ̃", "IYN": "ĩ", "OWN": "õʊ̃", "OYN": "ɔ̃ɪ̃", "UHN": "ʊ̃", "UWN": "ũ",        # its nasal vowels
-}
-# fmt: on
+_TABLES = read_tables(__package__, "labels.toml")
+ARPABET: dict[str, str] = _TABLES["arpabet"]
 _POSITION = re.compile(r"(?<=.)_[BIES]$")
 
 
@@ -60,30 +48,10 @@ def from_arpabet(label: str) -> str | None:
     return ARPABET[plain] if plain in ARPABET else ARPABET.get(plain.rstrip("012"))
 
 
-# fmt: off
-XSAMPA_LETTERS: dict[str, str] = {  # longest spellings are tried first
-    "A": "ɑ", "B": "β", "C": "ç", "D": "ð", "E": "ɛ", "F": "ɱ", "G": "ɣ", "H": "ɥ", "I": "ɪ", "J": "ɲ", "K": "ɬ",
-    "L": "ʎ", "M": "ɯ", "N": "ŋ", "O": "ɔ", "P": "ʋ", "Q": "ɒ", "R": "ʁ", "S": "ʃ", "T": "θ", "U": "ʊ", "V": "ʌ",
-    "W": "ʍ", "X": "χ", "Y": "ʏ", "Z": "ʒ", "{": "æ", "}": "ʉ", "@": "ə", "@`": "ɚ", "1": "ɨ", "2": "ø", "3": "ɜ",
-    "3`": "ɝ", "4": "ɾ", "5": "ɫ", "6": "ɐ", "7": "ɤ", "8": "ɵ", "9": "œ", "&": "ɶ", "?": "ʔ", "?\\": "ʕ",
-    "r\\": "ɹ", "R\\": "ʀ", "s\\": "ɕ", "z\\": "ʑ", "x\\": "ɧ", "h\\": "ɦ", "H\\": "ʜ", "j\\": "ʝ", "J\\": "ɟ",
-    "p\\": "ɸ", "v\\": "ʋ", "B\\": "ʙ", "G\\": "ɢ", "N\\": "ɴ", "L\\": "ʟ", "M\\": "ɰ", "O\\": "ʘ", "X\\": "ħ",
-    "K\\": "ɮ", "l\\": "ɺ", "r\\`": "ɻ", "l`": "ɭ", "n`": "ɳ", "r`": "ɽ", "s`": "ʂ", "t`": "ʈ", "z`": "ʐ",
-    "d`": "ɖ", "u\\": "ʊ", "I\\": "ɪ", "U\\": "ʊ", "3\\": "ɞ", "@\\": "ɘ",
-    "<\\": "ʢ", ">\\": "ʡ", "|\\": "ǀ", "!\\": "ǃ", "=\\": "ǂ", "|\\|\\": "ǁ",
-    "b_<": "ɓ", "d_<": "ɗ", "g_<": "ɠ", "J\\_<": "ʄ", "G\\_<": "ʛ",
-    "E/": "ɛ", "A/": "a", "&/": "ø", "O/": "ɔ", "U~/": "œ̃",                    # SAMPA of French: e or ɛ, a or ɑ ...
-    **{letter: letter for letter in "abcdefhijklmnopqrstuvwxyz"}, "g": "ɡ",
-}
-MARKS: dict[str, str] = {  # what follows a letter and changes it
-    "_>": "ʼ", "_0": "̥", "_v": "̬", "_h": "ʰ", "_t": "̤", "_k": "̰", "_N": "̼", "_d": "̪", "_a": "̺", "_m": "̻", "_O": "̹",
-    "_c": "̜", "_+": "̟", "_-": "̠", '_"': "̈", "_x": "̽", "=": "̩", "_=": "̩", "_^": "̯", "_w": "ʷ", "'": "ʲ", "_j": "ʲ",
-    "_G": "ˠ", "_?\\": "ˤ", "_e": "̴", "_r": "̝", "_o": "̞", "~": "̃", "_~": "̃", "_n": "ⁿ", "_l": "ˡ", "_}": "̚", "_A": "̘",
-    "_q": "̙", "_X": "̆", "`": "˞", ":": "ː", ":\\": "ˑ", "_<": "",
-}
+XSAMPA_LETTERS: dict[str, str] = {letter: letter for letter in ascii_lowercase} | _TABLES["x-sampa-letters"]
+MARKS: dict[str, str] = _TABLES["x-sampa-marks"]
 UNSEEN = ("_T", "_H", "_M", "_L", "_B", "_F", "_R", "_/", "_\\", "<F>", "<R>", "-\\", "_", "-", ".", "||", "|", "^",
-          "!")
-# fmt: on
+          "!")  # fmt: skip
 """Tones, breaks and joins, which are invisible."""
 _PIECES = {**XSAMPA_LETTERS, **MARKS, **dict.fromkeys(UNSEEN, ""), '"': "", "%": ""}
 

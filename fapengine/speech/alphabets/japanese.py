@@ -9,49 +9,30 @@ import unicodedata
 from collections.abc import Sequence
 from dataclasses import replace
 
+from fapengine._arrays import read_tables
 from fapengine.speech.alphabets.phone_set import PhoneSet, joined
 from fapengine.speech.phone_track import Phone
 
 JAPANESE = ("kana", "voicevox", "openjtalk", "misaki")
 """Names of the sets that write a moraic nasal as ɴ and っ as ʔ."""
 
-# fmt: off
-_ROWS = {  # consonant: the five morae with a i u e o; a space where there is none
-    "": "アイウエオ", "k": "カキクケコ", "s": "サ スセソ", "t": "タ  テト", "n": "ナニヌネノ", "h": "ハ  ヘホ",
-    "m": "マミムメモ", "j": "ヤ ユ ヨ", "ɾ": "ラリルレロ", "w": "ワ   ヲ", "ɡ": "ガギグゲゴ", "z": "ザ ズゼゾ",
-    "d": "ダ  デド", "b": "バビブベボ", "p": "パピプペポ",
-}
+_TABLES: dict[str, dict[str, str]] = read_tables(__package__, "japanese.toml")
 _VOWELS = dict(zip("アイウエオ", "aiɯeo", strict=True))
-_OTHERS = {
-    "シ": "ɕi", "チ": "tɕi", "ツ": "tsɯ", "ヒ": "çi", "フ": "ɸɯ", "ジ": "dʑi", "ヂ": "dʑi", "ヅ": "dzɯ", "ン": "ɴ",
-    "ッ": "ʔ", "ー": "ː", "ヴ": "bɯ", "ヷ": "ba", "ヸ": "bi", "ヹ": "be", "ヺ": "bo", "ヰ": "i", "ヱ": "e", "ヮ": "wa",
-    "ヵ": "ka", "ヶ": "ke", "ャ": "ja", "ュ": "jɯ", "ョ": "jo",
-}
-_PALATAL = {  # before a small ya, yu, yo
-    "キ": "kʲ", "シ": "ɕ", "チ": "tɕ", "ニ": "ɲ", "ヒ": "ç", "ミ": "mʲ", "リ": "ɾʲ", "ギ": "ɡʲ", "ジ": "dʑ", "ヂ": "dʑ",
-    "ビ": "bʲ", "ピ": "pʲ", "テ": "tʲ", "デ": "dʲ", "フ": "ɸʲ", "ヴ": "bʲ", "ツ": "tsʲ",
-}
-_BEFORE_SMALL_VOWELS = {  # consonant before ァィゥェォ, which take the place of the vowel
-    "ク": "kw", "グ": "ɡw", "ツ": "ts", "ス": "s", "ズ": "z", "フ": "ɸ", "ヴ": "b", "ウ": "w", "テ": "t", "デ": "d",
-    "ト": "t", "ド": "d", "シ": "ɕ", "ジ": "dʑ", "チ": "tɕ", "ヂ": "dʑ", "イ": "j", "キ": "kʲ", "ギ": "ɡʲ", "ニ": "ɲ",
-    "ヒ": "ç", "ミ": "mʲ", "リ": "ɾʲ", "ビ": "bʲ", "ピ": "pʲ", "ホ": "ɸ",
-}
 _SILENT = "、。？！・，．,.!?「」『』（）()…‥：；:; 　～\"'ˈ↓ꜜ"
-# fmt: on
 
 
 def _kana() -> dict[str, str]:
-    table = dict(_OTHERS)
-    for consonant, morae in _ROWS.items():
+    table = dict(_TABLES["others"])
+    for consonant, morae in _TABLES["rows"].items():
         for vowel, mora in zip(_VOWELS.values(), morae.ljust(5), strict=True):
             if mora != " ":
                 table[mora] = consonant + vowel
-    for mora, consonant in _PALATAL.items():
+    for mora, consonant in _TABLES["palatal"].items():
         for small, vowel in zip("ャュョ", "aɯo", strict=True):
             table[mora + small] = consonant + vowel
     for small, vowel in zip("ァィゥェォ", _VOWELS.values(), strict=True):
         table[small] = vowel
-        for mora, consonant in _BEFORE_SMALL_VOWELS.items():
+        for mora, consonant in _TABLES["before-small-vowels"].items():
             table[mora + small] = consonant + vowel
     for mora, sound in list(table.items()):
         for small, vowel in zip("ァィゥェォ", _VOWELS.values(), strict=True):

@@ -9,46 +9,13 @@ import re
 import unicodedata
 from collections.abc import Iterator
 
+from fapengine._arrays import read_tables
 from fapengine.speech.alphabets.phone_set import PhoneSet
 
-# fmt: off
-INITIALS = {
-    "b": "p", "p": "pʰ", "m": "m", "f": "f", "d": "t", "t": "tʰ", "n": "n", "l": "l", "g": "k", "k": "kʰ", "h": "x",
-    "j": "tɕ", "q": "tɕʰ", "x": "ɕ", "zh": "ʈʂ", "ch": "ʈʂʰ", "sh": "ʂ", "r": "ʐ", "z": "ts", "c": "tsʰ", "s": "s",
-    "y": "j", "w": "w", "ng": "ŋ",
-}
-FINALS = {
-    "a": "a", "o": "wo", "e": "ɤ", "i": "i", "u": "u", "v": "y", "ai": "aɪ", "ei": "eɪ", "ao": "aʊ",
-    "ou": "oʊ", "an": "an", "en": "ən", "ang": "aŋ", "eng": "əŋ", "ong": "ʊŋ", "er": "aɹ", "ia": "ja", "ie": "jɛ",
-    "iao": "jaʊ", "iu": "joʊ", "iou": "joʊ", "ian": "jɛn", "in": "in", "iang": "jaŋ", "ing": "iŋ", "iong": "jʊŋ",
-    "ua": "wa", "uo": "wo", "uai": "waɪ", "ui": "weɪ", "uei": "weɪ", "uan": "wan", "un": "wən", "uen": "wən",
-    "uang": "waŋ", "ueng": "wəŋ", "ue": "ɥɛ", "ve": "ɥɛ", "van": "ɥɛn", "vn": "yn", "ê": "ɛ", "io": "jo",
-}
-HELD = {"ii": "ɨ", "iii": "ɨ", "ix": "ɨ", "iy": "ɨ", "ir": "ɨ"}
-"""AISHELL's and THCHS-30's spellings of the i that is a held consonant: zi, zhi, ri."""
-_ZERO = {  # y and w only begin a syllable that has no initial
-    "yi": "i", "ya": "ia", "yo": "io", "ye": "ie", "yai": "iai", "yao": "iao", "you": "iu", "yan": "ian", "yin": "in",
-    "yang": "iang", "ying": "ing", "yong": "iong", "yu": "v", "yue": "ve", "yuan": "van", "yun": "vn", "wu": "u",
-    "wa": "ua", "wo": "uo", "wai": "uai", "wei": "ui", "wan": "uan", "wen": "un", "wang": "uang", "weng": "ueng",
-    "wong": "ueng",
-}
-_SYLLABIC = {"m": "m", "n": "n", "ng": "ŋ", "hm": "hm", "hng": "hŋ"}
-"""Interjections without a vowel; ``r`` by itself is the -r of the syllable before."""
-_BOPOMOFO = {
-    "ㄅ": "b", "ㄆ": "p", "ㄇ": "m", "ㄈ": "f", "ㄉ": "d", "ㄊ": "t", "ㄋ": "n", "ㄌ": "l", "ㄍ": "g", "ㄎ": "k",
-    "ㄏ": "h", "ㄐ": "j", "ㄑ": "q", "ㄒ": "x", "ㄓ": "zh", "ㄔ": "ch", "ㄕ": "sh", "ㄖ": "r", "ㄗ": "z", "ㄘ": "c",
-    "ㄙ": "s", "ㄫ": "ng",
-}
-_RIMES = {
-    "ㄚ": "a", "ㄛ": "o", "ㄜ": "e", "ㄝ": "ê", "ㄞ": "ai", "ㄟ": "ei", "ㄠ": "ao", "ㄡ": "ou", "ㄢ": "an", "ㄣ": "en",
-    "ㄤ": "ang", "ㄥ": "eng", "ㄦ": "er", "ㄧ": "i", "ㄨ": "u", "ㄩ": "v", "ㄭ": "ii",
-}
-_MEDIALS = {  # medial and rime that are not the two in a row
-    "ㄧㄝ": "ie", "ㄧㄢ": "ian", "ㄧㄣ": "in", "ㄧㄥ": "ing", "ㄧㄛ": "io", "ㄨㄛ": "uo", "ㄨㄣ": "un", "ㄨㄥ": "ong",
-    "ㄩㄝ": "ve", "ㄩㄢ": "van", "ㄩㄣ": "vn", "ㄩㄥ": "iong", "ㄧㄚ": "ia", "ㄧㄠ": "iao", "ㄧㄡ": "iu",
-    "ㄧㄤ": "iang", "ㄧㄞ": "iai", "ㄨㄚ": "ua", "ㄨㄞ": "uai", "ㄨㄟ": "ui", "ㄨㄢ": "uan", "ㄨㄤ": "uang",
-}
-# fmt: on
+_TABLES: dict[str, dict[str, str]] = read_tables(__package__, "mandarin.toml")
+INITIALS, FINALS, HELD = (_TABLES[name] for name in ("initials", "finals", "held"))
+_ZERO, _SYLLABIC = _TABLES["zero"], _TABLES["syllabic"]
+_BOPOMOFO, _RIMES, _MEDIALS = (_TABLES[name] for name in ("bopomofo", "rimes", "medials"))
 _TONES = "\u0304\u0301\u030c\u0300\u0306"
 """Combining accents of the four tones; the breve is a common mistake for the third."""
 

@@ -5,9 +5,7 @@ to one phone that shows the class well: they name what is seen, so any phone of 
 table alone are in ``phone_sets.toml``.
 """
 
-import tomllib
-from importlib.resources import files
-
+from fapengine._arrays import read_tables
 from fapengine.mpeg4.fap import VISEMES
 from fapengine.speech.alphabets.japanese import KANA, OPENJTALK, VOICEVOX
 from fapengine.speech.alphabets.mandarin import FINALS, PINYIN, from_zhuyin
@@ -43,11 +41,10 @@ MPEG4 = PhoneSet(
     "mpeg4-visemes", "ISO/IEC 14496-2, Annex C, Table C.4: viseme_select 0 to 14", "1999",
     table={str(row.number): row.phonemes[0] if row.phonemes else "" for row in VISEMES},
 )
-_TABLES = tomllib.loads((files(__package__) / "phone_sets.toml").read_text("utf-8"))
 _FIRST = ("espeak", "misaki", "mfa", "mrpa", "pinyin", "kana", "voicevox", "openjtalk", "polly-visemes",
           "azure-visemes", "oculus-visemes", "mpeg4-visemes")
 # fmt: on
-_SETS = {name: PhoneSet(name, **row) for name, row in _TABLES.items()}
+_SETS = {name: PhoneSet(name, **row) for name, row in read_tables(__package__, "phone_sets.toml").items()}
 _SETS |= {each.name: each for each in (MISAKI, PINYIN, KANA, VOICEVOX, OPENJTALK, MPEG4)}
 PHONE_SETS: dict[str, PhoneSet] = {name: _SETS[name] for name in dict.fromkeys((*_FIRST, *_SETS))}
 """All sets, in the order in which errors list them."""

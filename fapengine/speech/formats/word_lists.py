@@ -12,12 +12,11 @@ Whisper with one word a line), times inside a cue (WebVTT, ``<00:00:01.120>``), 
 """
 
 import re
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from importlib.resources import files
 from typing import Any
 
+from fapengine._arrays import read_tables
 from fapengine.errors import DataError
 from fapengine.speech.alphabets.guess import guess
 from fapengine.speech.formats.documents import Node, decode_text, parse_document, walk
@@ -63,8 +62,7 @@ def _word_list(name: str, row: dict[str, Any]) -> WordList:
     return WordList(name, **fields)
 
 
-_TABLES = tomllib.loads((files(__package__) / "word_lists.toml").read_text("utf-8"))
-WORD_LISTS = tuple(_word_list(name, row) for name, row in _TABLES.items())
+WORD_LISTS = tuple(_word_list(*table) for table in read_tables(__package__, "word_lists.toml").items())
 
 
 def value_of(row: Node, keys: Sequence[str]) -> Node | None:
