@@ -1,11 +1,13 @@
-"""Haircuts: the surface over which hair falls from a side parting, and the layers and locks that lie on it.
+"""Haircuts: the surface over which hair falls, and the layers and locks that lie on it.
 
 Theory of operation
 -------------------
-:class:`Fall` is a smooth surface over two coordinates: ``s`` runs from the right temple (-1) round the back (0) to the
-left temple (1); ``t`` runs from the parting (0) to the ends (1). Short hair ends at the hairline; longer hair is at the
-height of the ears at ``t`` = 0.5 and hangs from there. Below the front edge the surface goes on over the skin, up to
-``s`` of :data:`BEYOND`. :mod:`.strands` covers it with layers of strands and lays locks and single hairs over it.
+:class:`Fall` is a smooth surface over two coordinates: ``t`` runs from where hair begins (0) to its ends (1), ``s``
+round the back (0) to either side. Short hair begins at the crown and falls to the hairline all round, over the forehead
+to the right: ``s`` is 1 or -1 in front. Longer hair begins at a side parting: ``s`` runs from the right temple (-1) to
+the left one (1). It is at the height of the ears at ``t`` = 0.5 and hangs from there; below the front edge its surface
+goes on over the skin, up to ``s`` of :data:`BEYOND`. :mod:`.strands` covers the surface with layers of strands and lays
+locks and single hairs over it.
 """
 
 from dataclasses import dataclass
@@ -26,18 +28,15 @@ TOP_MM = 144.0
 """Height above which the scalp is not measured."""
 EARS_MM = 36.0
 """Height from which long hair hangs."""
-FRONT_MM, SWEPT = 3.8, 0.25
-"""Additional height of short hair over the forehead; fraction of its height that moves over the parting to the right.
-"""
-LOW_TOP, CLOSE_NAPE = 0.3, 0.75
-"""Fractions of its height that hair loses at the top, and short hair at the nape."""
-ENDS_MM = (0.0, 0.28, 0.42, 0.55, 0.64, 0.76, 0.84, 0.92, 1.0), (4.0, 5.0, 8.0, 8.0, 3.0, 3.0, 6.0, 4.0, -1.0)
-"""Height of the ends of short hair above the hairline over ``u``: higher behind the ears, lower before them."""
-EAR_MM, CLOSE_SIDES = 6.0, 0.84
-"""Additional height of hanging hair over an ear; fraction of its height that short hair loses there."""
+SWEPT = 0.25
+"""Fraction of its height that hanging hair moves over the parting to the right."""
+LOW_TOP = 0.3
+"""Fraction of its height that hanging hair loses at the top."""
+EAR_MM = 6.0
+"""Additional height of hanging hair over an ear."""
 WAVE_MM = 115.0
 """Wave length of hanging hair."""
-FRINGE_MM = (22.0, 76.0)
+FRONT_MM = (22.0, 76.0)
 """How far below the hairline, and down to what height, the surface is continued in front."""
 TURN, TURN_STEPS = 0.35, 4.0
 """How far hanging hair is smoothed where it turns down beside the face, and over how many steps of ``t``."""
@@ -94,20 +93,12 @@ class Locks(NamedTuple):
 class Cut(NamedTuple):
     """What distinguishes a haircut; tables over ``u`` run from the back of the head, 0, to the temple, 1."""
 
-    bend: tuple[tuple[float, ...], tuple[float, ...]]
-    """Angle from the front, degrees, and height, mm, at :data:`BEND_AT`, to which lines bend on their way."""
-    rise: Table
-    """Height of the surface above the scalp, mm, over the share of the way on the head."""
-    front: Table
-    """Depth of the front edge below the hairline, mm, by angle from the front, degrees."""
-    parting_deg: float
-    """Angle at which the parting begins."""
     rows: int
     """Rows of a strand from ``t`` = 0 to 1."""
     layers: tuple[Layer, ...]
     locks: tuple[Locks, ...] = ()
     ends_mm: Table | None = None
-    """Height of the ends over ``u``; None if hair ends at the hairline."""
+    """Height of the ends over ``u``; None if hair falls from the crown to the hairline."""
     outwards_mm: Table = ((0.0,), (0.0,))
     """Distance outwards, mm, over the distance below the ears."""
     waves: float = 0.0
@@ -121,11 +112,35 @@ class Cut(NamedTuple):
 
 
 BEND_AT = (0.0, 0.5, 0.8, 1.0)
+BEND = (180.0, 112.0, 66.0, 50.0), (112.0, 124.0, 112.0, 88.0)
+"""Angle from the front, degrees, and height, mm, to which lines of hanging hair bend on their way, over ``u``."""
+RISE = (0, 0.06, 0.25, 0.6, 1), (2.6, 7.0, 11.0, 11.0, 7.4)
+"""Height of hanging hair above the scalp, mm, over the share of the way on the head."""
+FRONT = (-66, -50, -30, -8, 8, 18, 27, 36, 50, 66), (14.0, 20.0, 20.0, 14.0, 8.0, 5.0, 1.5, 6.0, 15.0, 14.0)
+"""Depth of its front edge below the hairline, mm, by angle from the front, degrees."""
+PARTING_DEG = 28.0
+"""Angle at which the parting begins."""
+CROWN_MM = 14.0, 144.0, -30.0
+"""Where short hair begins."""
+TO_RIGHT_DEG, FROM_LEFT_DEG, SWEPT_DEG = 62.0, 22.0, 56.0
+"""Angles by which short hair in front ends farther to the right than it begins, and bends to the left before; and the
+angle from the front at which it does so less.
+"""
+FRINGE_MM, FRINGE_RIGHT_MM, FRINGE_AT_DEG = 17.0, 9.0, (-32.0, 30.0, 45.0)
+"""How far a fringe falls below the hairline, and how much farther at the right; where that is, its width, and that of
+the fringe.
+"""
+LOWEST_MM = 75.0
+"""Height below which no fringe falls over the forehead."""
+SHORT_DEG = 0, 40, 60, 80, 100, 120, 150, 180
+BENDS_MM, ENDS_MM = (130, 122, 112, 104, 98, 96, 94, 92), (0, 0, -4, 0, 5, 8, 3, 0)
+"""Heights to which short hair bends on its way, and of its ends above the hairline, by angle from the front."""
+SHORT_AT = 0, 0.2, 0.45, 0.7, 0.85, 1
+SHORT_RISE = (11, 17, 22, 22, 14, 3.5), (11, 12, 10, 5, 1.8, -0.4), (11, 10, 8, 5, 2.5, 0.2)
+"""Height of short hair above the scalp, mm, over the share of its way: in front, at the sides and at the back."""
+SIDES_DEG, SIDES_WIDE_DEG = 95.0, 36.0
+"""Angle of the sides from the front, and their width."""
 HANGING = Cut(
-    bend=((180.0, 112.0, 66.0, 50.0), (112.0, 124.0, 112.0, 88.0)),
-    rise=((0, 0.06, 0.25, 0.6, 1), (2.6, 7.0, 11.0, 11.0, 7.4)),
-    front=((-66, -50, -30, -8, 8, 18, 27, 36, 50, 66), (14.0, 20.0, 20.0, 14.0, 8.0, 5.0, 1.5, 6.0, 15.0, 14.0)),
-    parting_deg=28.0,
     rows=20,
     groups=3,
     layers=(),
@@ -208,150 +223,49 @@ HANGING = Cut(
 """What bob and long hair share."""
 CUTS = {
     "short": Cut(
-        bend=((180.0, 116.0, 72.0, 48.0), (96.0, 98.0, 100.0, 90.0)),
-        rise=((0, 0.06, 0.2, 0.5, 0.8, 1), (2.6, 7.5, 10.2, 10.4, 5.6, 0.4)),
-        front=(
-            (-66, -50, -34, -16, 0, 16, 28, 36, 44, 54, 66),
-            (0.0, 6.0, 10.0, 10.0, 7.0, 4.0, 1.5, 4.0, 8.0, 8.0, 0.0),
-        ),
-        parting_deg=29.0,
         rows=12,
-        layers=(Layer(12, 0.0, 0.90, 0.06, 0.84, (0.0, -0.6), lead=((0.80, 0.4), (0.84, 0.6))),),
+        layers=(Layer(21, 0.0, 0.94, 0.03, 0.84, (-1.0, -1.0), shade=0.86),),
         locks=(
-            # Nape and back of the head; sides, combed behind the ears; crown; left of the parting.
+            # Nape and sides, and over them.
             Locks(
-                13,
-                ((-0.60, 0.60), (0.60, 0.60)),
-                ((-0.44, 0.90), (0.44, 0.90)),
-                (16, 16),
-                (-1, 0.4, -1.6),
-                uneven=0.05,
-                shade=0.86,
-            ),
-            Locks(11, ((-0.62, 0.42), (0.62, 0.42)), ((-0.52, 0.80), (0.52, 0.80)), (20, 20), (-0.5, 2, 0), shade=0.94),
-            Locks(
-                7,
-                ((-0.62, 0.60), (-0.99, 0.50)),
-                ((-0.56, 0.93), (-0.90, 0.93)),
-                (13, 10),
-                (-1, 0.4, -1),
-                uneven=0.04,
-                shade=0.9,
-            ),
-            Locks(
-                7,
-                ((0.62, 0.60), (0.93, 0.50)),
-                ((0.56, 0.93), (0.82, 0.97)),
-                (13, 10),
-                (-1, 0.4, -1),
-                uneven=0.04,
-                shade=0.9,
-            ),
-            Locks(
-                6, ((-0.66, 0.30), (-0.98, 0.34)), ((-0.56, 0.84), (-0.80, 0.91)), (20, 12), (-0.5, 1.6, 0), shade=0.95
-            ),
-            Locks(6, ((0.66, 0.30), (0.98, 0.34)), ((0.56, 0.84), (0.80, 0.91)), (20, 12), (-0.5, 1.6, 0), shade=0.95),
-            Locks(10, ((-0.66, 0.20), (0.66, 0.20)), ((-0.60, 0.66), (0.56, 0.66)), (27, 27), (-0.5, 1.8, -0.8)),
-            Locks(8, ((-0.40, 0.0), (0.60, 0.0)), ((-0.44, 0.42), (0.58, 0.46)), (26, 22), (-2.5, 3, 0.6), bow=0.02),
-            Locks(8, ((0.94, 0.0), (0.58, 0.0)), ((0.90, 0.80), (0.56, 0.66)), (13, 20), (-2.5, 1.8, 0.8), bow=-0.01),
-            # The fringe, and over it.
-            Locks(5, ((-0.78, 0.25), (-0.95, 0.30)), ((-0.74, 0.92), (-0.98, 0.84)), (15, 12), (-0.5, 2.5, 0.8)),
-            Locks(
-                8,
-                ((-0.94, 0.0), (-0.90, 0.0)),
-                ((-1.06, 0.34), (-1.08, 0.82)),
-                (9, 13),
-                (-2.5, 4.6, 1.0),
-                bow=0.015,
-                uneven=0.04,
-                stray=0.055,
-            ),
-            Locks(
-                7, ((-0.52, 0.0), (-0.94, 0.0)), ((-0.60, 0.84), (-1.05, 0.62)), (25, 15), (-2.5, 4.6, 0.8), bow=0.03
-            ),
-            Locks(
-                9,
-                ((-0.93, 0.06), (-0.90, 0.30)),
-                ((-1.10, 0.34), (-1.15, 0.90)),
-                (12, 15),
-                (-1.0, 4.4, 0.6),
-                bow=0.02,
-                uneven=0.05,
-                stray=0.045,
-            ),
-            # Lifted tips at the crown and at the sides.
-            Locks(
-                9,
-                ((-0.70, 0.10), (0.10, 0.04)),
-                ((-0.80, 0.56), (0.16, 0.40)),
-                (15, 15),
-                (-1.0, 5.4, 5.0),
-                bow=0.03,
-                uneven=0.08,
-                stray=0.05,
-            ),
-            Locks(
-                6,
-                ((0.30, 0.04), (0.92, 0.10)),
-                ((0.40, 0.46), (0.96, 0.60)),
-                (15, 12),
-                (-1.0, 4.0, 4.0),
-                bow=-0.03,
-                uneven=0.08,
-                stray=0.05,
-            ),
-            # Single hairs: below the fringe, beside the parting, at the temples and over the nape.
-            Locks(
-                12,
-                ((-0.99, 0.10), (-1.0, 0.68)),
-                ((-1.08, 0.30), (-1.14, 0.90)),
-                (0.5, 0.5),
-                (0.4, 3.4, 0.8),
-                bow=0.01,
+                27,
+                ((-0.72, 0.60), (0.72, 0.60)),
+                ((-0.74, 0.94), (0.74, 0.94)),
+                (17, 17),
+                (-1.5, 0.4, -0.6),
                 uneven=0.06,
-                stray=0.055,
-                is_single=True,
-            ),
-            Locks(
-                6,
-                ((0.97, 0.16), (0.97, 0.6)),
-                ((1.06, 0.44), (1.05, 0.92)),
-                (2.2, 2.6),
-                (0.2, 2.0, 0.5),
-                bow=-0.01,
-                uneven=0.05,
-                stray=0.03,
-                is_single=True,
+                stray=0.02,
             ),
             Locks(
                 14,
-                ((0.98, 0.04), (0.98, 0.78)),
-                ((1.06, 0.22), (1.03, 0.97)),
-                (0.5, 0.5),
-                (0.4, 1.4, 0.5),
+                ((-0.76, 0.28), (0.76, 0.28)),
+                ((-0.76, 0.80), (0.76, 0.80)),
+                (36, 36),
+                (-2.5, 2.0, 0.2),
                 uneven=0.06,
-                stray=0.04,
-                is_single=True,
+            ),
+            # The fringe, and over it; the crown.
+            Locks(
+                18,
+                ((0.64, 0.45), (1.05, 0.45)),
+                ((0.67, 0.97), (1.06, 0.97)),
+                (16, 18),
+                (-3.0, 1.8, 2.0),
+                uneven=0.06,
+                stray=0.03,
             ),
             Locks(
-                9,
-                ((-0.42, 0.78), (0.42, 0.78)),
-                ((-0.36, 0.95), (0.36, 0.95)),
-                (2.6, 2.6),
-                (0.4, 0.6, 0.3),
+                7, ((0.68, 0.16), (1.12, 0.16)), ((0.72, 0.84), (1.16, 0.94)), (34, 36), (-2.0, 6.5, 3.0), uneven=0.06
+            ),
+            Locks(9, ((-0.95, 0.03), (0.87, 0.03)), ((-0.95, 0.5), (0.87, 0.5)), (30, 30), (-2.5, 2.5, 0.5)),
+            Locks(
+                14,
+                ((-0.4, 0.75), (0.4, 0.75)),
+                ((-0.4, 0.99), (0.4, 0.99)),
+                (1.2, 1.2),
+                (-1, 0.5, 0.0),
                 uneven=0.05,
                 stray=0.03,
-                is_single=True,
-            ),
-            Locks(
-                9,
-                ((-0.75, 0.2), (0.70, 0.2)),
-                ((-0.80, 0.5), (0.76, 0.5)),
-                (0.7, 0.7),
-                (0.0, 2.8, 5.0),
-                bow=0.01,
-                uneven=0.15,
-                stray=0.05,
                 is_single=True,
             ),
         ),
@@ -412,9 +326,9 @@ def lay_fall(style: HeadStyle, cut: Cut) -> Fall:
     """Lay the surface over a person's head."""
     s, t = np.linspace(-BEYOND, BEYOND, 121), np.linspace(0, 1, 61)
     if cut.ends_mm is None:
-        points, rough = _on_head(style, cut, s, t)
+        points, rough = _from_crown(style, s, t)
     else:
-        on_head, rough = _on_head(style, cut, s, 2 * t[t <= 0.5])
+        on_head, rough = _on_head(style, s, 2 * t[t <= 0.5])
         flat = unit_vectors(rough[:, -1:] * [1.0, 0.0, 1.0], 1e-6)
         hanging = _hanging(cut, s, 2 * t[t > 0.5] - 1, on_head[:, -1], flat[:, 0])
         points = np.concatenate([on_head, hanging], axis=1)
@@ -453,7 +367,7 @@ def _grouped(cut: Cut, t: Array) -> Array:
     return np.asarray(smoothstep((t - 0.2) / 0.8) * (cut.groups > 0))
 
 
-def _on_head(style: HeadStyle, cut: Cut, s: Array, shares: Array) -> tuple[Array, Array]:
+def _on_head(style: HeadStyle, s: Array, shares: Array) -> tuple[Array, Array]:
     """Lines of hair on the scalp: (S, T, 3) mm and outward normals at shares of the way from the parting, (T,)."""
     scalp, u, side = Scalp(style), np.abs(s), np.where(s < 0, -1.0, 1.0)
 
@@ -461,17 +375,13 @@ def _on_head(style: HeadStyle, cut: Cut, s: Array, shares: Array) -> tuple[Array
         return position(np.deg2rad(degrees), np.asarray(y, dtype=np.float64), style)
 
     # Each line is a parabola, laid on the scalp.
-    parting = cut.parting_deg
+    parting = PARTING_DEG
     first, top = place(parting, hairline(np.deg2rad(parting)) + 0.5), place(1.5 * parting, 132.0)
     crown = np.array([5.0, TOP_MM, -28.0])
     along = np.clip((u - 0.22) / 0.78, 0, 1)[:, None]
     start = (1 - along) ** 2 * crown + 2 * along * (1 - along) * top + along**2 * first
-    bend = place(np.interp(u, BEND_AT, cut.bend[0]) * side, np.interp(u, BEND_AT, cut.bend[1]))
-    if cut.ends_mm is None:
-        last = np.interp(u, (0, 0.5, 0.68, 0.84, 1), (180, 122, 96, 75, 56))
-        end = place(last * side, hairline(np.deg2rad(last)) + np.interp(u, *ENDS_MM))
-    else:
-        end = place(np.interp(u, (0, 0.5, 1, BEYOND), (180, 118, 67, 54)) * side, np.full(len(s), EARS_MM))
+    bend = place(np.interp(u, BEND_AT, BEND[0]) * side, np.interp(u, BEND_AT, BEND[1]))
+    end = place(np.interp(u, (0, 0.5, 1, BEYOND), (180, 118, 67, 54)) * side, np.full(len(s), EARS_MM))
     edge = smoothstep((1 - u) / 0.22)
     lines, outs = [], []
     for share in shares:
@@ -480,34 +390,62 @@ def _on_head(style: HeadStyle, cut: Cut, s: Array, shares: Array) -> tuple[Array
         angle = np.arctan2(foot[:, 0], foot[:, 2] - AXIS_Z_MM)
         degrees = np.rad2deg(np.abs(angle))
         # The first line is near the hairline, and none is below it.
-        least = hairline(angle) + 1.0 - np.interp(np.rad2deg(angle), *cut.front)
-        lowest = np.maximum(hairline(angle) - FRINGE_MM[0], FRINGE_MM[1] - 40.0 * smoothstep((degrees - 36.0) / 4.0))
+        least = hairline(angle) + 1.0 - np.interp(np.rad2deg(angle), *FRONT)
+        lowest = np.maximum(hairline(angle) - FRONT_MM[0], FRONT_MM[1] - 40.0 * smoothstep((degrees - 36.0) / 4.0))
         lowest = np.minimum(least, lowest - 80.0 * smoothstep((degrees - 45.0) / 10.0))
         least = np.maximum(least - BEYOND_MM * np.clip(u - 1, 0, None), lowest)
         y = np.maximum(least, foot[:, 1] + smoothstep((u - 0.88) / 0.12) * (least - foot[:, 1]))
         before = smoothstep((68.0 - degrees) / 10.0)[:, None]
         foot = foot + before * (position(angle, y, style) - foot)
-        rise = np.interp(share, *cut.rise) * (0.2 + 0.8 * edge)
+        rise = np.interp(share, *RISE) * (0.2 + 0.8 * edge)
         rise *= 1 - LOW_TOP * smoothstep((foot[:, 1] - 128.0) / 16.0)
         rise *= 1 - SWEPT * side * smoothstep((u - 0.1) / 0.4) * smoothstep((1.05 - share) / 0.5)
-        if cut.ends_mm is None:
-            # It is high over the forehead and close at the sides.
-            on_way = np.interp(share, (0, 0.15, 0.5, 0.7), (0, 1, 1, 0))
-            rise *= 1 - CLOSE_NAPE * smoothstep((degrees - 100.0) / 40.0) * smoothstep((16.0 - foot[:, 1]) / 50.0)
-            rise += FRONT_MM * on_way * edge * np.exp(-(((u - 0.82) / 0.15) ** 2))
-            beside = np.exp(-(((degrees - 98.0) / 38.0) ** 2)) * smoothstep((122.0 - foot[:, 1]) / 62.0)
-            rise *= 1 - CLOSE_SIDES * beside
-        else:
-            over_ear = smoothstep((degrees - 58.0) / 18.0) * smoothstep((140.0 - degrees) / 26.0)
-            rise += EAR_MM * over_ear * smoothstep((90.0 - foot[:, 1]) / 50.0) * (0.3 + 0.7 * edge)
+        over_ear = smoothstep((degrees - 58.0) / 18.0) * smoothstep((140.0 - degrees) / 26.0)
+        rise += EAR_MM * over_ear * smoothstep((90.0 - foot[:, 1]) / 50.0) * (0.3 + 0.7 * edge)
         lines.append(foot + (1.0 + 1.2 * smoothstep((36.0 - degrees) / 20.0) + rise)[:, None] * out)
         outs.append(out)
-    # Steps are even along each line, so that no chord of a strand cuts into the forehead.
+    return _even(lines, outs, shares)
+
+
+def _even(lines: list[Array], outs: list[Array], shares: Array) -> tuple[Array, Array]:
+    """Make steps even along each line, so that no chord of a strand cuts into the forehead: as :func:`_on_head`."""
     fields = np.concatenate([np.stack(lines, axis=1), np.stack(outs, axis=1)], axis=2)
     way = np.cumsum(np.linalg.norm(np.diff(fields[..., :3], axis=1, prepend=fields[:, :1, :3]), axis=2), axis=1)
     for line, own in zip(fields, way, strict=True):
         line[:] = np.stack([np.interp(shares * own[-1], own, column) for column in line.T], axis=1)
     return fields[..., :3], unit_vectors(fields[..., 3:], 1e-6)
+
+
+def _from_crown(style: HeadStyle, s: Array, shares: Array) -> tuple[Array, Array]:
+    """Lines of short hair from the crown to their ends, as :func:`_on_head`; those of ``s`` and ``s`` + 2 are one."""
+    scalp, degrees = Scalp(style), (180.0 * (1 - s) + 180.0) % 360.0 - 180.0
+    before = np.exp(-((degrees / SWEPT_DEG) ** 2))
+    last = degrees - TO_RIGHT_DEG * before
+    most, width, wide = FRINGE_AT_DEG
+    fringe = FRINGE_MM + FRINGE_RIGHT_MM * np.exp(-(((last - most) / width) ** 2))
+    low = (
+        hairline(np.deg2rad(last))
+        + np.interp(np.abs(last), SHORT_DEG, ENDS_MM)
+        - fringe * np.exp(-((last / wide) ** 2))
+    )
+    lowest = LOWEST_MM - 60.0 * smoothstep((np.abs(last) - 36.0) / 20.0)
+    end = position(np.deg2rad(last), np.where(np.abs(degrees) < 60.0, np.maximum(low, lowest), low), style)
+    bends = np.interp(np.abs(degrees), SHORT_DEG, BENDS_MM)
+    bend = position(np.deg2rad(degrees + FROM_LEFT_DEG * before), bends, style)
+    lines, outs = [], []
+    for share in shares:
+        line = (1 - share) ** 2 * np.array(CROWN_MM) + 2 * share * (1 - share) * bend + share**2 * end
+        foot, out = scalp.under(np.minimum(line, TOP_MM))
+        angle = np.arctan2(foot[:, 0], foot[:, 2] - AXIS_Z_MM)
+        on_face = smoothstep((68.0 - np.rad2deg(np.abs(angle))) / 10.0)[:, None]
+        foot = foot + on_face * (position(angle, foot[:, 1], style) - foot)
+        now = np.abs(degrees + share * (last - degrees))
+        front, side = np.exp(-((now / SWEPT_DEG) ** 2)), np.exp(-(((now - SIDES_DEG) / SIDES_WIDE_DEG) ** 2))
+        parts = np.stack([front, side, np.maximum(1 - front - side, 0.0)])
+        rise = np.array([np.interp(share, SHORT_AT, part) for part in SHORT_RISE]) @ (parts / parts.sum(axis=0))
+        lines.append(foot + (1.0 + rise)[:, None] * out)
+        outs.append(out)
+    return _even(lines, outs, shares)
 
 
 def _hanging(cut: Cut, s: Array, shares: Array, ears: Array, flat: Array) -> Array:

@@ -61,7 +61,7 @@ LID_FOLDS_AT = 1.4
 UPPER_LIDS = (19, 20)
 OPEN_LID, SHUT_LID = 0.68, 0.78
 """Least light on an open and on a closed lid."""
-HAIR_NEAR_MM, HAIR_SHADE, JAW_SHADE = 14.0, 0.6, 0.7
+HAIR_NEAR_MM, HAIR_SHADE, JAW_SHADE = 20.0, 0.75, 0.7
 """Distance within which hair shades skin; fraction of the light that hair and jaw remove."""
 SOCKET_TURNED = 0.5
 """Share of the way that normals between an upper lid and its brow turn to the front."""
@@ -357,7 +357,7 @@ def _cast_shadows(
         distance = hair.query(at + 6.0 * KEY_FROM, distance_upper_bound=HAIR_NEAR_MM)[0]
         near = np.zeros(len(points))
         near[skin] = smoothstep(1 - np.minimum(distance, HAIR_NEAR_MM) / HAIR_NEAR_MM)
-        shade = HAIR_SHADE * average_over_mesh(near, links, 2)[skin]
+        shade = HAIR_SHADE * average_over_mesh(near, links, 6)[skin]
     chin = points[head.mouth.indices[0], 1].min()
     jaw = chin + 66.0 + np.interp(at[:, 2], EDGE_Z_MM, EDGE_Y_MM)
     below = smoothstep((jaw - at[:, 1]) / 24.0) * smoothstep((at[:, 2] + 20.0) / 40.0)

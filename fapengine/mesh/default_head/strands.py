@@ -47,7 +47,7 @@ HAIR_ROWS, PAINTED, TILT = 3, 1.0, 0.7
 """Points of a single hair without length, two more per ``t``; its light, near that of painted strands; how far its
 ribbon is turned towards the outside, so that it is seen from the side, too.
 """
-LOCK_TINT, LOCK_ROOTS = (1.08, 0.84), ((0.0, 0.3, 1.0), (0.85, 1.0, 1.06))
+LOCK_TINT, LOCK_ROOTS = (1.1, 0.76), ((0.0, 0.3, 1.0), (0.8, 1.0, 1.06))
 """Light on a lock's middle and edges, and along it."""
 ARCH = 0.42
 """Height of a lock's middle above its edges, in halves of its width."""
@@ -101,8 +101,9 @@ def _add_layer(builder: MeshBuilder, fall: Fall, cut: Cut, seed: int, palette: P
     first_mm, last_mm = layer.up_mm
     up = first_mm + (last_mm - first_mm) * smoothstep((share - 0.4) / 0.6)[:, None] + step * level - edges
     raised = smoothstep((t - 0.02) / 0.2)
-    points = points + (raised * up * smoothstep((1 - np.abs(s)) / 0.04))[..., None] * out
-    if not layer.first:  # both sides of the parting cross in its depth
+    edge = 1.0 if cut.ends_mm is None else smoothstep((1 - np.abs(s)) / 0.04)
+    points = points + (raised * up * edge)[..., None] * out
+    if not layer.first and cut.ends_mm is not None:  # both sides of the parting cross in its depth
         over = np.array([1.0, 0.0, 0.0]) - out[:, 0, :, :1] * out[:, 0]
         points[:, 0] -= PARTING_MM[1] * out[:, 0] + PARTING_MM[0] * np.sign(s[:, 0, :, None]) * unit_vectors(over, 1e-6)
     own = _outwards(points, out)
@@ -256,7 +257,7 @@ def _streaked(fall: Fall, s: Array, t: Array, shiny: float) -> Array:
     across = np.clip(1 - (unit_vectors(there - here, 1e-6) @ SHEEN_FROM.T) ** 2, 0, 1)
     sheen = (across**SHEEN_POWER * np.clip(0.25 + out @ SHEEN_FROM.T, 0, 1)) @ SHEEN
     streaks = sum(np.sin(2 * np.pi * cycles * s + phase + turn * t) for cycles, phase, turn in STREAKS)
-    valley = np.interp(t, VALLEY_AT, VALLEY)
+    valley = 1.0 if fall.cut.ends_mm is None else np.interp(t, VALLEY_AT, VALLEY)
     return np.asarray(valley * (1 + STREAK * streaks) * (1 + GROUPED * fall.crest(s, t)) * (1 + shiny * sheen))
 
 

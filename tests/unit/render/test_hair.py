@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.ndimage import binary_erosion, uniform_filter1d
+from scipy.ndimage import binary_erosion, binary_fill_holes, uniform_filter1d
 
 from fapengine.mesh.default_head.faces import Scalp, hairline
 from fapengine.mesh.default_head.head import build_head
@@ -48,7 +48,7 @@ def test_the_front_edge_covers_the_hairline_and_is_on_the_skin(haircut: str) -> 
         edge = near[[near[:, 1].argmin()]]
         foot, out = Scalp(style).under(edge)
         assert -25.0 < edge[0, 1] - hairline(np.deg2rad(middle)) < 0.0, middle
-        assert -1.5 < ((edge - foot) * out).sum() < 7.5, middle  # mm; locks of a fringe are lifted
+        assert -1.5 < ((edge - foot) * out).sum() < 10.0, middle  # mm; locks of a fringe are lifted
 
 
 @pytest.mark.parametrize("yaw_deg", [0.0, 35.0])
@@ -66,7 +66,7 @@ def test_no_hole_in_the_hair_shows_what_is_behind_the_head(yaw_deg: float) -> No
     assert not holes.any()  # 7 and 8 pixels while the sides of the parting did not overlap
 
 
-@pytest.mark.parametrize("haircut", ["short", "long"])
+@pytest.mark.parametrize("haircut", ["bob", "long"])
 def test_no_skin_shows_in_the_parting(haircut: str) -> None:
     head = build_head(HeadStyle(haircut=haircut))
     is_hair = np.isin(head.material, (Material.HAIR, Material.STRAND))[:, None]
@@ -76,6 +76,21 @@ def test_no_skin_shows_in_the_parting(haircut: str) -> None:
         red, _, blue = np.moveaxis(renderer.draw(np.zeros(68))[..., :3].astype(int), -1, 0)
     assert (blue[:300] > 60).mean() > 0.5
     assert not (red[:300] > blue[:300]).any()  # above the forehead; 391 and 2574 pixels while the halves moved along x
+
+
+@pytest.mark.parametrize("yaw_deg", [0.0, 120.0, 240.0])
+def test_no_skin_shows_through_short_hair(yaw_deg: float) -> None:
+    head = build_head(HeadStyle(haircut="short"))
+    is_hair = np.isin(head.material, (Material.HAIR, Material.STRAND))[:, None]
+    red_skin = replace(head, albedo=np.where(is_hair, (0.02, 0.02, 0.6), (0.6, 0.02, 0.02)).astype(np.float32))
+    camera = Camera(yaw_deg=yaw_deg, pitch_deg=40.0, target_mm=(0.0, 60.0, 0.0))
+    with FaceRenderer(red_skin, RenderOptions(size=(400, 400), camera=camera, background=(0, 0, 0))) as renderer:
+        red, _, blue = np.moveaxis(renderer.draw(np.zeros(68))[..., :3].astype(int), -1, 0)
+    hair = blue > red + 10
+    assert hair.sum() > 20_000
+    assert (
+        binary_fill_holes(hair) & ~hair
+    ).sum() < 20  # 5 to 7 between tips; 39 to 3,329 without the layer below locks
 
 
 @pytest.mark.parametrize("haircut", ["short", "bob", "long"])
