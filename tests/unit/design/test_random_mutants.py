@@ -57,6 +57,8 @@ def test_a_mutant_is_killed_or_survives_and_known_survivors_do_not_count(
 
     monkeypatch.setattr(random_mutants, "clone", clone)
     monkeypatch.setattr(random_mutants, "PACKAGES", ("tiny",))
+    monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")  # of the others one takes most of the time
+    monkeypatch.setenv("PYTEST_PLUGINS", "pytest_cov.plugin")
     monkeypatch.setattr(random_mutants, "known", lambda: {"return age >= 19": "so the test says"})
     monkeypatch.setattr("sys.argv", ["random_mutants", "--json", str(tree.parent / "rows.jsonl")])
     assert random_mutants.main() == 1

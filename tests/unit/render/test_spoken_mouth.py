@@ -13,6 +13,7 @@ from design.phones_sheet import MOUTH, pose
 from fapengine.files.profiles import load_profile
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.face_mesh import Bone, FaceMesh, Material
+from fapengine.mpeg4 import fap
 from fapengine.render.camera import Camera
 from fapengine.render.drawing import RenderOptions
 from fapengine.render.renderer import FaceRenderer
@@ -131,7 +132,7 @@ def test_the_inside_of_the_mouth_is_as_grey_as_in_films_of_people() -> None:
 
 @cache
 def spoken_sentences() -> list[np.ndarray]:
-    """Planned FAPs, 25 a second, of sentences in the grammar of the GRID corpus."""
+    """Planned FAPs, 25 a second, of sentences like those of the GRID corpus, where the mouth is nearly open enough."""
     profile, faps = load_profile("grid_s1_en"), []
     for sentence in SENTENCES:
         edges = 0.4 + PHONE_S * np.arange(len(sentence.split()) + 1)
@@ -140,7 +141,8 @@ def spoken_sentences() -> list[np.ndarray]:
         faps += list(
             plan(track, profile, rng=np.random.default_rng(0), rate_hz=25.0, style=Style.speech_only()).track.values
         )
-    return faps
+    openings_mm = -np.array(faps)[:, [fap.column(4), fap.column(5)]].sum(axis=1) * profile.fapu.unit(fap.FapUnit.MNS)
+    return [row for row, opening_mm in zip(faps, openings_mm, strict=True) if opening_mm > OPEN_MM - 2.0]
 
 
 @cache
