@@ -48,7 +48,7 @@ void main() {
     float outwards = is_left ? place.x : -place.x;
     vec2 margins = is_left ? u_lids.xy : u_lids.zw;
     float aside = min(abs(outwards) / CORNERS, 1.0);
-    float arch = 1.0 - pow(aside, 2.2);
+    float arch = 1.0 - pow(aside, 2.2 + 6.0 * max(margins.x - 0.5, 0.0));  // a wide eye is rounder
     vec2 lids = mix(vec2(CORNER_HEIGHT.x + CORNER_HEIGHT.y * outwards), margins, arch);
     float below_upper = lids.x - place.y;
     float above_lower = place.y - lids.y;

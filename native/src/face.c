@@ -820,7 +820,7 @@ static I eye_colour(const float *u, const EyePlace *p, V3 ball, F softness) {
     const float *lid = u + U_LIDS;
     F upper_margin = sel(g.is_left, all(lid[0]), all(lid[2])), lower_margin = sel(g.is_left, all(lid[1]), all(lid[3]));
     F aside = fmin_(absolute(outwards) * (1 / 0.965f), all(1));
-    F arch = 1 - power(aside, all(2.2f));
+    F arch = 1 - power(aside, 2.2f + 6 * fmax_(upper_margin - 0.5f, all(0)));
     F corner = -0.13f + 0.11f * outwards;
     F upper = mix(corner, upper_margin, arch), lower_lid = mix(corner, lower_margin, arch);
     F below_upper = upper - place_y, above_lower = place_y - lower_lid;
