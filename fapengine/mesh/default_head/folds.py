@@ -89,11 +89,11 @@ def _crows_feet(x: Array, y: Array) -> Iterator[Furrow]:
     from_corner = np.hypot(across - 43.0, y - 34.5)
     towards = np.rad2deg(np.arctan2(y - 34.5, across - 43.0))
     for number, (angle, reach, depth) in enumerate(
-        ((27.0, 17.0, 0.45), (4.0, 20.0, 0.6), (-17.0, 20.0, 0.6), (-38.0, 17.0, 0.4))
+        ((27.0, 17.0, 0.26), (4.0, 20.0, 0.34), (-17.0, 20.0, 0.34), (-38.0, 17.0, 0.24))
     ):
         away = from_corner * np.deg2rad(towards - angle - 0.5 * (from_corner - 8.0) * (-1 if number > 1 else 1))
         here = smoothstep((from_corner - 5.5) / 4.0) * smoothstep((reach - from_corner) / 8.0) * (across > 43.0)
-        yield away, here, 0.95, depth
+        yield away, here, 1.2, depth
 
 
 def _under_eye(x: Array, y: Array) -> Iterator[Furrow]:
