@@ -65,7 +65,7 @@ HAIR_NEAR_MM, HAIR_SHADE, JAW_SHADE = 20.0, 0.75, 0.7
 """Distance within which hair shades skin; fraction of the light that hair and jaw remove."""
 SOCKET_TURNED = 0.5
 """Share of the way that normals between an upper lid and its brow turn to the front."""
-MOUTH_CORNERS = 0.7
+MOUTH_CORNERS = 0.5
 """Least light on the ends of the lips."""
 EAR_JOINS_MM = 3.5
 """Height above the skin over which an ear takes on its light."""

@@ -44,7 +44,7 @@ IN_TOOTH = (0.0, 0.09, 0.5, 0.91)
 """Columns of a tooth: a gap is a line, and a tooth is round only beside it."""
 ROUND_TOOTH = 0.16
 """Slope of the light on a tooth beside its gaps."""
-DARK_BACK_MM, DARK_BACK = (5.0, 26.0), np.array([0.42, 0.48, 0.50])
+DARK_BACK_MM, DARK_BACK = (6.0, 25.0), np.array([0.62, 0.69, 0.71])
 """Distances along the arch over which teeth become darker, away from the opening, and by what fraction of red, green
 and blue: the light there comes from gums and cheeks.
 """
