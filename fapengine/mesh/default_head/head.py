@@ -63,8 +63,8 @@ OPEN_LID, SHUT_LID = 0.68, 0.78
 """Least light on an open and on a closed lid."""
 HAIR_NEAR_MM, HAIR_SHADE, JAW_SHADE = 20.0, 0.75, 0.7
 """Distance within which hair shades skin; fraction of the light that hair and jaw remove."""
-SOCKET_TURNED = 0.5
-"""Share of the way that normals between an upper lid and its brow turn to the front."""
+SOCKET_TURNED, UNDER_EYE_TURNED = 0.5, 0.7
+"""Share of the way that normals between an upper lid and its brow turn to the front, and below an eye, to the cheek."""
 MOUTH_CORNERS = 0.5
 """Least light on the ends of the lips."""
 EAR_JOINS_MM = 3.5
@@ -327,12 +327,18 @@ def _join_ears(points: Array, normals: Array, occlusion: Array, head: HeadParts)
 
 
 def _soften_sockets(normals: Array, head: HeadParts) -> None:
-    """Turn ``normals`` of the skin between an upper lid and its brow to the front: deep sockets look tired."""
+    """Turn ``normals`` between an upper lid and its brow to the front, and those below an eye to the cheek's.
+
+    Deep sockets and a fold under the eye look tired.
+    """
     for eye in head.eyes:
-        level, rings = eye.lids.level, eye.lids.indices[:, eye.lids.upper]
-        share = SOCKET_TURNED * smoothstep((level - 1.32) / 0.08) * smoothstep((2.05 - level) / 0.4)
-        turned = normals[rings] + share[:, None, None] * (normals[rings[0]] + [0.0, 0.25, 0.5] - normals[rings])
-        normals[rings] = unit_vectors(turned, 1e-6)
+        level, upper = eye.lids.level, eye.lids.upper
+        above = SOCKET_TURNED * smoothstep((level - 1.32) / 0.08) * smoothstep((2.05 - level) / 0.4)
+        below = UNDER_EYE_TURNED * smoothstep((level - 1.1) / 0.2)
+        for part, share, front in ((upper, above, np.array([0.0, 0.25, 0.5])), (~upper, below, np.zeros(3))):
+            rings = eye.lids.indices[:, part]
+            turned = normals[rings] + share[:, None, None] * (normals[rings[0]] + front - normals[rings])
+            normals[rings] = unit_vectors(turned, 1e-6)
 
 
 def _light_corners(occlusion: Array, head: HeadParts) -> None:
