@@ -62,6 +62,7 @@ class _Rows:
         self.last = np.zeros(rows, np.int64)
         """Knot that begins the last segment."""
         self.fade_from_s = np.zeros(rows)
+        self.fade_until_s = np.full(rows, -np.inf)
         self.fade_rate = np.zeros(rows)
         """One over the length of the fade."""
         self.momentum_rate = np.zeros(rows)
@@ -274,7 +275,8 @@ class BatchPlanner:
         state.jets[slots] = np.concatenate([plan.path.jets[left : left + KNOTS] for plan, left in windows])
         state.last[rows] = counts - 2
         start_s, fade_s, momentum_s = np.array([(plan.start_s, plan.fade_s, plan.momentum_s) for plan in plans]).T
-        fades = now_s < start_s + fade_s
+        ends_s = state.fade_until_s[rows] = start_s + fade_s
+        fades = now_s < ends_s
         state.fade_from_s[rows] = np.where(fades, start_s, 0.0)
         state.fade_rate[rows] = 1.0 / np.where(fades, fade_s, 1.0)
         momentum_s = np.where(fades, momentum_s, 1.0)
@@ -317,9 +319,9 @@ class BatchPlanner:
         state, count = self._rows, len(times_s)
         s = _share((times_s - state.from_s[:count]) * state.rate[:count])
         weights: Array = np.einsum("ps,spk->ks", hermite.powers(s), state.quintic[:count])
-        since = times_s - state.fade_from_s[:count]
-        slow, quick = _share(since * state.fade_rate[:count]), _share(since * state.momentum_rate[:count])
-        if slow.min(initial=1.0) < 1.0:
+        if (times_s < state.fade_until_s[:count]).any():
+            since = times_s - state.fade_from_s[:count]
+            slow, quick = _share(since * state.fade_rate[:count]), _share(since * state.momentum_rate[:count])
             for left, share in zip(state.fade[:count].transpose(1, 2, 0), hermite.fading(slow, quick), strict=True):
                 weights += left * share
         return weights

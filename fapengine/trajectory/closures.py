@@ -195,7 +195,7 @@ def settle(faps: Array, held: Array) -> Array:
     (N, 68) float64, FAPU
     """
     lips, teeth, vowels, jaw, glide = held
-    shuts, bites, opens, lifts, glides = np.any(held, axis=1).tolist()
+    shuts, bites, opens, lifts, glides = np.logical_or.reduce(held, axis=1).tolist()
     settled = faps.copy(order="K")
     columns = settled.T
     if lifts:
