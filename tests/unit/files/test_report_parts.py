@@ -42,7 +42,7 @@ def test_a_fit_says_first_how_good_it_is(r: float, lips_mm: float, grade: str) -
     told = fit_page._verdict(fitted(r, lips_mm, warnings=2))
     assert f"<b>{grade}.</b>" in told
     assert f"{lips_mm:.2f} mm" in told
-    assert "1.54 mm and r = 0.88" in told
+    assert "1.55 mm and r = 0.88" in told
     assert "2 warnings" in told
     assert "Not judged" in fit_page._verdict(Some(prediction=None, warnings=[]))
 
