@@ -11,30 +11,15 @@ from typing import Any
 
 from fapengine.errors import ResourceError
 
-EXTRAS = {
-    **dict.fromkeys(("av", "pillow", "font-source-sans-pro"), '"fapengine[video]"'),
-    "aiohttp": '"fapengine[live]"',
-    "piper-tts": '"fapengine[piper]"',
-    "onnx": '"fapengine[piper]"',
-    "piper-plus": '"fapengine[piper-plus]"',
-    "mcp": '"fapengine[mcp]"',
-    "c2pa-python": '"fapengine[sign]"',
-    "kokoro-onnx": '"fapengine[kokoro]"',
-    "usd-core": '"fapengine[usd]"',
-    "DracoPy": '"fapengine[draco]"',
-    "pyvirtualcam": '"fapengine[camera]"',
-    "aiortc": '"fapengine[webrtc]"',
-    "nats-py": '"fapengine[nats]"',
-    "pipecat-ai": '"fapengine[pipecat]"',
-    **dict.fromkeys(("espeak-ng", "num2words"), '"fapengine[voice]"'),
-    "PocketSphinx": '"fapengine[recognizer]"',
-    "onnxruntime": '"fapengine[recognizer-onnx]"',
-    "distributed": '"fapengine[batch]"',
-    "prometheus_client": '"fapengine[live]"',
-    "msgspec": '"fapengine[live]"',
-    "glfw": '"fapengine[window]"',
-    **dict.fromkeys(("matplotlib", "trimesh"), '"fapengine[lab]"'),
-    "fapengine-native": "fapengine-native (in a checkout: make native)",
+_PACKAGES = {
+    "video": "av pillow font-source-sans-pro", "voice": "espeak-ng num2words",
+    "live": "aiohttp prometheus_client msgspec", "lab": "matplotlib trimesh", "piper": "piper-tts onnx",
+    "piper-plus": "piper-plus", "kokoro": "kokoro-onnx", "recognizer": "PocketSphinx", "recognizer-onnx": "onnxruntime",
+    "batch": "distributed", "window": "glfw", "webrtc": "aiortc", "camera": "pyvirtualcam", "nats": "nats-py",
+    "pipecat": "pipecat-ai", "usd": "usd-core", "draco": "DracoPy", "sign": "c2pa-python", "mcp": "mcp",
+}  # fmt: skip
+EXTRAS = {package: f'"fapengine[{extra}]"' for extra, packages in _PACKAGES.items() for package in packages.split()} | {
+    "fapengine-native": "fapengine-native (in a checkout: make native)"
 }
 """Extra that contains each package, as pip spells it."""
 

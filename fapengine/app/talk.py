@@ -8,8 +8,7 @@ import numpy as np
 
 from fapengine.app.outputs import OutputKind, SaveOptions, find_kind
 from fapengine.app.performance import Performance
-from fapengine.app.report import Report
-from fapengine.files.moving import beside, moving_files, rgb_of
+from fapengine.files.moving import beside, moving_file, rgb_of
 from fapengine.files.outputs import identities
 from fapengine.files.paths import is_standard
 from fapengine.files.pictures import contact_sheet, save_png
@@ -40,7 +39,7 @@ def outputs_of(
     """
     kind = find_kind(path)
     companions = _companions(path, kind, sound=sound, inputs=inputs, recording=recording)
-    return moving_files(path) if kind.is_image else [path], companions
+    return [moving_file(path) if kind.is_image else path], companions
 
 
 def _companions(path: Path, kind: OutputKind, *, sound: bool, inputs: Collection[Path], recording: bool) -> list[Path]:
@@ -50,15 +49,6 @@ def _companions(path: Path, kind: OutputKind, *, sound: bool, inputs: Collection
     names = [beside(path, ending) for ending in kind.beside]
     has_sound = sound and not (recording and kind.names_sound)
     return [name for name in names if name.suffix != ".wav" or (has_sound and not _is_among(name, inputs))]
-
-
-def note_speech(performance: Performance, report: Report) -> None:
-    """Fill in the figures of the speech."""
-    phones = performance.phones
-    report.frames, report.rate_hz = len(performance.track), performance.track.rate_hz
-    report.duration_s, report.level = performance.duration_s, phones.level
-    report.phones = sum(not phone.is_silence for phone in phones.phones)
-    report.unknown, report.reading, report.remarks = find_unknown(phones), phones.reading, performance.remarks
 
 
 def write_talk(performance: Performance, path: Path, options: SaveOptions, *, inputs: Collection[Path] = ()) -> None:
@@ -82,11 +72,15 @@ def write_talk(performance: Performance, path: Path, options: SaveOptions, *, in
         If a file cannot be written, or there is no OpenGL.
     """
     kind, report, track = find_kind(path), options.report, performance.track
-    note_speech(performance, report)
+    spoken = performance.phones
+    report.frames, report.rate_hz = len(track), track.rate_hz
+    report.duration_s, report.level = performance.duration_s, spoken.level
+    report.phones = sum(not phone.is_silence for phone in spoken.phones)
+    report.unknown, report.reading, report.remarks = find_unknown(spoken), spoken.reading, performance.remarks
     has_sound, has_recording = performance.sound is not None, options.recording is not None
     companions = _companions(path, kind, sound=has_sound, inputs=inputs, recording=has_recording)
     wav, sheet = beside(path, ".wav"), beside(path, ".png")
-    phones = _sheet_phones(performance.phones, track)
+    phones = _sheet_phones(spoken, track)
     kept: dict[int, Picture] = {}
 
     def keep(number: int, picture: Picture) -> None:
@@ -94,7 +88,7 @@ def write_talk(performance: Performance, path: Path, options: SaveOptions, *, in
             kept[number] = picture
 
     options = replace(
-        options, sound=performance.sound, phones=performance.phones, on_image=keep,
+        options, sound=performance.sound, phones=spoken, on_image=keep,
         recording=options.recording or (wav if wav in companions else None),
     )  # fmt: skip
     for name in companions:

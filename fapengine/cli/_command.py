@@ -11,7 +11,7 @@ import textwrap
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from contextvars import ContextVar
-from dataclasses import MISSING, Field, fields, is_dataclass
+from dataclasses import MISSING, fields, is_dataclass
 from math import isfinite
 from pathlib import Path
 from types import NoneType
@@ -62,7 +62,10 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
     for parameter in inspect.signature(function).parameters.values():
         if is_dataclass(parameter.annotation):
             groups[parameter.name] = parameter.annotation
-            parameters += [_option(field) for field in fields(parameter.annotation)]
+            for field in fields(parameter.annotation):
+                default = field.default if field.default_factory is MISSING else field.default_factory()
+                option = inspect.Parameter(field.name, inspect.Parameter.KEYWORD_ONLY, default=default)
+                parameters.append(option.replace(annotation=field.type))
         else:
             parameters.append(parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY))
     if {"output", "without"} <= {parameter.name for parameter in parameters}:
@@ -213,11 +216,6 @@ def _complete_voice(incomplete: str) -> list[tuple[str, str]]:
         return [(code, name) for code, name in voices().items() if code.startswith(incomplete.lower())]
     except ResourceError:
         return []
-
-
-def _option(field: "Field[Any]") -> inspect.Parameter:
-    default = field.default if field.default_factory is MISSING else field.default_factory()
-    return inspect.Parameter(field.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=field.type)
 
 
 def flags_of(context: typer.Context) -> dict[str, str]:

@@ -84,7 +84,7 @@ def render(
     from fapengine.errors import UsageError
     from fapengine.files.heads.load import load_head
     from fapengine.files.motion import load_motion
-    from fapengine.files.moving import CODECS, KINDS, check_moving, is_moving, is_sequence, moving_files, write_moving
+    from fapengine.files.moving import CODECS, KINDS, check_moving, is_moving, is_sequence, moving_file, write_moving
     from fapengine.files.pictures import contact_sheet, save_png
     from fapengine.files.sound import load_sound
     from fapengine.laboratory.marker_driver import WAYS
@@ -100,7 +100,7 @@ def render(
     for name, count in (("track", len(track)), ("--head", len(head))):
         if count not in (1, faces):
             raise UsageError(f"{name}: got {count}; give one, or one for each of the {faces} faces")
-    writing.check([output] if is_one else moving_files(output), [*track, audio, *head, drawing.background])
+    writing.check([output if is_one else moving_file(output)], [*track, audio, *head, drawing.background])
     way = next((name for name in WAYS if name == by), None)
     if way is None:
         raise UsageError(f"--reconstruction: unknown value {by!r}; use {' or '.join(WAYS)}")

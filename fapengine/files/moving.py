@@ -78,14 +78,9 @@ def sequence_files(pattern: Path) -> list[Path]:
     return sorted(found, key=lambda path: (len(path.name), path.name))
 
 
-def _pattern(path: Path) -> Path:
-    """Name of the first file that is written: a folder, which has no suffix, gets a sequence."""
+def moving_file(path: Path) -> Path:
+    """Name that :func:`write_moving` writes: a file, or the pattern of a sequence, which a folder gets."""
     return path if path.suffix or is_sequence(path) else path / FOLDER_PATTERN
-
-
-def moving_files(path: Path) -> list[Path]:
-    """Names that :func:`write_moving` writes; a pattern means all files of a sequence."""
-    return [_pattern(path)]
 
 
 def beside(path: Path, suffix: str) -> Path:
@@ -106,7 +101,7 @@ def beside(path: Path, suffix: str) -> Path:
 
 def is_moving(path: Path) -> bool:
     """Whether :func:`write_moving` supports a name."""
-    return path.suffix in FORMATS or is_sequence(_pattern(path))
+    return path.suffix in FORMATS or is_sequence(moving_file(path))
 
 
 def takes_planes(path: Path) -> bool:
@@ -195,7 +190,7 @@ def write_moving(
     if path.suffix in FORMATS:
         _write_video(path, counted(), Fraction(rate_hz).limit_denominator(1001), sound, source)
     else:
-        _write_sequence(_pattern(path), counted(), source)
+        _write_sequence(moving_file(path), counted(), source)
     return count
 
 

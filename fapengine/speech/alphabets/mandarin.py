@@ -71,7 +71,7 @@ def from_pinyin(label: str) -> str | None:
     plain = plain_pinyin(label)
     if not plain:
         return None
-    if _is_zhuyin(plain):
+    if all("ㄅ" <= letter <= "ㄭ" or letter in "ˊˇˋ˙ˉ" for letter in plain):
         return from_zhuyin(plain)
     one = _unit(plain)
     if one is not None:
@@ -122,10 +122,6 @@ def _in_a_row(plain: str) -> str | None:
         return None
     found = next(split(plain, True), None)
     return "".join(_unit(piece) or "" for piece in found) if found else None
-
-
-def _is_zhuyin(text: str) -> bool:
-    return all("ㄅ" <= letter <= "ㄭ" or letter in "ˊˇˋ˙ˉ" for letter in text)
 
 
 def from_zhuyin(label: str) -> str | None:

@@ -80,7 +80,8 @@ def speakable(text: str) -> SpeakableText:
     (1, 2, 3, 5, 6)
     """
     kept = _kept(text)
-    cuts = [index for index, (char, _, _) in enumerate(kept) if not index or not _joins(char)]
+    joins = [unicodedata.category(char)[0] == "M" or _FOLLOWS.match(char) is not None for char, _, _ in kept]
+    cuts = [index for index, joined in enumerate(joins) if not (index and joined)]
     characters, starts, stops = [], [], []
     for first, last in pairwise([*cuts, len(kept)]):
         stretch = "".join(char for char, _, _ in kept[first:last])
@@ -147,11 +148,6 @@ def _form(char: str, before: str) -> str:
         return char
     in_emoji = before == "\ufe0f" or (before and unicodedata.category(before) in ("So", "Sk"))
     return char if char == _JOINER and in_emoji else ""
-
-
-def _joins(char: str) -> bool:
-    """Return whether a character may be composed with the one before."""
-    return unicodedata.category(char)[0] == "M" or _FOLLOWS.match(char) is not None
 
 
 ELEMENTS = frozenset(
