@@ -28,10 +28,6 @@ TOP_MM = 144.0
 """Height above which the scalp is not measured."""
 EARS_MM = 36.0
 """Height from which long hair hangs."""
-SWEPT = 0.25
-"""Fraction of its height that hanging hair moves over the parting to the right."""
-LOW_TOP = 0.3
-"""Fraction of its height that hanging hair loses at the top."""
 EAR_MM = 6.0
 """Additional height of hanging hair over an ear."""
 WAVE_MM = 115.0
@@ -67,6 +63,8 @@ class Layer(NamedTuple):
     """Greatest distance from the back of the head."""
     shade: float = 1.0
     is_inside: bool = False
+    tips: float = 0.0
+    """Least width of the tips, relative to that above them."""
 
 
 class Locks(NamedTuple):
@@ -86,6 +84,8 @@ class Locks(NamedTuple):
     stray: float = 0.0
     """Unevenness of the tips, in ``s``."""
     shade: float = 1.0
+    is_fringe: bool = False
+    """On the surface of short hair, whatever the haircut."""
     is_single: bool = False
     """Single hairs, ``Material.STRAND``, as wide as given at their roots."""
 
@@ -114,7 +114,7 @@ class Cut(NamedTuple):
 BEND_AT = (0.0, 0.5, 0.8, 1.0)
 BEND = (180.0, 112.0, 66.0, 50.0), (112.0, 124.0, 112.0, 88.0)
 """Angle from the front, degrees, and height, mm, to which lines of hanging hair bend on their way, over ``u``."""
-RISE = (0, 0.06, 0.25, 0.6, 1), (2.6, 7.0, 11.0, 11.0, 7.4)
+RISE = (0, 0.25, 0.6, 1), (12.0, 14.0, 12.0, 7.4)
 """Height of hanging hair above the scalp, mm, over the share of the way on the head."""
 FRONT = (-66, -50, -30, -8, 8, 18, 27, 36, 50, 66), (14.0, 20.0, 20.0, 14.0, 8.0, 5.0, 1.5, 6.0, 15.0, 14.0)
 """Depth of its front edge below the hairline, mm, by angle from the front, degrees."""
@@ -140,14 +140,44 @@ SHORT_RISE = (11, 17, 22, 22, 14, 3.5), (11, 12, 10, 5, 1.8, -0.4), (11, 10, 8, 
 """Height of short hair above the scalp, mm, over the share of its way: in front, at the sides and at the back."""
 SIDES_DEG, SIDES_WIDE_DEG = 95.0, 36.0
 """Angle of the sides from the front, and their width."""
+FRINGE = (
+    Locks(
+        18,
+        ((0.64, 0.45), (1.05, 0.45)),
+        ((0.67, 0.97), (1.06, 0.97)),
+        (16, 18),
+        (-3.0, 1.8, 2.0),
+        uneven=0.06,
+        stray=0.03,
+        is_fringe=True,
+    ),
+    Locks(
+        7,
+        ((0.68, 0.16), (1.12, 0.16)),
+        ((0.72, 0.84), (1.16, 0.94)),
+        (34, 36),
+        (-7.0, 6.5, 3.0),
+        uneven=0.06,
+        is_fringe=True,
+    ),
+)
+"""Locks over the forehead, and over them."""
 HANGING = Cut(
     rows=20,
     groups=3,
     layers=(),
     locks=(
-        # Before the cheeks.
-        Locks(3, ((-0.84, 0.04), (-0.78, 0.04)), ((-1.04, 0.70), (-0.97, 0.88)), (17, 20), (-1, 4.6, 5.6), bow=0.085),
-        Locks(3, ((0.86, 0.04), (0.80, 0.04)), ((1.03, 0.66), (0.97, 0.88)), (17, 20), (-1, 4.6, 5.6), bow=-0.07),
+        Locks(
+            13,
+            ((0.62, 0.02), (1.20, 0.02)),
+            ((0.62, 0.94), (1.22, 0.94)),
+            (36, 36),
+            (-6.0, 0.0, 0.0),
+            uneven=0.03,
+            shade=0.9,
+            is_fringe=True,
+        ),
+        *FRINGE,
         # Over the outline of either side.
         Locks(
             5,
@@ -167,60 +197,26 @@ HANGING = Cut(
             bow=-0.03,
             stray=0.03,
         ),
-        # Single hairs: along the front edge of either side, and over the top.
-        Locks(
-            5,
-            ((-0.92, 0.04), (-0.93, 0.24)),
-            ((-1.05, 0.24), (-1.00, 0.52)),
-            (13, 15),
-            (-1.0, 3.6, 0.4),
-            bow=0.015,
-            uneven=0.05,
-            stray=0.02,
-        ),
-        Locks(
-            12,
-            ((-0.97, 0.0), (-0.98, 0.30)),
-            ((-1.08, 0.20), (-1.10, 0.60)),
-            (0.6, 0.9),
-            (0.4, 2.6, 0.8),
-            uneven=0.05,
-            stray=0.05,
-            is_single=True,
-        ),
-        Locks(
-            5,
-            ((0.93, 0.04), (0.94, 0.26)),
-            ((1.09, 0.24), (1.07, 0.54)),
-            (11, 13),
-            (-1.0, 3.2, 0.4),
-            bow=-0.015,
-            uneven=0.05,
-            stray=0.04,
-        ),
-        Locks(
-            12,
-            ((0.97, 0.0), (0.98, 0.34)),
-            ((1.16, 0.14), (1.07, 0.54)),
-            (0.7, 0.9),
-            (0.6, 2.4, 1.0),
-            uneven=0.05,
-            stray=0.04,
-            is_single=True,
-        ),
-        Locks(
-            10,
-            ((-0.75, 0.1), (0.75, 0.1)),
-            ((-0.80, 0.38), (0.80, 0.38)),
-            (0.7, 0.7),
-            (0.0, 2.4, 4.0),
-            uneven=0.05,
-            stray=0.04,
-            is_single=True,
-        ),
     ),
 )
 """What bob and long hair share."""
+
+
+def _before_cheeks(first: float, last: float) -> tuple[Locks, ...]:
+    """Locks before either cheek that end at two ``t``."""
+    return tuple(
+        Locks(
+            3,
+            ((-side * 0.85, 0.04), (-side * 0.79, 0.04)),
+            ((-side * 1.035, first), (-side * 0.97, last)),
+            (17, 20),
+            (-1, 4.6, 5.6),
+            bow=side * 0.08,
+        )
+        for side in (1, -1)
+    )
+
+
 CUTS = {
     "short": Cut(
         rows=12,
@@ -244,19 +240,7 @@ CUTS = {
                 (-2.5, 2.0, 0.2),
                 uneven=0.06,
             ),
-            # The fringe, and over it; the crown.
-            Locks(
-                18,
-                ((0.64, 0.45), (1.05, 0.45)),
-                ((0.67, 0.97), (1.06, 0.97)),
-                (16, 18),
-                (-3.0, 1.8, 2.0),
-                uneven=0.06,
-                stray=0.03,
-            ),
-            Locks(
-                7, ((0.68, 0.16), (1.12, 0.16)), ((0.72, 0.84), (1.16, 0.94)), (34, 36), (-2.0, 6.5, 3.0), uneven=0.06
-            ),
+            *FRINGE,
             Locks(9, ((-0.95, 0.03), (0.87, 0.03)), ((-0.95, 0.5), (0.87, 0.5)), (30, 30), (-2.5, 2.5, 0.5)),
             Locks(
                 14,
@@ -271,10 +255,11 @@ CUTS = {
         ),
     ),
     "bob": HANGING._replace(
+        locks=(*HANGING.locks, *_before_cheeks(0.55, 0.70)),
         layers=(
-            Layer(28, 0.0, 0.97, 0.03, 0.90, (1.2, 0.0), lead=((0.78, 0.35), (0.86, 0.45), (0.92, 0.5))),
-            Layer(25, 0.40, 0.99, 0.02, 0.93, (-1.2, -1.6), reach=0.97, shade=0.85),
-            Layer(14, 0.42, 0.97, 0.05, 0.88, (-5.0, -5.0), reach=0.95, shade=0.6, is_inside=True),
+            Layer(28, 0.0, 0.97, 0.03, 0.90, (1.2, 0.0), lead=((0.78, 0.35), (0.86, 0.45), (0.92, 0.5)), tips=0.75),
+            Layer(25, 0.40, 0.99, 0.02, 0.93, (-1.2, -1.6), reach=0.97, shade=0.85, tips=0.75),
+            Layer(14, 0.42, 0.97, 0.05, 0.88, (-5.0, -5.0), reach=0.95, shade=0.8, is_inside=True),
         ),
         ends_mm=((0.0, 0.5, 1.0), (-58.0, -64.0, -76.0)),
         outwards_mm=((0, 25, 55, 80, 110), (0.0, 4.0, 3.5, -1.0, -9.0)),
@@ -283,14 +268,16 @@ CUTS = {
         gather=0.3,
     ),
     "long": HANGING._replace(
+        locks=(*HANGING.locks, *_before_cheeks(0.68, 0.88)),
         layers=(
-            Layer(27, 0.0, 0.98, 0.20, 0.84, (1.2, -0.2), lead=((0.75, 0.35), (0.83, 0.45), (0.90, 0.5))),
-            Layer(22, 0.40, 0.99, 0.14, 0.86, (-1.2, -1.6), reach=0.95, shade=0.9),
+            Layer(27, 0.0, 0.98, 0.10, 0.84, (1.2, -0.2), lead=((0.75, 0.35), (0.83, 0.45), (0.90, 0.5))),
+            Layer(22, 0.40, 0.99, 0.08, 0.86, (-1.2, -1.6), reach=0.95, shade=0.9),
             Layer(12, 0.42, 0.92, 0.10, 0.92, (-5.8, -7.8), reach=0.86, shade=0.8, is_inside=True),
         ),
         ends_mm=((0.0, 0.3, 0.55, 0.68, 0.85, 1.0), (-170.0, -166.0, -150.0, -142.0, -158.0, -150.0)),
         outwards_mm=((0, 25, 60, 100, 140, 180), (0.0, 3.0, 4.5, 3.5, -2.0, -12.0)),
         waves=1.6,
+        gather=0.6,
         forward_mm=40.0,
         backward_mm=26.0,
     ),
@@ -398,8 +385,6 @@ def _on_head(style: HeadStyle, s: Array, shares: Array) -> tuple[Array, Array]:
         before = smoothstep((68.0 - degrees) / 10.0)[:, None]
         foot = foot + before * (position(angle, y, style) - foot)
         rise = np.interp(share, *RISE) * (0.2 + 0.8 * edge)
-        rise *= 1 - LOW_TOP * smoothstep((foot[:, 1] - 128.0) / 16.0)
-        rise *= 1 - SWEPT * side * smoothstep((u - 0.1) / 0.4) * smoothstep((1.05 - share) / 0.5)
         over_ear = smoothstep((degrees - 58.0) / 18.0) * smoothstep((140.0 - degrees) / 26.0)
         rise += EAR_MM * over_ear * smoothstep((90.0 - foot[:, 1]) / 50.0) * (0.3 + 0.7 * edge)
         lines.append(foot + (1.0 + 1.2 * smoothstep((36.0 - degrees) / 20.0) + rise)[:, None] * out)

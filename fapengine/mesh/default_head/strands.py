@@ -53,7 +53,7 @@ ARCH = 0.42
 """Height of a lock's middle above its edges, in halves of its width."""
 EVEN_NORMALS, EVEN_LOCKS = 1.6, 1.2
 """Weight of the normals of the surface relative to those of strands and of locks, so that hair is lit as one body."""
-LIT_INSIDE = np.array([0.0, -1.0, 0.0])
+LIT_INSIDE = np.array([0.0, -0.5, 0.0])
 """Normal of the layer that is seen from inside: no lamp shines there."""
 SHEEN_FROM = unit_vectors(np.array([[-0.24, 0.44, 0.87], [-0.75, 0.55, 0.25], [0.75, 0.55, 0.25]]))
 """Half way between a lamp and a camera in front or at a side: hair across it is bright, as a bundle of cylinders is."""
@@ -72,7 +72,11 @@ def build_strands(builder: MeshBuilder, style: HeadStyle, palette: Palette, deta
     cut, detail = CUTS[style.haircut], min(detail, MAX_DETAIL)
     fall = lay_fall(style, cut)
     added = [_add_layer(builder, fall, cut, seed, palette, detail) for seed in range(len(cut.layers))]
-    added += [_add_locks(builder, fall, cut, seed, palette, detail) for seed in range(len(cut.locks))]
+    fringe = lay_fall(style, CUTS["short"]) if cut.ends_mm else fall
+    added += [
+        _add_locks(builder, fringe if locks.is_fringe else fall, cut, seed, palette, detail)
+        for seed, locks in enumerate(cut.locks)
+    ]
     middle = fall.points[np.abs(fall.points[..., 0]) < 4.0]
     top = builder.add(middle[middle[:, 1].argmax()] * [0.0, 1.0, 1.0], albedo=palette.hair, material=Material.HAIR)
     return np.append(np.concatenate(added), top)
@@ -164,7 +168,7 @@ def _places(
 
     low, high = wandering(np.s_[:-1]), wandering(np.s_[1:])
     on_tip = np.clip((share - tapers_from[:, None]) / (1 - tapers_from[:, None]), 0, 1)
-    wide = np.interp(on_tip, TAPER_AT, TAPER)
+    wide = np.maximum(np.interp(on_tip, TAPER_AT, TAPER), layer.tips)
     aside = LEAN * (2 * golden(number, 6.3) - 1)[:, None] * on_tip**2
     if lead:  # tips at the face lie over their neighbours, so that no skin shows between them
         wide[:lead], wide[-lead:] = np.minimum(wide[:lead], 1.0), np.minimum(wide[-lead:], 1.0)

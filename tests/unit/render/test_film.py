@@ -32,7 +32,7 @@ MOUTH_MM, EYES_MM = (-46.0, 46.0, -96.0, -12.0), (-58.0, 58.0, 14.0, 66.0)
 """Places of the head, left, right, bottom, top, where what moves fast is: lips and chin; lids, lashes and brows."""
 
 
-@pytest.fixture(scope="module", params=["short", "long"])
+@pytest.fixture(scope="module", params=["short", "bob", "long"])
 def head(request: pytest.FixtureRequest) -> FaceMesh:
     return build_head(HeadStyle(haircut=request.param))
 
