@@ -60,7 +60,7 @@ ROLL_OUT = 0.28
 """Pushed lips roll out: their outer edge and the skin around it move this fraction less than the inner edge. If all
 moved alike, u would look like a beak.
 """
-PURSE_FAPU, PURSE_MM, PURSE_OUT_MM, PURSE_FORWARD_MM = (200.0, 550.0), 5.2, 2.4, 4.8
+PURSE_FAPU, PURSE_MM, PURSE_OUT_MM, PURSE_FORWARD_MM = (200.0, 550.0), 4.2, 2.4, 4.8
 """FAPU of a lower lip pushed forward over which lips purse, as in u: how far their corners come in, how much thicker
 lips become near them, and how far lips come forward, the corners 1.5 times as far.
 So the outline is round, and closed lips stay closed.
@@ -259,7 +259,7 @@ def _pursed(t: Array) -> Array:
     """(..., 3) mm: way of pursed lips, in and forwards."""
     return np.stack(
         [
-            -PURSE_MM * np.sign(t) * np.abs(t) ** 1.2,
+            -PURSE_MM * t,
             np.zeros_like(t),
             PURSE_FORWARD_MM * t**2 * (2.4 - 0.9 * t**2),
         ],
