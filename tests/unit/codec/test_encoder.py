@@ -281,6 +281,7 @@ def test_headers_say_what_decoders_do_with_what_is_not_sent(unsent: str, kind: i
         header = decode(stream).planes[0].header
         assert header.mask_types == mask_types_of(mask[0], kind)
         assert kind in header.mask_types
+        assert (header.gender, header.time_code) == (0, None)
 
 
 @pytest.mark.conformance

@@ -67,6 +67,13 @@ def test_dialects_say_the_same(old: str, new: str) -> None:
     assert parse_fap(GOOD.replace(old, new).encode()).equals(parse_fap(GOOD.encode()))
 
 
+def test_a_name_may_be_missing_and_no_other_word_of_the_header() -> None:
+    track = parse_fap(GOOD.replace(" talk", "").encode())
+    assert (track.name, track.rate_hz, len(track)) == ("unnamed", 25, 2)
+    with pytest.raises(DataError, match=r"header: got '2\.1 25', expected '2\.1 name rate frames' \(at line 1"):
+        parse_fap(GOOD.replace(" talk 25 2", " 25").encode())
+
+
 def test_visemes_and_expressions_in_both_forms() -> None:
     mask = "1 1 1 " + "0 " * 64 + "0"
     standard = parse_fap(f"2.1 a 25 1\n{mask}\n7 3 4 40 1 1 50 2 20 0 1 99\n".encode())

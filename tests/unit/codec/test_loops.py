@@ -67,7 +67,7 @@ def test_both_write_and_read_the_same(seed: int, kind: str, monkeypatch: pytest.
     hurt = stream[:at] + rng.bytes(3) + stream[at + 3 :]
     for data, piece, errors in (
         (stream, len(stream), "strict"), (stream, 3, "strict"), (stream[:end], 50, "resync"), (hurt, 64, "resync"),
-        (hurt, len(hurt), "strict"),
+        (hurt, len(hurt), "strict"), *((stream[:-cut], len(stream), "strict") for cut in range(1, 7)),
     ):  # fmt: skip
         results = []
         for each in loops:
