@@ -27,7 +27,7 @@ PREFERENCES = {
     "browser.shell.checkDefaultBrowser": False, "toolkit.telemetry.enabled": False, "dom.ipc.forkserver.enable": False,
     "media.cubeb.sandbox": False, "security.sandbox.content.level": 0,
 }  # fmt: skip
-START_LIMIT_S, CALL_LIMIT_S = 120.0, 120.0
+START_LIMIT_S, CALL_LIMIT_S = 300.0, 300.0
 
 
 def find_firefox() -> str | None:

@@ -289,7 +289,7 @@ def test_what_is_said_when_the_room_has_gone_is_dropped_with_a_warning(caplog: p
         for number in range(MAX_ACTS + 1):
             output.act("word", number)
         assert output._acting is not None
-        await asyncio.wait_for(output._acting, 10.0)
+        await asyncio.wait_for(output._acting, 60.0)
         return output._acts
 
     class Gone(Room):

@@ -58,7 +58,7 @@ async def _metrics(server: Server) -> str:
     running = asyncio.create_task(server.run())
     try:
         host, port = server.sites[-1]
-        with await asyncio.to_thread(urllib.request.urlopen, f"http://{host}:{port}/metrics", timeout=30) as answer:
+        with await asyncio.to_thread(urllib.request.urlopen, f"http://{host}:{port}/metrics", timeout=300) as answer:
             text: str = answer.read().decode()
         return text
     finally:

@@ -139,6 +139,6 @@ def test_what_is_no_speech_is_refused(speech: object) -> None:
 )
 def test_a_program_ends_in_order(program: str) -> None:
     ended = subprocess.run(
-        [sys.executable, "-c", f"import sys, fapengine; {program}"], capture_output=True, text=True, timeout=120
+        [sys.executable, "-c", f"import sys, fapengine; {program}"], capture_output=True, text=True, timeout=300
     )
     assert (ended.returncode, ended.stderr) == (0, "")

@@ -54,7 +54,7 @@ async def streams(stage: Stage, session: str | None = None) -> WeightStreams:
 
 
 async def wait_for(true: Callable[[], bool]) -> None:
-    async with asyncio.timeout(10):
+    async with asyncio.timeout(300):
         while not true():
             await asyncio.sleep(0.002)
 
