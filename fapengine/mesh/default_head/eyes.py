@@ -213,7 +213,7 @@ def _build_lashes(
         spines.append(np.stack([base, middle, tip], axis=1))
         widths = [0.40, 0.20, 0.02] if is_upper else [0.08, 0.05, 0.01]
         half_widths.append((0.4 + 0.6 * full)[:, None] * widths)
-        fade = np.array([[0.0], [0.1], [0.45]] if is_upper else [[0.35]])  # to the skin's colour, towards the tip
+        fade = np.array([[0.0], [0.1], [0.3]] if is_upper else [[0.35]])  # to the skin's colour, towards the tip
         albedo.append(np.broadcast_to(colours.LASH + fade * (skin - colours.LASH), (len(at), 3, 3)))
         roots.append(mine[np.abs(t[mine] - at[:, None]).argmin(axis=1)])
     spine = np.concatenate(spines)

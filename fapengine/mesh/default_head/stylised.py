@@ -79,7 +79,7 @@ def _enlarge(eye: Eye, points: Array, moved: Array, depth: LinearNDInterpolator,
     distance = np.linalg.norm(off[:, :2] * [1.4, 1.0], axis=1)
     ahead = smoothstep((points[:, 2] - 25.0) / 25.0)
     ahead *= smoothstep((off[:, 0] * eye.side + 31.4) / 16.0)  # the nose stays
-    beside = _faded(distance, NEAR_MM, FAR_MM) * _faded(np.abs(points[:, 0]), 50.0, 73.0) * ahead  # nor the temples
+    beside = _faded(distance, NEAR_MM, FAR_MM) * _faded(np.abs(points[:, 0]), 46.0, 84.0) * ahead  # nor the temples
     beside *= 1 - np.exp(-((points[:, 0] / 30.0) ** 4) - ((points[:, 1] + 5.0) / 26.0) ** 4)  # but not the nose's wings
     with_lids = _faded(distance, NEAR_LIDS_MM, FAR_LIDS_MM) * ahead
     level_off = (1 + (distance / LEVEL_MM) ** 8) ** -0.125
