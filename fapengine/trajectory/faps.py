@@ -82,6 +82,7 @@ class Composer:
     def __init__(self, profile: Profile, style: Style) -> None:
         self._modes, self._jaws = profile.space.mode_count, jaw_share(profile).T
         self._jaw_gain, self._lips_gain, self._settles = style.jaw_gain, style.lips_gain, style.method != "published"
+        self._size, self._openness = layer_gain(style.lips_gain), np.minimum(1.0, np.array(style.jaw_gain))
         modes = speech_faps(profile, style.gains(profile), context=style.context)
         self._lift = np.vstack([modes, layer_faps(profile)]).T
         """(68, K + axes) FAPU per weight, and per unit of :mod:`.phonetics`."""
@@ -102,16 +103,18 @@ class Composer:
         (N, 68) float64, FAPU
         """
         modes, layer = weights[: self._modes], weights[self._modes :]
-        jaw, lips = (overlay.jaw, overlay.lips) if overlay else (np.ones(1), np.ones(1))
+        size, openness = self._size, self._openness
         if overlay:
-            jaws = (jaw - lips) * (self._jaws @ modes)
-            modes *= lips
+            jaws = (overlay.jaw - overlay.lips) * (self._jaws @ modes)
+            modes *= overlay.lips
             modes += jaws
-        layer *= layer_gain(self._lips_gain * lips)
+            size = layer_gain(self._lips_gain * overlay.lips)
+            openness = np.minimum(1.0, self._jaw_gain * overlay.jaw)
+        layer *= size
         faps = (self._lift @ weights).T
         if overlay and overlay.expression.any():
             faps += give_way(overlay.expression, layer[ROUND]).T
-        held[2] *= np.minimum(1.0, self._jaw_gain * jaw)
+        held[2] *= openness
         settled = settle(faps, held) if self._settles else faps
         if overlay:
             add_gestures(settled, overlay.gestures.T)
