@@ -22,6 +22,7 @@ from fapengine.engine.commands import (
     Seek,
     SetParameter,
     TurnHead,
+    without_neutral,
 )
 from fapengine.engine.engine import Engine
 from fapengine.engine.session import Limits
@@ -1079,6 +1080,39 @@ def test_revised_speech_runs_dry_when_what_is_left_of_it_is_over(count):
         face.apply("anna", Append(1, 0, phones, revision), 0.0)
     told = [n / RATE_HZ for n in range(100) if face.frame(n / RATE_HZ) is not None and "underrun" in kinds(face)]
     assert told == [pytest.approx(0.3 + 0.1 * count, abs=1.5 / RATE_HZ)]
+
+
+def test_a_face_does_the_same_whenever_it_is_told():
+    """What is told at a time, and taken back or stopped at a later one; a cancel may be told before its time."""
+
+    def shown(offset_s, told_before):
+        face = engine()
+        frames(face, 0.0, offset_s)
+        say(face, sentence(), now_s=offset_s)
+        seen = [frames(face, offset_s, offset_s + 0.5)]
+        face.apply("anna", Append(1, 0, sentence(["o"] * 12), revision=1), offset_s + 0.5)
+        if told_before:
+            face.apply("anna", Cancel(at_s=offset_s + 0.8), offset_s + 0.5)
+        seen += [frames(face, offset_s + 0.5, offset_s + 0.8)]
+        if not told_before:
+            face.apply("anna", Cancel(), offset_s + 0.8)
+        return np.concatenate([*seen, frames(face, offset_s + 0.8, offset_s + 1.6)])
+
+    first = shown(0.0, told_before=False)
+    assert first.any()
+    assert not first[-1].any()
+    for offset_s, told_before in ((0.0, True), (2.0, False), (6.0, True)):
+        assert np.abs(shown(offset_s, told_before) - first).max() <= 1, (offset_s, told_before)
+
+
+def test_neutral_ends_every_expression():
+    face = engine()
+    for expression in (Expression.JOY, Expression.ANGER, Expression.SURPRISE):
+        face.apply("anna", Express(expression, 0.8), 0.0)
+    assert frames(face, 0.0, 1.0)[-1].any()
+    for command in without_neutral(Express(Expression.NEUTRAL, 0.7)):
+        face.apply("anna", command, 1.0)
+    assert not frames(face, 1.0, 2.0)[-1].any()
 
 
 @pytest.mark.parametrize("state", list(UtteranceState))
