@@ -109,5 +109,5 @@ class Palette:
 
     def lip(self, points: Array, t: Array, level: float) -> Array:
         """(..., 3) lip colour, darker at the mouth line and at the corners."""
-        shade = (0.66 + 0.34 * min(level / 0.3, 1.0)) * (1 - 0.12 * np.abs(t) ** 4)
+        shade = (0.66 + 0.34 * min(level / 0.3, 1.0)) * (1 - 0.38 * np.abs(t) ** 5)
         return self.lips * np.broadcast_to(shade[..., None], points.shape)
