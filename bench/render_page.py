@@ -29,7 +29,7 @@ def sections(result: dict) -> list[dict]:
         "text": (
             f"{machine['renderer']}, {machine['driver']}, {machine['cores']} cores without a GPU. The default head"
             f" ({result['vertices']:,} vertices) at 512 × 512 with antialiasing, all FAPs moving, every frame read"
-            f" back. Encoded as H.264 as well, a frame takes {best[FILM]:.1f} ms. Deforming costs"
+            f" back. With H.264, a frame takes {best[FILM]:.1f} ms. Deforming costs"
             f" {100 * (result['deforming'] - 1):.0f} % over drawing the same mesh without it (goal: at most"
             f" {100 * (MAX_DEFORMING - 1):.0f} %)."
         ),
