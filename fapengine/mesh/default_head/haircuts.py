@@ -97,6 +97,8 @@ class Cut(NamedTuple):
     """Rows of a strand from ``t`` = 0 to 1."""
     layers: tuple[Layer, ...]
     locks: tuple[Locks, ...] = ()
+    close: float = 0.0
+    """How much closer to the head short hair is, and how much shorter its fringe: 0 to 1."""
     ends_mm: Table | None = None
     """Height of the ends over ``u``; None if hair falls from the crown to the hairline."""
     outwards_mm: Table = ((0.0,), (0.0,))
@@ -130,7 +132,7 @@ FRINGE_MM, FRINGE_RIGHT_MM, FRINGE_AT_DEG = 17.0, 9.0, (-32.0, 30.0, 45.0)
 """How far a fringe falls below the hairline, and how much farther at the right; where that is, its width, and that of
 the fringe.
 """
-LOWEST_MM = 75.0
+MIN_FRINGE_MM = 75.0
 """Height below which no fringe falls over the forehead."""
 SHORT_DEG = 0, 40, 60, 80, 100, 120, 150, 180
 BENDS_MM, ENDS_MM = (130, 122, 112, 104, 98, 96, 94, 92), (0, 0, -4, 0, 5, 8, 3, 0)
@@ -254,6 +256,40 @@ CUTS = {
             ),
         ),
     ),
+    "cropped": Cut(
+        rows=12,
+        layers=(Layer(21, 0.0, 0.99, 0.02, 0.86, (-1.0, -1.0), shade=0.9),),
+        locks=(
+            Locks(
+                44,
+                ((-0.98, 0.66), (0.98, 0.66)),
+                ((-0.98, 0.97), (0.98, 0.97)),
+                (15, 15),
+                (-1.5, 0.6, 0.2),
+                uneven=0.03,
+                stray=0.02,
+            ),
+            Locks(
+                34,
+                ((-0.98, 0.40), (0.98, 0.40)),
+                ((-0.98, 0.80), (0.98, 0.80)),
+                (18, 18),
+                (-1.5, 1.0, 0.6),
+                uneven=0.06,
+                stray=0.02,
+            ),
+            Locks(
+                20,
+                ((-0.97, 0.12), (0.97, 0.12)),
+                ((-0.97, 0.56), (0.97, 0.56)),
+                (22, 22),
+                (-1.5, 1.0, 0.6),
+                uneven=0.06,
+                stray=0.02,
+            ),
+        ),
+        close=0.6,
+    ),
     "bob": HANGING._replace(
         locks=(*HANGING.locks, *_before_cheeks(0.55, 0.70)),
         layers=(
@@ -313,7 +349,7 @@ def lay_fall(style: HeadStyle, cut: Cut) -> Fall:
     """Lay the surface over a person's head."""
     s, t = np.linspace(-BEYOND, BEYOND, 121), np.linspace(0, 1, 61)
     if cut.ends_mm is None:
-        points, rough = _from_crown(style, s, t)
+        points, rough = _from_crown(style, cut, s, t)
     else:
         on_head, rough = _on_head(style, s, 2 * t[t <= 0.5])
         flat = unit_vectors(rough[:, -1:] * [1.0, 0.0, 1.0], 1e-6)
@@ -401,19 +437,19 @@ def _even(lines: list[Array], outs: list[Array], shares: Array) -> tuple[Array, 
     return fields[..., :3], unit_vectors(fields[..., 3:], 1e-6)
 
 
-def _from_crown(style: HeadStyle, s: Array, shares: Array) -> tuple[Array, Array]:
+def _from_crown(style: HeadStyle, cut: Cut, s: Array, shares: Array) -> tuple[Array, Array]:
     """Lines of short hair from the crown to their ends, as :func:`_on_head`; those of ``s`` and ``s`` + 2 are one."""
     scalp, degrees = Scalp(style), (180.0 * (1 - s) + 180.0) % 360.0 - 180.0
-    before = np.exp(-((degrees / SWEPT_DEG) ** 2))
+    before = (1 - cut.close) * np.exp(-((degrees / SWEPT_DEG) ** 2))
     last = degrees - TO_RIGHT_DEG * before
     most, width, wide = FRINGE_AT_DEG
-    fringe = FRINGE_MM + FRINGE_RIGHT_MM * np.exp(-(((last - most) / width) ** 2))
+    fringe = (1 - cut.close) * (FRINGE_MM + FRINGE_RIGHT_MM * np.exp(-(((last - most) / width) ** 2)))
     low = (
         hairline(np.deg2rad(last))
         + np.interp(np.abs(last), SHORT_DEG, ENDS_MM)
         - fringe * np.exp(-((last / wide) ** 2))
     )
-    lowest = LOWEST_MM - 60.0 * smoothstep((np.abs(last) - 36.0) / 20.0)
+    lowest = MIN_FRINGE_MM - 60.0 * smoothstep((np.abs(last) - 36.0) / 20.0)
     end = position(np.deg2rad(last), np.where(np.abs(degrees) < 60.0, np.maximum(low, lowest), low), style)
     bends = np.interp(np.abs(degrees), SHORT_DEG, BENDS_MM)
     bend = position(np.deg2rad(degrees + FROM_LEFT_DEG * before), bends, style)
@@ -428,7 +464,7 @@ def _from_crown(style: HeadStyle, s: Array, shares: Array) -> tuple[Array, Array
         front, side = np.exp(-((now / SWEPT_DEG) ** 2)), np.exp(-(((now - SIDES_DEG) / SIDES_WIDE_DEG) ** 2))
         parts = np.stack([front, side, np.maximum(1 - front - side, 0.0)])
         rise = np.array([np.interp(share, SHORT_AT, part) for part in SHORT_RISE]) @ (parts / parts.sum(axis=0))
-        lines.append(foot + (1.0 + rise)[:, None] * out)
+        lines.append(foot + (1.0 + (1 - cut.close) * rise)[:, None] * out)
         outs.append(out)
     return _even(lines, outs, shares)
 

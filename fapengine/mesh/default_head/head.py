@@ -30,13 +30,13 @@ from fapengine.mesh.default_head.basis import (
 from fapengine.mesh.default_head.clothes import build_clothes, neck_weight
 from fapengine.mesh.default_head.eyes import build_lids
 from fapengine.mesh.default_head.folds import KEY_FROM, fold_map, resting_folds
-from fapengine.mesh.default_head.hair import build_hair
 from fapengine.mesh.default_head.mesh_builder import Block, MeshBuilder, skin_uv
 from fapengine.mesh.default_head.mouth import MIDDLE, build_mouth
 from fapengine.mesh.default_head.painting import paint
 from fapengine.mesh.default_head.parts import build_brow, build_ear, build_glasses
 from fapengine.mesh.default_head.points import HeadParts, locate
 from fapengine.mesh.default_head.skin import even_out
+from fapengine.mesh.default_head.strands import build_strands
 from fapengine.mesh.default_head.style import LEVELS, Detail, HeadStyle, palette_of
 from fapengine.mesh.default_head.stylised import EDGE_Y_MM, EDGE_Z_MM, stylise
 from fapengine.mesh.default_head.surface import nostril, position, radius
@@ -71,9 +71,9 @@ EAR_JOINS_MM = 3.5
 """Height above the skin over which an ear takes on its light."""
 SCALP_DEG, SCALP_MM = (30.0, 60.0, 110.0, 140.0), (26.0, 50.0, 50.0, 62.0)
 """Height above the hairline up to which the scalp is drawn, by angle from the front: tips of hair leave it free."""
-ROOTS, ROOTS_MM = 0.85, (20.0, 18.0)
+ROOTS, ROOTS_MM = 0.85, 20.0
 """Share of the hair's colour in the skin under hair beside and behind the ears, where the painting ends, and the height
-over which it comes; of cropped hair.
+over which it comes.
 """
 HEAD_PIVOT = np.array([0.0, -45.0, -5.0])
 MOUTH_LINE_Y = -34.6
@@ -164,7 +164,7 @@ def build_parts(style: HeadStyle, level: Detail) -> tuple[MeshBuilder, HeadParts
         upper_teeth=parts.build_teeth(builder, detail, upper=True),
         lower_teeth=parts.build_teeth(builder, detail, upper=False),
         tongue=parts.build_tongue(builder, detail),
-        hair=build_hair(builder, style, finer) if style.hair else np.zeros(0, dtype=np.int64),
+        hair=build_strands(builder, style, palette_of(style), finer) if style.hair else np.zeros(0, dtype=np.int64),
         crown=crown,
         pivot=int(builder.add(HEAD_PIVOT, albedo=palette_of(style).base)),
     )
@@ -187,7 +187,7 @@ def _build_skin(builder: MeshBuilder, style: HeadStyle, detail: float) -> tuple[
     if style.hair:
         roots = (
             ROOTS
-            * smoothstep((faces.above_hairline(angle, y) + 1.0) / ROOTS_MM[style.haircut == "cropped"])
+            * smoothstep((faces.above_hairline(angle, y) + 1.0) / ROOTS_MM)
             * smoothstep((np.abs(angle) - 1.75) / 0.4)
         )
         albedo += roots[..., None] * (0.8 * palette.hair - albedo)

@@ -24,8 +24,8 @@ CORNER_SHADE, CORNER_ENDS = 0.25, 0.06
 """Shade around the corners of the mouth; how far the mouth line reaches beyond them, of half the mouth's width."""
 WING_CREASE = 0.2
 """Shade in the crease around a wing of the nose."""
-FADE_MM = (13.0, 16.0)
-"""Height over which skin at the hairline takes on the hair's colour; of cropped hair."""
+FADE_MM = 13.0
+"""Height over which skin at the hairline takes on the hair's colour."""
 LARGE = 20.0
 """Size of spots in texels from which filtering by Fourier transforms takes less time."""
 CUT = 2.5
@@ -112,7 +112,6 @@ def _strands(shape: tuple[int, int], style: HeadStyle) -> Array:
     """Close-up of hair: fine strands along the rows, in bundles. Light hair has less contrast: it looked like wood."""
     fine, bundle, wide = (_cloud(shape, *how) for how in ((31, (60.0, 0.7)), (32, (90.0, 2.2)), (33, (110.0, 6.0))))
     contrast = 1 - min(1.6 * float(np.mean(HAIR_COLOURS[style.hair_colour])), 0.5)
-    contrast *= 0.5 if style.haircut == "cropped" else 1.0
     # It begins below the parting, where strands of either side meet at an angle.
     from_parting = (0.25 + 0.75 * smoothstep((np.arange(shape[0]) / shape[0] - 0.05) / 0.14))[:, None]
     shine = 0.07 * fine + 0.06 * bundle + 0.05 * wide
@@ -252,7 +251,7 @@ def _hairs(light: Array, x: Array, y: Array, angle: Array, front: Mask, style: H
             style.beard * _bearded(x, y, angle, style) * (0.86 + 0.14 * np.clip(_cloud(shape, 24, (2.2, 0.7)), -2, 1))
         )
     if style.hair:
-        depth = above_hairline(angle, y) / FADE_MM[style.haircut == "cropped"] + 0.06 * _cloud(shape, 23, (5.0, 0.9))
+        depth = above_hairline(angle, y) / FADE_MM + 0.06 * _cloud(shape, 23, (5.0, 0.9))
         root = 0.93 * smoothstep((depth + 0.25) / 1.3)
     for plane, of_brow, of_hair in zip(light, 1 - brow_tint, 1 - hair_tint, strict=True):
         left = np.ones(shape)

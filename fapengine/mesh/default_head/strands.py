@@ -1,4 +1,4 @@
-"""Hair in three lengths: layers of strands, and locks and single hairs over them.
+"""Hair: layers of strands, and locks and single hairs over them.
 
 A layer covers the surface of a haircut (:mod:`.haircuts`) with strands side by side, some higher than their neighbours
 and joined to them by steps until they taper; layers lie over each other and never cross. Locks are single arched

@@ -197,7 +197,7 @@ def test_hair_lies_on_the_head(heads: dict[str, FaceMesh]) -> None:
     head = heads["normal"]
     hairs = head.vertices_mm[(head.material == Material.HAIR) & (head.vertices_mm[:, 1] > 75)].astype(float)
     above = above_skin(hairs, build_head(HeadStyle(hair=False)))
-    assert above.max() < 25  # mm: swept hair has volume
+    assert above.max() < 30  # mm: swept hair has volume
     assert above.min() > -3
     front = hairs[(np.abs(hairs[:, 0]) < 30) & (hairs[:, 2] > 80)]
     assert front[:, 1].min() > 65  # no fringe over brows or eyes
@@ -205,7 +205,7 @@ def test_hair_lies_on_the_head(heads: dict[str, FaceMesh]) -> None:
 
 def test_hair_fades_into_the_skin() -> None:
     """Where the hair is above the hairline, at a sideburn, its colour comes within millimetres."""
-    picture = painting.paint(HeadStyle(haircut="cropped")).astype(float)
+    picture = painting.paint(HeadStyle()).astype(float)
     y = np.arange(18.0, 52.0)
     u, v = mesh_builder.skin_uv(np.deg2rad(78.0), y).T
     rows, columns = (v * mesh_builder.TEXTURE_SIZE[0]).astype(int), (u * mesh_builder.TEXTURE_SIZE[1]).astype(int)

@@ -78,9 +78,10 @@ def test_no_skin_shows_in_the_parting(haircut: str) -> None:
     assert not (red[:300] > blue[:300]).any()  # above the forehead; 391 and 2574 pixels while the halves moved along x
 
 
-@pytest.mark.parametrize("yaw_deg", [0.0, 120.0, 240.0])
-def test_no_skin_shows_through_short_hair(yaw_deg: float) -> None:
-    head = build_head(HeadStyle(haircut="short"))
+@pytest.mark.parametrize("haircut", ["short", "cropped"])
+@pytest.mark.parametrize("yaw_deg", [120.0, 240.0])
+def test_no_skin_shows_through_short_hair(yaw_deg: float, haircut: str) -> None:
+    head = build_head(HeadStyle(haircut=haircut))
     is_hair = np.isin(head.material, (Material.HAIR, Material.STRAND))[:, None]
     red_skin = replace(head, albedo=np.where(is_hair, (0.02, 0.02, 0.6), (0.6, 0.02, 0.02)).astype(np.float32))
     camera = Camera(yaw_deg=yaw_deg, pitch_deg=40.0, target_mm=(0.0, 60.0, 0.0))
@@ -88,9 +89,8 @@ def test_no_skin_shows_through_short_hair(yaw_deg: float) -> None:
         red, _, blue = np.moveaxis(renderer.draw(np.zeros(68))[..., :3].astype(int), -1, 0)
     hair = blue > red + 10
     assert hair.sum() > 20_000
-    assert (
-        binary_fill_holes(hair) & ~hair
-    ).sum() < 20  # 5 to 7 between tips; 39 to 3,329 without the layer below locks
+    slits = binary_fill_holes(hair) & ~hair
+    assert slits.sum() < 60  # 5 to 25 between tips; over 2,700 without the layer below locks of the short cut
 
 
 @pytest.mark.parametrize("haircut", ["short", "bob", "long"])
