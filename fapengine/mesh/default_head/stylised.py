@@ -34,7 +34,7 @@ NEAR_LIDS_MM, FAR_LIDS_MM = 15.0, 31.0
 EAR_GROWTH = np.array([-0.22, 0.08, 0.06])
 """Growth of an ear about its root, at charm 1: larger, and closer to the head."""
 EAR_REACH_MM = 3.0
-EDGE_Z_MM, EDGE_Y_MM = (-10.0, 8.0, 25.0, 69.0, 104.0), (-5.0, -18.0, -42.0, -60.0, -78.0)
+EDGE_Z_MM, EDGE_Y_MM = (-20.0, 8.0, 28.0, 45.0, 69.0, 104.0), (-4.0, -20.0, -37.0, -48.0, -60.0, -78.0)
 """Height of the lower edge of the jaw by depth, from the ear to the chin."""
 
 
@@ -127,7 +127,7 @@ def _with_face(points: Array, charm: float, childlike: float) -> Array:
     moved[:, 0] += charm * 0.12 * x * np.exp(-((x / 36.0) ** 4) - ((y + 34.0) / 24.0) ** 2) * front  # the mouth
     # Below the jaw's edge the skin turns inwards, to a slim neck.
     edge = np.interp(z, EDGE_Z_MM, EDGE_Y_MM)
-    under = smoothstep((edge - y) / 20.0) * smoothstep((y + 122.0) / 40.0) * smoothstep((z + 25.0) / 40.0)
+    under = smoothstep((edge - y) / 26.0) * smoothstep((y + 122.0) / 40.0) * smoothstep((z + 25.0) / 40.0)
     moved[:, 0] *= 1 - charm * 0.26 * under
     short = charm * 3.0 * (1 - 0.7 * childlike)  # a child's face is short already
     moved[:, 1] += short * smoothstep((28.0 - y) / 62.0) * smoothstep((y + 240.0) / 60.0)
