@@ -1082,7 +1082,8 @@ def test_revised_speech_runs_dry_when_what_is_left_of_it_is_over(count):
     assert told == [pytest.approx(0.3 + 0.1 * count, abs=1.5 / RATE_HZ)]
 
 
-def test_a_face_does_the_same_whenever_it_is_told():
+@pytest.mark.parametrize("count", [3, 12])
+def test_a_face_does_the_same_whenever_it_is_told(count):
     """What is told at a time, and taken back or stopped at a later one; a cancel may be told before its time."""
 
     def shown(offset_s, told_before):
@@ -1090,7 +1091,7 @@ def test_a_face_does_the_same_whenever_it_is_told():
         frames(face, 0.0, offset_s)
         say(face, sentence(), now_s=offset_s)
         seen = [frames(face, offset_s, offset_s + 0.5)]
-        face.apply("anna", Append(1, 0, sentence(["o"] * 12), revision=1), offset_s + 0.5)
+        face.apply("anna", Append(1, 0, sentence(["o"] * count), revision=1), offset_s + 0.5)
         if told_before:
             face.apply("anna", Cancel(at_s=offset_s + 0.8), offset_s + 0.5)
         seen += [frames(face, offset_s + 0.5, offset_s + 0.8)]
