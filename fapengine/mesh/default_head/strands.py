@@ -61,7 +61,7 @@ SHEEN, SHEEN_POWER, LOCK_SHEEN = np.array([2.4, 1.6, 2.0]), 24.0, 1.1
 """Additional light on hair at its brightest, by direction; how narrow the bands are; and how much brighter on locks."""
 GROUPED = 0.35
 """How much lighter groups of hair are in their middle, and darker between them."""
-THROUGH = 0.45
+THROUGH = 1.0
 """Additional light on hair that faces away from the camera in front: some comes through."""
 EVEN_LIGHT_HAIR = 3.6
 """Fraction of the contrast that hair loses per unit of its mean linear RGB: light hair looked dyed."""
