@@ -148,7 +148,7 @@ def test_wire_and_sheet(fap_file: Path, tmp_path: Path) -> None:
     assert wire < bare - 3
     assert "3 moments" in run(fap_file, "--contact-sheet", 3, "-o", tmp_path / "sheet.png")
     sheet = load_picture(tmp_path / "sheet.png")
-    assert sheet.shape[1] == 2 * 16 + 3 * 192 + 2 * 8
+    assert sheet.shape[1] == 2 * 16 + 3 * 288 + 2 * 8
 
 
 def test_refuses_what_does_not_fit(fap_file: Path, tmp_path: Path) -> None:

@@ -106,8 +106,8 @@ def test_a_sheet_keeps_shapes() -> None:
     wide[:] = (255, 0, 0)
     sheet = contact_sheet([wide], [("", "")]).astype(int)
     red = (sheet[..., 0] > 200) & (sheet[..., 1] < 60)
-    assert np.ptp(np.flatnonzero(red.any(axis=0))) + 1 == 192
-    assert np.ptp(np.flatnonzero(red.any(axis=1))) + 1 == 96
+    assert np.ptp(np.flatnonzero(red.any(axis=0))) + 1 == 384
+    assert np.ptp(np.flatnonzero(red.any(axis=1))) + 1 == 192
 
 
 def test_a_sheet_of_clear_pictures_shows_its_paper() -> None:
