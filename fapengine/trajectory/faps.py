@@ -28,7 +28,7 @@ DETERMINED = (*range(3, 19), *range(39, 43), *range(51, 61))
 UPPER_LIP = tuple(fap.column(number) for number in (4, 8, 9, 51, 55, 56))
 UPPER_GAIN = 1.2
 """Size of the upper lip's share of what the context model plans, a mean that moves less than a person: so the upper lip
-has 0.95 of the captured standard deviation, 0.81 without, and 0.98 with natural variation. Chosen on three splits of the
+has 0.95 of the captured standard deviation, 0.81 without, and 0.98 with natural variation. Chosen on three splits of
 training sentences, where with natural variation as many words are misread as at 1.1 (15.0 and 15.1 %)."""
 DETERMINED_POINTS = tuple(dict.fromkeys(fap.spec(number).point for number in DETERMINED))
 """Feature points of these FAPs; no other FAP moves one of them."""
