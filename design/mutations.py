@@ -100,7 +100,7 @@ MUTATIONS = (
     ),
     Mutation(
         "eyes counter the head", "fapengine/trajectory/gestures.py",
-        "levels[_GLANCE] / AU_RAD - faps", "levels[_GLANCE] / AU_RAD + faps",
+        "np.subtract(levels[_GLANCE], _HEAD_RAD", "np.add(levels[_GLANCE], _HEAD_RAD",
         "the gaze rests where it was while the head turns (vestibulo-ocular reflex)",
         ("tests/unit/trajectory/test_gestures.py::test_eyes_counter_the_head",),
     ),
