@@ -181,7 +181,9 @@ def parse_mfa_csv(data: bytes, *, tier: str | None = None, alphabet: str | None 
         raise DataError(f"MFA CSV: {error}") from error
     wanted = ("Begin", "End", "Label", "Type", "Speaker")
     if not rows or any(name not in rows[0] for name in wanted):
-        raise DataError(f"MFA CSV: got {''.join(lines[:1])[:40]!r}, expected the header {','.join(wanted)}", where="line 1")
+        raise DataError(
+            f"MFA CSV: got {''.join(lines[:1])[:40]!r}, expected the header {','.join(wanted)}", where="line 1"
+        )
     texts = [(f"line {n}", {name: row[name] or "" for name in wanted}) for n, row in enumerate(rows, start=2)]
     speaker = _only({row["Speaker"] for _, row in texts}, tier, "MFA CSV", "speakers")
     timed: dict[str, list[Entry]] = {"phones": [], "words": []}
