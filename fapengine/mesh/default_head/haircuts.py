@@ -118,7 +118,7 @@ BEND = (180.0, 112.0, 66.0, 50.0), (112.0, 124.0, 112.0, 88.0)
 """Angle from the front, degrees, and height, mm, to which lines of hanging hair bend on their way, over ``u``."""
 RISE = (0, 0.25, 0.6, 1), (12.0, 14.0, 12.0, 7.4)
 """Height of hanging hair above the scalp, mm, over the share of the way on the head."""
-FRONT = (-66, -50, -30, -8, 8, 18, 27, 36, 50, 66), (14.0, 20.0, 20.0, 14.0, 8.0, 5.0, 1.5, 6.0, 15.0, 14.0)
+FRONT = (-66, -50, -30, -8, 8, 18, 27, 36, 50, 66), (14.0, 16.0, 11.0, 7.0, 5.0, 4.0, 4.0, 6.0, 14.0, 14.0)
 """Depth of its front edge below the hairline, mm, by angle from the front, degrees."""
 PARTING_DEG = 28.0
 """Angle at which the parting begins."""
@@ -170,9 +170,9 @@ HANGING = Cut(
     layers=(),
     locks=(
         Locks(
-            13,
-            ((0.62, 0.02), (1.20, 0.02)),
-            ((0.62, 0.94), (1.22, 0.94)),
+            14,
+            ((0.54, 0.02), (1.20, 0.02)),
+            ((0.56, 0.91), (1.22, 0.92)),
             (36, 36),
             (-6.0, 0.0, 0.0),
             uneven=0.03,
@@ -293,9 +293,9 @@ CUTS = {
     "bob": HANGING._replace(
         locks=(*HANGING.locks, *_before_cheeks(0.55, 0.70)),
         layers=(
-            Layer(28, 0.0, 0.97, 0.03, 0.90, (1.2, 0.0), lead=((0.78, 0.35), (0.86, 0.45), (0.92, 0.5)), tips=0.75),
-            Layer(25, 0.40, 0.99, 0.02, 0.93, (-1.2, -1.6), reach=0.97, shade=0.85, tips=0.75),
-            Layer(14, 0.42, 0.97, 0.05, 0.88, (-5.0, -5.0), reach=0.95, shade=0.8, is_inside=True),
+            Layer(24, 0.0, 0.97, 0.03, 0.90, (1.2, 0.0), lead=((0.78, 0.35), (0.86, 0.45), (0.92, 0.5)), tips=0.75),
+            Layer(22, 0.40, 0.99, 0.02, 0.93, (-1.2, -1.6), reach=0.97, shade=0.85, tips=0.75),
+            Layer(12, 0.42, 0.97, 0.05, 0.88, (-5.0, -5.0), reach=0.95, shade=0.8, is_inside=True),
         ),
         ends_mm=((0.0, 0.5, 1.0), (-58.0, -64.0, -76.0)),
         outwards_mm=((0, 25, 55, 80, 110), (0.0, 4.0, 3.5, -1.0, -9.0)),
@@ -306,9 +306,9 @@ CUTS = {
     "long": HANGING._replace(
         locks=(*HANGING.locks, *_before_cheeks(0.68, 0.88)),
         layers=(
-            Layer(27, 0.0, 0.98, 0.10, 0.84, (1.2, -0.2), lead=((0.75, 0.35), (0.83, 0.45), (0.90, 0.5))),
-            Layer(22, 0.40, 0.99, 0.08, 0.86, (-1.2, -1.6), reach=0.95, shade=0.9),
-            Layer(12, 0.42, 0.92, 0.10, 0.92, (-5.8, -7.8), reach=0.86, shade=0.8, is_inside=True),
+            Layer(23, 0.0, 0.98, 0.10, 0.84, (1.2, -0.2), lead=((0.75, 0.35), (0.83, 0.45), (0.90, 0.5))),
+            Layer(20, 0.40, 0.99, 0.08, 0.86, (-1.2, -1.6), reach=0.95, shade=0.9),
+            Layer(11, 0.42, 0.92, 0.10, 0.92, (-5.8, -7.8), reach=0.86, shade=0.8, is_inside=True),
         ),
         ends_mm=((0.0, 0.3, 0.55, 0.68, 0.85, 1.0), (-170.0, -166.0, -150.0, -142.0, -158.0, -150.0)),
         outwards_mm=((0, 25, 60, 100, 140, 180), (0.0, 3.0, 4.5, 3.5, -2.0, -12.0)),
