@@ -78,7 +78,7 @@ def bulge(share: Array, t: Array, upper: Mask, fullness: float) -> Array:
     columns = 0.6 * np.exp(-(((np.abs(t) - 0.24) / 0.09) ** 2)) * smoothstep((share - 0.9) / 0.2)
     columns = columns * smoothstep((1.9 - share) / 0.5) * upper
     body = np.where(upper, body_upper + tubercle, body_lower) * beyond
-    return fullness * middle * (body + groove) + philtrum + columns - 0.3 * (1 - middle) * beyond
+    return fullness * middle * (body + groove) + philtrum + columns - 0.8 * (1 - middle) * beyond
 
 
 def build_mouth(builder: MeshBuilder, border: Indices, block: Block, style: HeadStyle, detail: float) -> Rings:
