@@ -19,7 +19,7 @@ from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh.default_head.eyes import RADIUS, Eye, moved_eye
 from fapengine.mesh.default_head.points import HeadParts
 
-LARGER_EYES, APART_MM = 0.60, 5.0
+LARGER_EYES, APART_MM = 0.60, 3.8
 """Growth of the eyes, and how far each moves outwards, at charm 1."""
 MAX_CHARM = 0.7
 """Charm beyond which eyes and nose stay as they are: skin between larger eyes would fold."""
