@@ -38,6 +38,9 @@ STRETCH_ROUNDS, STRETCH_COLUMNS = 7, 58
 """Rounds of averaging of a closed lid, for so many columns."""
 LASH_SWING = 1.85
 """Turn of a lash about its root, relative to that of its lid."""
+LASH_DOWN_RAD, LASH_TO_MIDDLE, LASH_CORNER_LIFT = 1.6, 0.45, 0.8
+"""Lashes at the corners of a closed eye, where lids hardly turn, point down as well: least turn of a lash; part of its
+reach to the side by which it goes down instead; least turn for its lift, rad."""
 LASH_OUT_MM, LASH_LIFT_MM = 0.6, 0.9
 """How far upper lashes are rooted before the margin, and how far a turn of 1 rad lifts them: they overlap the line of a
 closed eye, which has no gaps so.
@@ -154,9 +157,7 @@ def build_lids(
     lashes, roots = _build_lashes(builder, rim, t, upper, centre, side, palette.base, divided.hair)
     _build_caruncle(builder, palette, side, detail)
     ball = _build_ball(builder, centre, side, detail)
-    angles = np.arctan2(
-        rim_flat[:, 1] - centre[1], _on_sphere(rim_flat, centre, RADIUS + LID_THICKNESS)[:, 2] - centre[2]
-    )
+    angles = np.arctan2(rim[:, 1] - centre[1], rim[:, 2] - centre[2])
     closed = _other_lid(t, upper, angles)
     return Eye(Rings(rings, np.array(levels), t, upper), ball, lashes, roots, centre, side, angles, closed)
 
@@ -302,6 +303,15 @@ def lash_displacement(lashes: Array, eye: Eye, turn: Array) -> Array:
     ``lashes`` are neutral, (L, 6, 3) mm; ``turn`` is that of each root, (L,) rad.
     """
     root = lashes[:, :2].mean(axis=1, keepdims=True)
-    swing = turned(lashes, root, LASH_SWING * turn[:, None])
-    lift = LASH_LIFT_MM * np.clip(-turn, 0, None)[:, None, None] * [0.0, 1.0, 0.0]
+    whole = (eye.closed - eye.angles)[eye.lash_roots]
+    shut = np.where(whole < 0, np.clip(turn / np.minimum(whole, -0.01), 0, 1), 0.0)
+    down = LASH_SWING * turn
+    down = np.where(shut > 0, np.minimum(down, -LASH_DOWN_RAD * shut), down)
+    swing = turned(lashes, root, down[:, None])
+    spine = np.repeat((lashes[:, ::2] + lashes[:, 1::2]) / 2, 2, axis=1) - root
+    aside = LASH_TO_MIDDLE * shut[:, None] * spine[..., 0]
+    swing += np.stack([-aside, -np.abs(aside), 0 * aside], axis=-1)
+    beside = unit_vectors(root[:, 0] - eye.centre)[:, 0] ** 3
+    up = LASH_LIFT_MM * np.maximum(-turn, LASH_CORNER_LIFT * shut)
+    lift = np.stack([-LASH_OUT_MM * beside * shut, up, 0 * turn], axis=-1)[:, None]
     return turned(root, eye.centre, turn[:, None]) + swing + lift

@@ -277,8 +277,17 @@ def _light_lids(
     lids = np.zeros(len(points), dtype=bool)
     lids[owner[of_lid]] = True
     occlusion[folded] = np.maximum(occlusion[folded], np.where(lids[folded], OPEN_LID, SHUT_LID))
+    # The skin above is in the shade of the fold until the lid draws it out. Lines on it keep their entries.
+    plain = np.isin(owner, owner[closing[basis.entry_channels]]) & (np.bincount(owner, np.abs(shades))[owner] == 0)
+    share = np.ones(len(points))
+    for eye in head.eyes:
+        level = eye.lids.level[(eye.lids.level >= LID_FOLDS_AT) & (eye.lids.level < 2.0)]
+        above = eye.lids.indices[np.isin(eye.lids.level, level)][:, eye.lids.upper]
+        share[above] = smoothstep((2.0 - level) / (2.0 - LID_FOLDS_AT))[:, None]
+        lids[owner[plain & np.isin(owner, above)]] = True
+    of_lid = closing[basis.entry_channels] & lids[owner]
     whole = sum(length[[channel.fap == UPPER_LIDS[0] for channel in basis.channels]])
-    change = (np.maximum(lit, SHUT_LID) - occlusion) / whole
+    change = share * (np.maximum(lit, SHUT_LID) - occlusion) / whole
     shades[lids[owner]] = 0.0
     shades[of_lid] = change[owner[of_lid]]
     rest[lids] = -1.0

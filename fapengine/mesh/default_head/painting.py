@@ -134,8 +134,9 @@ def _skin(style: HeadStyle) -> Array:
     x, front = distance * np.sin(angle), np.broadcast_to(np.cos(angle) > 0.2, shape)
     light = np.ones((3, *shape))
     mottle = 0.014 * _cloud(shape, 1, 2.2) + 0.014 * _cloud(shape, 2, 8.0) + 0.018 * _cloud(shape, 3, 28.0)
-    # At the borders the texture continues as one colour.
+    # At the borders the texture continues as one colour, and a closing lid would draw spots out to streaks.
     within = smoothstep((y[:, :1] - BOTTOM_MM) / 12.0) * smoothstep((SPAN_RAD - np.abs(angle)) / 0.15)
+    within = within * (1 - _lids(x, y, front, style))
     mottle = 0.03 + within * mottle
     fine = 0.022 * within * np.clip(_cloud(shape, 4, 0.7), -2, 2)
     freckles = _freckles(x, y, style)
@@ -159,6 +160,15 @@ def _skin(style: HeadStyle) -> Array:
     _remove(light[:, nose], WING_CREASE * crease, BLOOD)
     light[:, nose] *= 1 - 0.5 * hole
     return light
+
+
+def _lids(x: Array, y: Array, front: Mask, style: HeadStyle) -> Array:
+    """(H, W'): share of the upper lids' skin, which a closing lid stretches."""
+    inner, outer = eyes.INNER_CORNER[0], eyes.OUTER_CORNER[0]
+    t = (2 * np.abs(x) - inner - outer) / (outer - inner)
+    row = np.linspace(-1, 1, 101)
+    up = y - np.interp(t, row, eyes.margin(row, np.ones(101, dtype=bool), style)[:, 1])
+    return smoothstep((1.24 - np.abs(t)) / 0.24) * smoothstep((11.0 - up) / 5.0) * smoothstep((up + 3.0) / 2.0) * front
 
 
 def _freckles(x: Array, y: Array, style: HeadStyle) -> Array:
@@ -207,7 +217,7 @@ def _round_eyes(x: Array, y: Array, front: Mask, style: HeadStyle) -> Array:
     line = near * (0.93 * upper * (y > (above + below) / 2) + 0.30 * lower * (y <= (above + below) / 2))
     up = y - above
     lid = near * smoothstep(up / 1.5) * np.exp(-np.clip(up - 1.0, 0, None) / 2.6)
-    return (1 - line[..., None]) * (1 - lid[..., None] * np.array([0.22, 0.34, 0.36]))
+    return (1 - line[..., None]) * (1 - lid[..., None] * np.array([0.22, 0.30, 0.31]))
 
 
 def _bearded(x: Array, y: Array, angle: Array, style: HeadStyle) -> Array:

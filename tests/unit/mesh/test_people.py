@@ -227,6 +227,9 @@ def test_lashes_of_a_shut_eye_point_down() -> None:
     rise = moved[lashes[:, 4:], 1].mean(axis=1) - moved[lashes[:, :2], 1].mean(axis=1)
     assert len(lashes) > 5
     assert np.median(rise) < -1.0  # mm
+    outer = lashes[np.argsort(moved[lashes, 0].mean(axis=1))[-4:]]
+    way = moved[outer[:, 4:]].mean(axis=1) - moved[outer[:, :2]].mean(axis=1)
+    assert (-way[:, 1] > 0.8 * way[:, 0]).all()  # at the corner, too
 
 
 def test_surface_of_several_values_is_the_interpolating_cubic_spline_of_each() -> None:
