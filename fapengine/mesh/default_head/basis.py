@@ -65,6 +65,8 @@ PURSE_FAPU, PURSE_MM, PURSE_OUT_MM, PURSE_FORWARD_MM = (200.0, 550.0), 4.2, 2.4,
 lips become near them, and how far lips come forward, the corners 1.5 times as far.
 So the outline is round, and closed lips stay closed.
 """
+PURSED_BOW_MM = 1.6
+"""How far the peaks of the upper lip's bow come down: pursed, they were the corners of a beak."""
 PURSED_CHEEK_MM = np.array([46.0, 36.0])
 """How far beyond and above pursed corners the skin follows them: skin that stayed was a crease beside them."""
 PURSED_LEVEL_MM = 3.0
@@ -248,6 +250,8 @@ def _lips(head: HeadParts, linear: Linear, collector: BasisCollector) -> None:
         collector.add(Channel(number, *WIDE_FAPU), vertices, moves.reshape(-1, 3)[unique])
     pursed = _pursed(t) * both[..., None]
     pursed[..., 1] = PURSE_OUT_MM * 4 * t**4 * (1 - t**4) * np.where(upper, outer, -outer)
+    beside = np.clip(np.abs(t) / HALF_WAY, 0, 1)
+    pursed[..., 1] -= PURSED_BOW_MM * 16 * (beside * (1 - beside)) ** 2 * outer * upper
     whole = PURSE_FAPU[1] - PURSE_FAPU[0]
     collector.add(Channel(PUSH_LOWER_LIP, *PURSE_FAPU), vertices, pursed.reshape(-1, 3)[unique] / whole)
     for teeth, way in ((head.upper_teeth, PURSED_TEETH_MM), (head.lower_teeth, PURSED_TEETH_MM * [1, -1, 1])):

@@ -12,6 +12,7 @@ import pytest
 from design.phones_sheet import MOUTH, pose
 from fapengine.files.profiles import load_profile
 from fapengine.mesh.default_head.head import build_head
+from fapengine.mesh.deform import deform
 from fapengine.mesh.face_mesh import Bone, FaceMesh, Material
 from fapengine.mpeg4 import fap
 from fapengine.render.camera import Camera
@@ -105,6 +106,19 @@ def test_round_lips_come_forward_in_profile(label: str) -> None:
     assert min(forward) > 2.0
     assert forward[0] - spread[0] > 3.0
     assert forward[1] - spread[1] > 4.0
+
+
+@pytest.mark.parametrize("label", ["u", "w"])
+def test_the_upper_lip_of_a_round_mouth_is_an_arc(label: str) -> None:
+    """The peaks of the bow are above its middle in i, not in u: there they looked like a beak."""
+
+    def peaks_mm(spoken: str) -> float:
+        placed = deform(head(), pose(spoken))
+        middle, *peaks = (placed[head().feature_points[name], 1] for name in ("8.1", "8.9", "8.10"))
+        return float(max(peaks) - middle)
+
+    assert peaks_mm("i") > 1.0
+    assert -1.2 < peaks_mm(label) < 0.0
 
 
 def without(mesh: FaceMesh, *materials: Material, bones: Iterable[Bone] = Bone) -> FaceMesh:
