@@ -44,6 +44,8 @@ IN_TOOTH = (0.0, 0.09, 0.5, 0.91)
 """Columns of a tooth: a gap is a line, and a tooth is round only beside it."""
 ROUND_TOOTH = 0.16
 """Slope of the light on a tooth beside its gaps."""
+IN_SHADE = np.array([1.0, 1.1, 1.3])
+"""Powers of the shade of teeth in red, green and blue: what light is left there has been reflected by lips."""
 DARK_BACK_MM, DARK_BACK = (6.0, 25.0), np.array([0.62, 0.69, 0.71])
 """Distances along the arch over which teeth become darker, away from the opening, and by what fraction of red, green
 and blue: the light there comes from gums and cheeks.
@@ -82,7 +84,7 @@ def build_teeth(builder: MeshBuilder, detail: float, *, upper: bool) -> Indices:
         far = 1 - smoothstep((np.abs(along) - DARK_BACK_MM[0]) / np.ptp(DARK_BACK_MM))[:, None] * DARK_BACK
         # A smile shows the light half above the upper edges; the edges of lower teeth are in their shadow.
         shade = np.interp(height, (0.0, 0.3, 0.7, 1.0), (1.17, 1.0, 0.76, 0.70) if upper else (0.7, 0.7, 0.64, 0.5))
-        colour = colours.GUM if is_gum else colours.TEETH * (shade * gap)[:, None]
+        colour = colours.GUM if is_gum else colours.TEETH * (shade * gap)[:, None] ** IN_SHADE
         looks.append(np.broadcast_to(colour, rows[-1].shape) * far)
     points, albedo = np.stack(rows), np.stack(looks)
     kinds = np.full((len(rows), 1), Material.GUM)
