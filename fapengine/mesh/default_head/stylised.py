@@ -108,7 +108,7 @@ def _with_face(points: Array, charm: float, childlike: float) -> Array:
     moved[:, 2] += charm * 4.5 * np.exp(-((x / 20.0) ** 2) - ((y + 70.0) / 12.0) ** 2) * front  # the chin
     jaw = smoothstep((2.0 - y) / 72.0) * smoothstep((y + 112.0) / 40.0)
     to_chin = smoothstep((z - 20.0) / 40.0) * (1 + smoothstep((-36.0 - y) / 30.0))
-    moved[:, 0] *= 1 - charm * (0.08 + 0.10 * to_chin) * jaw
+    moved[:, 0] *= 1 - charm * (0.08 + 0.10 * to_chin) * (1 - 0.3 * childlike) * jaw
     brows = np.exp(-(((y - 59.0) / np.where(y > 59.0, 17.0, 11.0)) ** 2) - ((np.abs(x) - 26.0) / 36.0) ** 4) * front
     moved[:, 1] -= charm * 4.8 * brows  # the larger eyes have moved them up
     cheeks = np.exp(-(((y - 2.0) / 20.0) ** 2) - ((np.abs(x) - 46.0) / 18.0) ** 2) * smoothstep((z - 50.0) / 30.0)
@@ -132,7 +132,7 @@ def _with_face(points: Array, charm: float, childlike: float) -> Array:
     short = charm * 3.0 * (1 - 0.7 * childlike)  # a child's face is short already
     moved[:, 1] += short * smoothstep((28.0 - y) / 62.0) * smoothstep((y + 240.0) / 60.0)
     lower = smoothstep((-14.0 - y) / 64.0) * smoothstep((y + 240.0) / 60.0)
-    moved[:, 1] += charm * 8.5 * lower
+    moved[:, 1] += charm * 8.5 * (1 - 0.5 * childlike) * lower
     skull = smoothstep((y - 38.0) / 60.0)
     moved[:, 0] *= 1 + charm * 0.04 * skull
     moved[:, 1] += charm * 5.0 * skull
@@ -149,12 +149,16 @@ def _with_face(points: Array, charm: float, childlike: float) -> Array:
 def _as_child(points: Array, childlike: float) -> Array:
     """(V, 3) mm: the warp to a child's head."""
     moved = points.copy()
-    y, z = points[:, 1], points[:, 2]
+    x, y, z = points.T
     # Below the eyes all is nearer to them, the neck and what is below it as much as the chin.
     below = np.clip(18.0 - y, 0, 98.0)
     moved[:, 1] += childlike * 0.20 * (below - 8.0 * (1 - np.exp(-below / 8.0)))
     cheeks = np.exp(-(((y + 32.0) / 26.0) ** 2)) * smoothstep((z - 20.0) / 50.0)
     moved[:, 0] *= 1 + childlike * 0.05 * cheeks
+    # Full below the height of the mouth as well, or so short a cheek would overhang and show a ridge.
+    full = np.exp(-(((y + 48.0) / 24.0) ** 2)) * smoothstep((np.abs(x) - 24.0) / 18.0) * smoothstep((z - 30.0) / 40.0)
+    moved[:, 0] += childlike * 2.0 * full * np.sign(x)
+    moved[:, 2] += childlike * 4.0 * full
     skull = smoothstep((y - 30.0) / 60.0)
     moved[:, :3:2] *= 1 + childlike * 0.035 * skull[:, None]
     moved[:, 2] -= childlike * 6.0 * smoothstep((-60.0 - y) / 20.0) * smoothstep((z - 40.0) / 30.0)
