@@ -68,7 +68,14 @@ def fits(aligner: SphinxAligner, aligned: Sequence[Aligned], samples: NDArray[np
 
 
 def word_misfit(aligned: Sequence[Aligned], samples: NDArray[np.int16]) -> float | None:
-    """Judge a word or two. Parameters are those of :func:`fits`.
+    """Judge a word or two.
+
+    Parameters
+    ----------
+    aligned : sequence of Aligned
+        Phones of the words, in order.
+    samples : (N,) int16
+        The recording, at the recognizer's rate.
 
     Returns
     -------

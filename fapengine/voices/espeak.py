@@ -232,8 +232,7 @@ class EspeakVoice:
         said = spoken_form(formed.text, code, given)
         events, samples, rate_hz = self._synthesise(said.text, has_phonemes=bool(given))
         events = _at_places_of(said, events)
-        marks = in_context(_marks(with_whole_words(events, words), formed.text, rate_hz, code), code)
-        phones = PhoneTrack.from_phones(sounding(marks, SoundLevel(samples, rate_hz)), tolerance_s=0.0)
+        phones = _phones(with_whole_words(events, words), formed.text, samples, rate_hz, code)
         if all(phone.is_silence for phone in phones.phones):
             why = f"voice {self.name!r} finds nothing in it"
             raise NothingToSpeakError(f"text: {_shortened(text)} contains nothing to speak ({why})")
@@ -355,6 +354,12 @@ def _succeed(code: int, what: str) -> None:
     """Look at the code that a function of the library returned (``espeak_ERROR`` of speak_lib.h; 0 is success)."""
     if code != 0:
         raise ResourceError(f"voice: espeak-ng refuses {what} (code {code}); its data may be damaged")
+
+
+def _phones(events: Sequence[Event], text: str, samples: NDArray[np.int16], rate_hz: int, code: str) -> PhoneTrack:
+    """Turn events into phones that lie where they sound (:mod:`.sounding`)."""
+    marks = in_context(_marks(events, text, rate_hz, code), code)
+    return PhoneTrack.from_phones(sounding(marks, SoundLevel(samples, rate_hz)), tolerance_s=0.0)
 
 
 def _marks(events: Sequence[Event], text: str, rate_hz: int, code: str) -> list[Mark]:
