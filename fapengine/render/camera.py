@@ -18,9 +18,9 @@ class Camera:
     """Rotation from the front towards the subject's left."""
     pitch_deg: float = 0.0
     """Rotation upwards."""
-    target_mm: tuple[float, float, float] = (0.0, 10.0, 30.0)
+    target_mm: tuple[float, float, float] = (0.0, 18.0, 30.0)
     distance_mm: float = 900.0
-    field_deg: float = 18.5
+    field_deg: float = 19.4
     """Vertical field of view."""
 
     def __post_init__(self) -> None:

@@ -373,7 +373,7 @@ def test_every_preset_shows_the_head(renderer: FaceRenderer) -> None:
 
 def test_cameras_by_numbers() -> None:
     assert preset("-20,7.5") == Camera(yaw_deg=-20.0, pitch_deg=7.5)
-    assert turned(preset("profile"), 0.25).position_mm == pytest.approx([0, 10, -870])
+    assert turned(preset("profile"), 0.25).position_mm == pytest.approx([0, 18, -870])
     assert preset("profile-right").position_mm[0] < -800  # the subject's right is -x
 
 
