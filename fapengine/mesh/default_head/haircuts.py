@@ -84,8 +84,6 @@ class Locks(NamedTuple):
     stray: float = 0.0
     """Unevenness of the tips, in ``s``."""
     shade: float = 1.0
-    is_fringe: bool = False
-    """On the surface of short hair, whatever the haircut."""
     is_single: bool = False
     """Single hairs, ``Material.STRAND``, as wide as given at their roots."""
 
@@ -151,7 +149,6 @@ FRINGE = (
         (-3.0, 1.8, 2.0),
         uneven=0.06,
         stray=0.03,
-        is_fringe=True,
     ),
     Locks(
         7,
@@ -160,7 +157,6 @@ FRINGE = (
         (34, 36),
         (-7.0, 6.5, 3.0),
         uneven=0.06,
-        is_fringe=True,
     ),
 )
 """Locks over the forehead, and over them."""
@@ -169,17 +165,32 @@ HANGING = Cut(
     groups=3,
     layers=(),
     locks=(
+        # Swept from the parting over the forehead to the right temple, over them, and to the left.
         Locks(
-            11,
-            ((0.54, 0.02), (1.20, 0.02)),
-            ((0.56, 0.91), (1.22, 0.92)),
-            (44, 44),
-            (-6.0, 1.0, 1.0),
+            7,
+            ((-0.86, 0.03), (-0.74, 0.03)),
+            ((-0.97, 0.56), (-0.90, 0.62)),
+            (24, 32),
+            (-2.0, 4.5, 1.0),
+            bow=-0.08,
             uneven=0.03,
-            shade=0.9,
-            is_fringe=True,
         ),
-        *FRINGE,
+        Locks(
+            8,
+            ((-0.92, 0.03), (-0.40, 0.03)),
+            ((-0.98, 0.60), (-0.64, 0.62)),
+            (34, 38),
+            (-2.5, 4.5, -3.5),
+            uneven=0.04,
+        ),
+        Locks(
+            4,
+            ((0.985, 0.02), (0.80, 0.03)),
+            ((1.02, 0.46), (0.84, 0.58)),
+            (22, 30),
+            (-1.5, 3.0, -3.0),
+            uneven=0.04,
+        ),
         # Over the outline of either side.
         Locks(
             5,

@@ -72,11 +72,7 @@ def build_strands(builder: MeshBuilder, style: HeadStyle, palette: Palette, deta
     cut, detail = CUTS[style.haircut], min(detail, MAX_DETAIL)
     fall = lay_fall(style, cut)
     added = [_add_layer(builder, fall, cut, seed, palette, detail) for seed in range(len(cut.layers))]
-    fringe = lay_fall(style, CUTS["short"]) if cut.ends_mm else fall
-    added += [
-        _add_locks(builder, fringe if locks.is_fringe else fall, cut, seed, palette, detail)
-        for seed, locks in enumerate(cut.locks)
-    ]
+    added += [_add_locks(builder, fall, cut, seed, palette, detail) for seed in range(len(cut.locks))]
     middle = fall.points[np.abs(fall.points[..., 0]) < 4.0]
     top = builder.add(middle[middle[:, 1].argmax()] * [0.0, 1.0, 1.0], albedo=palette.hair, material=Material.HAIR)
     return np.append(np.concatenate(added), top)
