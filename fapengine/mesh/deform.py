@@ -158,7 +158,7 @@ RESTING = (
     ),
     Resting({41: 60.0, 42: 60.0}, (41, 42, *CORNERS, *BROWS), 250.0),
 )
-LIMITS = dict.fromkeys((27, 28), 40.0) | dict.fromkeys((39, 40, 65, 66), 200.0) | dict.fromkeys((67, 68), 150.0)
+LIMITS = dict.fromkeys((27, 28), 20.0) | dict.fromkeys((39, 40, 65, 66), 200.0) | dict.fromkeys((67, 68), 150.0)
 LIMITS |= dict.fromkeys((61, 62), 120.0) | dict.fromkeys((63, 64), 100.0)
 """FAP number to the largest magnitude that is drawn, FAPU: beyond it an eyeball leaves its socket, a cheek or a nose
 becomes a cone, and an ear comes off.
