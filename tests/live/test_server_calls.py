@@ -52,19 +52,21 @@ def test_a_caller_sees_lips_shut_on_the_m_that_it_hears(monkeypatch: pytest.Monk
     monkeypatch.setattr(FilmTracks, "picture", FilmTracks.picture)  # which the measurement changes
     shut: list[int] = []
     opened: list[int] = []
-    for _ in range(CALLS):  # of one call a busy machine may show few pictures
+    most_alike = 0.0
+    for _ in range(CALLS):  # in one call a busy machine may show few pictures, and most of them late
         seen = asyncio.run(asyncio.wait_for(call("My mama bought plum jam."), 300))
         told = measured(seen)
         shut, opened = shut + told["dark_shut"], opened + told["dark_open"]
-        if min(len(shut), len(opened)) >= 2:
+        pictures = [(entry.stamp_s, entry.value[0]) for entry in seen.caller.pictures]
+        begun_s, begun_ms = pictures[0]
+        late_ms = [1000 * (stamp_s - begun_s) - (code_ms - begun_ms) % 2**16 for stamp_s, code_ms in pictures]
+        alike = [np.mean(np.abs(np.array(late_ms) - one_ms) <= 1.5) for one_ms in late_ms]
+        most_alike = max(most_alike, *alike)
+        if min(len(shut), len(opened)) >= 2 and most_alike >= 0.25:
             break
     assert min(len(shut), len(opened)) >= 2
     assert max(shut) < min(opened)
-    pictures = [(entry.stamp_s, entry.value[0]) for entry in seen.caller.pictures]
-    begun_s, begun_ms = pictures[0]
-    late_ms = [1000 * (stamp_s - begun_s) - (code_ms - begun_ms) % 2**16 for stamp_s, code_ms in pictures]
-    alike = [np.abs(np.array(late_ms) - one_ms) <= 1.5 for one_ms in late_ms]
-    assert max(map(np.mean, alike)) >= 0.25  # the stamps of both tracks are the engine's time, but of late pictures
+    assert most_alike >= 0.25  # the stamps of both tracks are the engine's time, but of late pictures
     gaps = np.diff([entry.stamp_s for entry in seen.caller.sounds])
     assert np.min(gaps) > 0
     assert np.allclose(gaps, 0.02 * np.round(gaps / 0.02))  # sound that a busy machine makes too late is left out
