@@ -66,7 +66,7 @@ def test_a_caller_sees_lips_shut_on_the_m_that_it_hears(monkeypatch: pytest.Monk
             break
     assert min(len(shut), len(opened)) >= 2
     assert max(shut) < min(opened)
-    assert most_alike >= 0.25  # the stamps of both tracks are the engine's time, but of late pictures
+    assert most_alike >= 0.25  # both tracks are stamped with the engine's time, except pictures that are late
     gaps = np.diff([entry.stamp_s for entry in seen.caller.sounds])
     assert np.min(gaps) > 0
     assert np.allclose(gaps, 0.02 * np.round(gaps / 0.02))  # sound that a busy machine makes too late is left out
