@@ -1,57 +1,24 @@
 """Four times the input: at most some four times the lines of code that are run, and the memory. No clock is asked."""
 
-import sys
-import tracemalloc
-from collections.abc import Callable, Iterator
-from types import FrameType
-from typing import Any
+from collections.abc import Iterator
 
 import pytest
 
 from bench.budgets import read
 from bench.growth import grown
 from tests.fuzz.readers import Reader, clean, readers
+from tests.work_done import bytes_taken, lines_run
 
 ROWS = 48
 TIMES, LINES, BYTES = 4.6, 1500, 150_000
 """Growth that is linear, and what is there however short the input is."""
 
 
-def lines_run(work: Callable[[], object]) -> int:
-    """Count the lines of our code that are run."""
-    count = 0
-
-    def trace(frame: FrameType, event: str, _: Any) -> Any:
-        nonlocal count
-        if "/fapengine/" not in frame.f_code.co_filename and __file__ != frame.f_code.co_filename:
-            return None
-        count += event == "line"
-        return trace
-
-    before = sys.gettrace()
-    sys.settrace(trace)
-    try:
-        work()
-    finally:
-        sys.settrace(before)
-    return count
-
-
-def bytes_taken(work: Callable[[], object]) -> int:
-    """Count the bytes that Python holds at most."""
-    tracemalloc.start()
-    try:
-        work()
-        return tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
-
-
 def is_linear(reader: Reader, short: bytes, long: bytes) -> bool:
     """Whether the longer input takes no more than it may."""
     read(reader, short)
     (few, little), (many, much) = (
-        (lines_run(lambda data=data: read(reader, data)), bytes_taken(lambda data=data: read(reader, data)))  # type: ignore[misc]
+        (lines_run(lambda data=data: read(reader, data), __file__), bytes_taken(lambda data=data: read(reader, data)))  # type: ignore[misc]
         for data in (short, long)
     )
     return many <= TIMES * few + LINES and much <= TIMES * little + BYTES
