@@ -1,4 +1,4 @@
-# make demo | test | check | bench | soak | clean: what each does stands in README.md.
+# make help lists the targets.
 # Nothing is needed beforehand but python3 (3.11 or newer), git and make.
 PYTHON ?= python3
 VENV := .venv
@@ -15,8 +15,8 @@ TESTS_AT_LEAST := 10500
 NIGHTLY_AT_LEAST := 110
 # Tests of conformance, which run in every clone.
 CONFORMANCE_AT_LEAST := 300
-# How long make fuzz searches: a third in the codec, a third in every reader, a sixth with mutated files in number, a sixth
-# with random command lines. With INPUTS=n or COMMANDS=n, those two last until so many are tried.
+# How long make fuzz searches: a third of it in the codec, a third in every reader, a sixth with mutated files, a sixth
+# with random command lines. With INPUTS=n or COMMANDS=n those two end after that number instead.
 SECONDS := 600
 INPUTS :=
 COMMANDS :=
@@ -33,36 +33,16 @@ SENTENCE := Bright sunshine shimmers on the ocean.
     clean docs env dev tools
 
 help:
-	@echo "make demo   say a sentence: out/demo.mp4, demo.fap, demo.wav, demo.png"
-	@echo "make test   everything that CI runs"
-	@echo "make nightly  the tests that make test leaves out for their time"
-	@echo "make conformance  the tests that the bytes and tables are the standard's; nothing but a clone is needed"
-	@echo "make quick  the unit tests, without the slow ones"
-	@echo "make coverage  branch coverage of the core by unit tests that need nothing but a clone, against its floor"
-	@echo "make matrix  the unit tests on every supported Python that this machine has"
-	@echo "make licences  every file's licence is stated (reuse lint); licences of the installed packages"
-	@echo "make release-check  build what would be published, install it into a bare environment and use it there"
-	@echo "make bench  speed, as ratios against named yardsticks"
-	@echo "make soak   use a live server, then a face in Chromium, each for 30 minutes or MINUTES=n: nothing grows, nothing is left undone"
-	@echo "make oracles  other programs: gltf-validator, three.js, three-vrm, TalkingHead, Blender, Pyodide, Godot, coturn, nginx, NATS, ExifTool; Pipecat, LiveKit, piper-plus; axe-core, Firefox; needs Node"
-	@echo "make pyodide  the core in WebAssembly writes the bytes that it writes here; needs npm"
-	@echo "make native codec and renderer in C, which needs no OpenGL, from native/: its wheel in out/native, installed here"
-	@echo "make wheels wheels of native/ for Linux, Windows and macOS in out/wheels, cross-compiled by Zig"
-	@echo "make npm    the package fapengine-face for pages of your own: out/fapengine-face-VERSION.tgz; needs npm"
-	@echo "make docs   the documentation as a site: out/site/index.html"
-	@echo "make people 200 random people: every promise of the face, where make test tries 15"
-	@echo "make faults  kill verbs, servers and their parts at MOMENTS=200 random moments, and look at what is left"
-	@echo "make fuzz-replay  the part of it that make test runs: the same inputs every time"
-	@echo "make fuzz   search for bytes that break a reader, for 10 minutes or SECONDS=n, or until INPUTS=n and COMMANDS=n are tried"
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-15s%s\n", $$1, $$2}' Makefile
 
-demo: $(VENV)/.ready
+demo: $(VENV)/.ready  ## say a sentence: out/demo.mp4, demo.fap, demo.wav, demo.png
 	@[ -z "$$(command -v cc || command -v gcc || command -v clang)" ] || $(MAKE) --no-print-directory $(VENV)/.ready-native || \
 	    echo "renderer in C absent: it does not build here, so OpenGL draws" >&2
 	$(BIN)/fapengine say "$(SENTENCE)" --expression joy:0.4 -o out/demo.mp4
 	@$(BIN)/fapengine doctor | grep renderer
 
 # The others take one processor, one after the other, while the tests wait for clocks and sound cards.
-test:
+test:  ## everything that CI runs
 	@$(MAKE) --no-print-directory -j 2 $(VENV)/.ready-dev detector
 	@$(MAKE) --no-print-directory -j 2 tests check conformance fuzz-replay
 
@@ -73,7 +53,7 @@ tests: $(VENV)/.read-tests detector
 	$(PYTEST) -m "not nightly" --at-least $(TESTS_AT_LEAST)
 
 # What takes too long for every change; the hosted CI runs it every night.
-nightly: $(VENV)/.read-tests detector
+nightly: $(VENV)/.read-tests detector  ## the tests that make test leaves out because they take long
 	$(PYTEST) -m nightly --at-least $(NIGHTLY_AT_LEAST)
 	@mkdir -p out/fuzz-replay/readers
 	$(BIN)/python -m tests.fuzz.fuzz_readers out/fuzz-replay/readers -runs=0 > out/fuzz.log 2>&1 || { tail -n 40 out/fuzz.log; exit 1; }
@@ -84,53 +64,53 @@ $(VENV)/.read-tests: $(VENV)/.ready-dev
 	@touch $@
 
 # As in a clone with nothing beside it: the measurement data are hidden. Only files that have such tests are read.
-conformance: $(VENV)/.ready-dev
+conformance: $(VENV)/.ready-dev  ## the tests of the standard's bytes and tables; they need nothing but a clone
 	FAPENGINE_SHARED=/nonexistent $(BIN)/python -m pytest -q -m conformance --at-least $(CONFORMANCE_AT_LEAST) \
 	    $$(grep -rl --include='test_*.py' 'mark\.conformance' tests)
 
-check: $(VENV)/.ready-dev
+check: $(VENV)/.ready-dev  ## format, lint, types and layers of the imports
 	$(BIN)/ruff format --check --quiet .
 	$(BIN)/ruff check --quiet .
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache > /dev/null || $(BIN)/lint-imports --no-cache
 
-quick: $(VENV)/.ready-dev
+quick: $(VENV)/.ready-dev  ## the unit tests, without the slow ones
 	$(BIN)/python -m pytest -n 2 --dist loadfile -q -m "not slow" tests/unit
 
 # Not a part of make test, which it would make longer; the hosted CI runs it.
-coverage: $(VENV)/.ready-dev
+coverage: $(VENV)/.ready-dev  ## branch coverage of the core by its unit tests, against its limit
 	$(BIN)/python -m pytest -n 2 --dist loadfile -q -m "not shared" \
 	    --cov --cov-report=term:skip-covered $(CORE_TESTS)
 
-matrix: $(VENV)/.ready-tools
+matrix: $(VENV)/.ready-tools  ## the unit tests on every supported Python that is installed
 	$(BIN)/nox --session tests
 
 # Each file's licence is stated and its text is here; licences of the installed packages.
-licences: $(VENV)/.ready-tools
+licences: $(VENV)/.ready-tools  ## check that every file states its licence, and list those of installed packages
 	$(BIN)/reuse lint --quiet || $(BIN)/reuse lint
 	$(BIN)/fapengine doctor --licences
 
-release-check: licences
+release-check: licences  ## build what would be published, install it into a bare environment and use it
 	.ci/release-check $(BIN)/python
 
-bench: $(VENV)/.ready-dev
+bench: $(VENV)/.ready-dev  ## speed, as ratios against named references
 	@failed=0; for name in say render codec models capture sessions osc live; do \
 	    echo "== $$name"; $(BIN)/python -m bench.$$name || failed=1; done; exit $$failed
 
-soak: $(VENV)/.ready-dev
+soak: $(VENV)/.ready-dev  ## use a live server and a face in Chromium for 30 minutes each (MINUTES=n): nothing may grow
 	$(BIN)/python -m bench.live_soak --minutes $(MINUTES)
 	$(BIN)/python -m tests.browser.live_memory --minutes $(MINUTES)
 
 # The part of make fuzz that make test runs: the same inputs and commands every time, so that the gate judges the change
 # and not the luck of a search.
-fuzz-replay: $(VENV)/.ready-dev
+fuzz-replay: $(VENV)/.ready-dev  ## the part of it that make test runs: the same inputs every time
 	@mkdir -p out/fuzz-replay
 	$(BIN)/python -m tests.fuzz.fuzz_decoder out/fuzz-replay tests/fuzz/corpus -runs=0 > out/fuzz.log 2>&1 || { tail -n 40 out/fuzz.log; exit 1; }
-	$(BIN)/python -m tests.fuzz.verbs --seconds inf --count 30
+	$(BIN)/python -m tests.fuzz.command_lines --seconds inf --count 30
 	$(BIN)/python -m tests.fuzz.mutated --seconds inf --each 40 > out/fuzz.log 2>&1 || { tail -n 60 out/fuzz.log; exit 1; }
 	@tail -n 1 out/fuzz.log
 
-fuzz: $(VENV)/.ready-dev
+fuzz: $(VENV)/.ready-dev  ## search for bytes and command lines that break something, for 10 minutes (SECONDS=n)
 	@mkdir -p out/fuzz
 	$(BIN)/python -m tests.fuzz.fuzz_decoder out/fuzz tests/fuzz/corpus -max_total_time=$$(($(SECONDS) / 3)) \
 	    -artifact_prefix=out/fuzz/ -print_final_stats=1 > out/fuzz.log 2>&1 || { tail -n 40 out/fuzz.log; exit 1; }
@@ -138,20 +118,20 @@ fuzz: $(VENV)/.ready-dev
 	$(BIN)/python -m tests.fuzz.fuzz_readers out/fuzz/readers -max_total_time=$$(($(SECONDS) / 3)) \
 	    -artifact_prefix=out/fuzz/ -print_final_stats=1 > out/fuzz.log 2>&1 || { tail -n 40 out/fuzz.log; exit 1; }
 	@grep 'stat::' out/fuzz.log
-	$(BIN)/python -m tests.fuzz.verbs $(if $(COMMANDS),--seconds inf --count $(COMMANDS),--seconds $$(($(SECONDS) / 6)))
+	$(BIN)/python -m tests.fuzz.command_lines $(if $(COMMANDS),--seconds inf --count $(COMMANDS),--seconds $$(($(SECONDS) / 6)))
 	$(BIN)/python -m tests.fuzz.mutated $(if $(INPUTS),--seconds inf --inputs $(INPUTS),--seconds $$(($(SECONDS) / 6))) \
 	    > out/fuzz.log 2>&1 || { tail -n 60 out/fuzz.log; exit 1; }
 	@tail -n 1 out/fuzz.log
 
 # Two hundred random people instead of the fifteen of make test: every promise of the face.
-people: $(VENV)/.ready-dev
+people: $(VENV)/.ready-dev  ## check 200 random people, where make test checks 15
 	RANDOM_PEOPLE=200 $(BIN)/python -m pytest -n 2 -q tests/unit/mesh/test_people.py
 
-faults: $(VENV)/.ready-dev
+faults: $(VENV)/.ready-dev  ## kill commands, servers and their parts at 200 random moments (MOMENTS=n)
 	$(BIN)/python -m tests.faults --moments $(MOMENTS) --seed $(SEED)
 
 # Links and cross references that lead nowhere are errors.
-docs: $(VENV)/.ready-docs
+docs: $(VENV)/.ready-docs  ## the documentation as a site: out/site/index.html
 	PYTHONPATH=. $(BIN)/mkdocs build --strict
 
 # The npm package is built into projects by these.
@@ -163,7 +143,7 @@ BUNDLERS := vite@8.3.8 @vitejs/plugin-react@6.3.0 react@19.3.1 react-dom@19.3.1 
 # Foreign programs that ours is compared with; they need Node and a network, and no test needs them. Avatars of others
 # are tried too, as far as they lie in out/oracles/avatars; Blender (with python3-numpy), coturn, nginx, godot3, godot3-server and mono-mcs of Debian, where they are
 # installed. axe-core, TypeScript and, where it is installed, Firefox judge the page and the npm package. Ten minutes.
-oracles: $(VENV)/.ready-dev
+oracles: $(VENV)/.ready-dev  ## compare with other programs: Blender, three.js, Firefox, Pipecat, NATS and more; needs Node
 	.ci/system-packages $(PYTHON) oracles
 	mkdir -p out/oracles
 	npm install --prefix out/oracles --no-save --no-audit --no-fund rhubarb-lip-sync-wasm@0.1.8 @met4citizen/headaudio@0.1.0 \
@@ -194,12 +174,12 @@ oracles-voices:
 
 # Timings in, FAPs out in WebAssembly. A part of make oracles; the hosted CI runs it alone, in half a minute.
 PYODIDE := pyodide@0.24.1 @emscripten-forge/numpy@2.1.1-py311hc8e14bb-0
-pyodide: $(VENV)/.ready-dev
+pyodide: $(VENV)/.ready-dev  ## the core in WebAssembly writes the same bytes; needs npm
 	npm install --prefix out/oracles --no-save --no-audit --no-fund $(PYODIDE)
 	$(BIN)/python -m tests.oracles.pyodide out/oracles
 
 # Codec and renderer in C; a C compiler builds them, or Zig from the Python package index.
-native: $(VENV)/.ready-native
+native: $(VENV)/.ready-native  ## build and install codec and renderer in C, which need no OpenGL
 	$(BIN)/fapengine doctor | grep renderer
 
 $(VENV)/.ready-native: $(VENV)/.ready $(wildcard native/*.* native/src/* native/fapengine_native/*.py)
@@ -210,7 +190,7 @@ $(VENV)/.ready-native: $(VENV)/.ready $(wildcard native/*.* native/src/* native/
 
 # For other systems, by Zig from the Python package index: each runs on the version named here and later ones.
 NATIVE_TARGETS := x86_64-linux-gnu.2.28 aarch64-linux-gnu.2.28 x86_64-windows-gnu x86_64-macos.11.0 aarch64-macos.11.0
-wheels: $(VENV)/.ready
+wheels: $(VENV)/.ready  ## wheels of native/ for Linux, Windows and macOS in out/wheels, cross-compiled by Zig
 	rm -rf out/wheels
 	for target in $(NATIVE_TARGETS); do \
 	    FAPENGINE_NATIVE_TARGET=$$target $(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir out/wheels ./native || exit 1; \
@@ -218,7 +198,7 @@ wheels: $(VENV)/.ready
 	@ls -l out/wheels
 
 # Not published; npm only packs it.
-npm: $(VENV)/.ready
+npm: $(VENV)/.ready  ## the package fapengine-face for web pages: out/fapengine-face-VERSION.tgz; needs npm
 	$(BIN)/python -m design.face_package out/fapengine-face
 	npm pack --silent --pack-destination out ./out/fapengine-face
 
@@ -263,5 +243,5 @@ $(VENV)/.ready-tools: $(VENV)/.ready
 	$(BIN)/python -m pip install --quiet --group tools
 	@touch $@
 
-clean:
+clean:  ## remove what these commands made, but for out/
 	rm -rf $(VENV) .nox out dist build .mypy_cache .ruff_cache .pytest_cache .hypothesis

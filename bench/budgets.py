@@ -1,17 +1,18 @@
-"""Time and memory against the length of the input, for every reader and every verb that reads.
+"""Time and memory against the length of the input, for every reader and every command that reads.
 
-    python -m bench.budgets [--rows 2000] [--seconds 30] [--only readers verbs] [--verb NAME ...] [--table FILE.md]
+    python -m bench.budgets [--rows 2000] [--seconds 30] [--only readers commands] [--command NAME ...]
+        [--table FILE.md]
 
 Each reader of :mod:`tests.fuzz.readers` gets an input of ROWS frames, phones, vertices or words, and one four times as
-long (:mod:`bench.growth`); each verb timings of SECONDS, and four times as long, or what it makes of them. A reader
+long (:mod:`bench.growth`); each command timings of SECONDS, and four times as long, or what it makes of them. A reader
 whose longer input no file of ours holds gets a good file again and again; "refused" stands beside what it does not
 take.
 
-*CPU*: processor time; of a verb that of its process. *Memory*: what Python allocates at most; of a verb the peak of
-its process. From both of a verb goes what it takes for :data:`LEAST_S` seconds, the least of :data:`LEAST_RUNS`
+*CPU*: CPU time; of a command that of its process. *Memory*: what Python allocates at most; of a command the peak of its
+process. From both of a command goes what it takes for :data:`LEAST_S` seconds, the least of :data:`LEAST_RUNS`
 processes: start and libraries, told in a column of their own. *Times*: the longer over the shorter one. Exits 1 where
 one takes more than :data:`MOST_TIMES` the time or memory of its quarter, beyond :data:`NOTHING_S` or
-:data:`NOTHING_MB`, of a verb :data:`START_S` and :data:`START_MB`.
+:data:`NOTHING_MB`, of a command :data:`START_S` and :data:`START_MB`.
 """
 
 import argparse
@@ -50,7 +51,7 @@ class Row:
     mb: tuple[float, float]
     is_read: bool = True
     start: tuple[float, float] | None = None
-    """Seconds and MB of a verb's least input, taken off the others; None of a reader."""
+    """Seconds and MB of a command's least input, taken off the others; None of a reader."""
 
     @property
     def is_linear(self) -> bool:
@@ -98,7 +99,7 @@ def of_reader(reader: Reader, rows: int, repeats: int = 3) -> Row:
     return Row(reader.name, sizes, (cpu_s[0], cpu_s[1]), (mb[0], mb[1]), is_read)
 
 
-VERBS = {
+COMMANDS = {
     "animate": ("talk.csv", "animate talk.csv --alphabet ipa -o talk.fap"),
     "animate --audio": ("talk.wav", "animate talk.csv --alphabet ipa --audio talk.wav -o x.fap"),
     "animate, film": (
@@ -134,7 +135,7 @@ SENTENCE = "Many people may bring big blue bowls. "
 
 
 def write_folder(folder: Path, seconds: float) -> None:
-    """Write what the verbs read."""
+    """Write what the commands read."""
     write_inputs(folder, seconds)
     save_markers(folder / "take.trc", markers(round(100 * seconds)))
     text = SENTENCE * max(1, round(seconds / 3))
@@ -143,9 +144,9 @@ def write_folder(folder: Path, seconds: float) -> None:
     (folder / "rows.csv").write_text("id,timings\n" + "".join(f"{n},row.pho\n" for n in range(round(seconds))))
 
 
-def of_verb(verb: str, least: Path, folders: tuple[Path, Path]) -> Row:
-    """Measure a verb, each length in a process of its own, without what the least one takes."""
-    name, words = VERBS[verb]
+def of_command(command: str, least: Path, folders: tuple[Path, Path]) -> Row:
+    """Measure a command, each length in a process of its own, without what the least one takes."""
+    name, words = COMMANDS[command]
     run = [sys.executable, "-m", "fapengine", *words.split()]
 
     def took(folder: Path) -> tuple[float, float]:
@@ -161,7 +162,7 @@ def of_verb(verb: str, least: Path, folders: tuple[Path, Path]) -> Row:
     (less_s, less_mb), (more_s, more_mb) = (took(folder) for folder in folders)
     sizes = [(folder / name).stat().st_size for folder in folders]
     return Row(
-        verb, (sizes[0], sizes[1]),
+        command, (sizes[0], sizes[1]),
         (max(less_s - start_s, 0.0), max(more_s - start_s, 0.0)),
         (max(less_mb - start_mb, 0.0), max(more_mb - start_mb, 0.0)),
         start=(start_s, start_mb),
@@ -173,8 +174,10 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rows", type=int, default=2000)
     parser.add_argument("--seconds", type=float, default=30.0)
-    parser.add_argument("--only", nargs="+", choices=("readers", "verbs"), default=("readers", "verbs"))
-    parser.add_argument("--verb", nargs="+", choices=VERBS, default=tuple(VERBS), help="with those that it needs first")
+    parser.add_argument("--only", nargs="+", choices=("readers", "commands"), default=("readers", "commands"))
+    parser.add_argument(
+        "--command", nargs="+", choices=COMMANDS, default=tuple(COMMANDS), help="with those that it needs first"
+    )
     parser.add_argument("--table", type=Path)
     wanted = parser.parse_args()
     lines, bent = [], []
@@ -195,15 +198,15 @@ def main() -> int:
             tell(str(row))
             bent += [] if row.is_linear else [row.name]
         clean()
-    if "verbs" in wanted.only:
-        head("verb", "start, s", "start, MB")
+    if "commands" in wanted.only:
+        head("command", "start, s", "start, MB")
         with tempfile.TemporaryDirectory() as place:
             least, *folders = (Path(place) / name for name in ("least", "less", "more"))
             for folder, seconds in zip((least, *folders), (LEAST_S, wanted.seconds, 4 * wanted.seconds), strict=True):
                 folder.mkdir()
                 write_folder(folder, seconds)
-            for verb in wanted.verb:
-                row = of_verb(verb, least, (folders[0], folders[1]))
+            for command in wanted.command:
+                row = of_command(command, least, (folders[0], folders[1]))
                 tell(str(row))
                 bent += [] if row.is_linear else [row.name]
     tell(f"\nmore than {MOST_TIMES:g} times a quarter: {', '.join(bent) or 'none'}")

@@ -62,7 +62,7 @@ SLICE_S = 0.15
 """How long a contender draws in a round."""
 HD, FULL_HD = (1280, 720), (1920, 1080)
 REFERENCE_DRAWING = DEFAULT_RENDER_OPTIONS
-"""Drawing of the verbs, where nothing else is asked."""
+"""Drawing of the commands, where nothing else is asked."""
 PARTS = {
     "without a painting": "its texture",
     SOFT: "light at vertices (saved)",

@@ -167,15 +167,15 @@ class _Tools:
         return path
 
     async def _run(
-        self, verb: str, arguments: list[str], output: str | None, overwrite: bool, *, said: str = "", **options: str
+        self, command: str, arguments: list[str], output: str | None, overwrite: bool, *, said: str = "", **options: str
     ) -> dict[str, Any]:
         """Run a command, and return its result. Raises ToolError with its message if it fails.
 
         ``said`` is its standard input; ``output`` is None for a command that writes nothing.
         """
-        words = [sys.executable, "-m", "fapengine", verb, "--json"]
+        words = [sys.executable, "-m", "fapengine", command, "--json"]
         if not all(arguments):
-            raise mcp_exceptions.ToolError(f"{verb}: got '', expected the name of a file")
+            raise mcp_exceptions.ToolError(f"{command}: got '', expected the name of a file")
         if output is not None:
             options["output"] = self._written(output)
         words += [f"--{name}={value}" for name, value in options.items() if value]
@@ -186,14 +186,14 @@ class _Tools:
                 stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
             )  # fmt: skip
         except (OSError, ValueError) as error:  # too long a transcript; a NUL in one
-            raise mcp_exceptions.ToolError(f"{verb}: cannot be started ({error})") from error
+            raise mcp_exceptions.ToolError(f"{command}: cannot be started ({error})") from error
         try:
             out, errors = await child.communicate(said.encode())
         finally:
             if child.returncode is None:  # the agent gave up
                 child.terminate()
         if child.returncode:
-            raise mcp_exceptions.ToolError(errors.decode().strip() or f"{verb}: ended with code {child.returncode}")
+            raise mcp_exceptions.ToolError(errors.decode().strip() or f"{command}: ended with code {child.returncode}")
         result: dict[str, Any] = json.loads(out)
         result["remarks"] = list(dict.fromkeys([*result.get("remarks", []), *errors.decode().splitlines()]))
         return result

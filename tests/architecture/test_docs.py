@@ -157,5 +157,5 @@ def test_the_site_builds(tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stdout + done.stderr
     command_line = (tmp_path / "site" / "reference" / "cli.html").read_text(encoding="utf-8")
-    for verb in ("say", "serve", "view", "animate", "render", "fit", "doctor", "head import"):
-        assert f"fapengine {verb}" in command_line
+    for command in ("say", "serve", "view", "animate", "render", "fit", "doctor", "head import"):
+        assert f"fapengine {command}" in command_line

@@ -149,9 +149,9 @@ def test_a_page_has_a_row_for_every_sink_and_names_its_options(kind: SinkKind) -
         assert any(re.search(rf"\b{option}=", page) for page in pages), f"{option} of {kind.name}"
 
 
-@pytest.mark.parametrize(("verb", "all_kinds"), [("serve", True), ("say", False), ("capture", False)])
-def test_the_help_of_a_verb_lists_every_sink_that_it_takes(verb: str, *, all_kinds: bool) -> None:
-    printed = CliRunner().invoke(app, [verb, "--help"], env={"COLUMNS": "200", "TERM": "dumb"}).output
+@pytest.mark.parametrize(("command", "all_kinds"), [("serve", True), ("say", False), ("capture", False)])
+def test_the_help_of_a_command_lists_every_sink_that_it_takes(command: str, *, all_kinds: bool) -> None:
+    printed = CliRunner().invoke(app, [command, "--help"], env={"COLUMNS": "200", "TERM": "dumb"}).output
     words = "".join(printed.replace("│", "").split())
     expected = [kind.spelled for kind in SINK_KINDS if all_kinds or kind.medium == "datagrams"]
     assert [each for each in expected if each not in words] == []
@@ -175,8 +175,8 @@ def _command(name: str) -> Any:
     return get_command(app).get_command(None, name)
 
 
-def _options(verb: str) -> dict[str, Any]:
-    return {option.name: option for option in _command(verb).params}
+def _options(command: str) -> dict[str, Any]:
+    return {option.name: option for option in _command(command).params}
 
 
 def _metas(kind: Any) -> tuple[Any, ...]:
@@ -192,16 +192,16 @@ def test_reasons_are_given_for_options_that_there_are() -> None:
 
 
 @pytest.mark.parametrize("name", SPEAKING)
-@pytest.mark.parametrize("verb", ["say", "animate", "serve"])
-def test_verbs_that_speak_have_every_option_of_speaking(verb: str, name: str) -> None:
-    option, described = _options(verb).get(name), _described(SPEAKING[name].type)
-    if (verb, name) in LEFT_OUT:
+@pytest.mark.parametrize("command", ["say", "animate", "serve"])
+def test_commands_that_speak_have_every_option_of_speaking(command: str, name: str) -> None:
+    option, described = _options(command).get(name), _described(SPEAKING[name].type)
+    if (command, name) in LEFT_OUT:
         assert option is None or described.help.split(",")[0] not in option.help
         return
     assert option is not None
     assert option.help.startswith(described.help.partition("{")[0])
     assert described.short is None or described.short in option.opts
-    if verb != "serve":  # there None leaves the configuration as it is
+    if command != "serve":  # there None leaves the configuration as it is
         default = SPEAKING[name].default
         assert option.default == (list(default) if isinstance(default, tuple) else default)
 

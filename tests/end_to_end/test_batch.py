@@ -1,4 +1,4 @@
-"""The verb batch in processes of its own: rows as the single verbs make them, a killed client, Dask's workers."""
+"""The command batch in processes of its own: rows as the single commands make them, a killed client, Dask's workers."""
 
 import json
 import subprocess

@@ -16,7 +16,7 @@ TIMINGS = "m 100\na 200\nb 100\n"
 
 
 def run(*arguments: str, shell: str = "", **environment: str) -> subprocess.CompletedProcess[str]:
-    """A verb in a process; ``shell`` says where its streams go."""
+    """A command in a process; ``shell`` says where its streams go."""
     command = ["sh", "-c", f'exec "$@" {shell}', "sh", sys.executable, "-m", "fapengine", *arguments]
     return subprocess.run(
         command, env={**os.environ, **environment}, capture_output=True, encoding="utf-8", timeout=300, check=False

@@ -1,4 +1,4 @@
-"""No verb writes over what it reads, or over anything where it is told not to; what it replaces, it says."""
+"""No command writes over what it reads, or over anything where it is told not to; what it replaces, it says."""
 
 import json
 import os
@@ -27,10 +27,10 @@ VISEMES = "m 100\na 200\nb 100\n"
 
 
 @dataclass(frozen=True)
-class Verb:
-    """A verb that writes."""
+class Job:
+    """A command that writes."""
 
-    command: str
+    line: str
     """INPUT stands for the file that is asked about, OTHER for another one, OUTPUT for the name to write."""
     output: str
     written: tuple[str, ...]
@@ -38,84 +38,84 @@ class Verb:
 
 
 SOURCES = {"": "", "--audio": "OTHER.pho", **dict.fromkeys(("--background", "--head"), "OTHER.pho --audio OTHER.flac")}
-VERBS = {
+JOBS = {
     **{
-        f"say {option}": Verb(f"say Hello. {option} INPUT -o OUTPUT", "talk.mp4", tuple(f"talk.{end}" for end in TALK))
+        f"say {option}": Job(f"say Hello. {option} INPUT -o OUTPUT", "talk.mp4", tuple(f"talk.{end}" for end in TALK))
         for option in ("--background", "--head", "--profile")
     },
-    "say --into": Verb("say Hello. --into INPUT -o OUTPUT", "talk.glb", ("talk.glb", "talk.fap", "talk.wav")),
-    "say --shape-map": Verb("say Hello. --into OTHER.glb --shape-map INPUT -o OUTPUT", "talk.glb", ("talk.glb",)),
+    "say --into": Job("say Hello. --into INPUT -o OUTPUT", "talk.glb", ("talk.glb", "talk.fap", "talk.wav")),
+    "say --shape-map": Job("say Hello. --into OTHER.glb --shape-map INPUT -o OUTPUT", "talk.glb", ("talk.glb",)),
     **{
-        f"animate {option or 'source'}": Verb(
+        f"animate {option or 'source'}": Job(
             f"animate {SOURCES[option]} {option} INPUT -o OUTPUT", "talk.mp4",
             ("talk.mp4", "talk.fap", "talk.png") if option in ("", "--audio") else tuple(f"talk.{end}" for end in TALK),
         )
         for option in ("", "--audio", "--background", "--head")
     },
-    "animate pictures": Verb("animate INPUT -o OUTPUT", "talk", ("talk/frame_0003.png", "talk.fap", "talk.png")),
-    "animate shapes": Verb("animate INPUT --shapes rhubarb -o OUTPUT", "talk.json", ("talk.json",)),
-    "animate --profile": Verb("animate OTHER.pho --profile INPUT -o OUTPUT", "talk.mp4", ("talk.mp4", "talk.fap")),
-    "animate --into": Verb("animate OTHER.pho --into INPUT -o OUTPUT", "talk.glb", ("talk.glb", "talk.fap")),
-    "animate --shape-map": Verb(
+    "animate pictures": Job("animate INPUT -o OUTPUT", "talk", ("talk/frame_0003.png", "talk.fap", "talk.png")),
+    "animate shapes": Job("animate INPUT --shapes rhubarb -o OUTPUT", "talk.json", ("talk.json",)),
+    "animate --profile": Job("animate OTHER.pho --profile INPUT -o OUTPUT", "talk.mp4", ("talk.mp4", "talk.fap")),
+    "animate --into": Job("animate OTHER.pho --into INPUT -o OUTPUT", "talk.glb", ("talk.glb", "talk.fap")),
+    "animate --shape-map": Job(
         "animate OTHER.pho --into OTHER.vrm --shape-map INPUT -o OUTPUT", "talk.glb", ("talk.glb",)
     ),
-    "animate --recognizer": Verb(
+    "animate --recognizer": Job(
         "animate OTHER.ogg --recognizer INPUT -o OUTPUT", "talk.mp4", ("talk.mp4", "talk.fap")
     ),
-    "animate --transcript-file": Verb(
+    "animate --transcript-file": Job(
         "animate OTHER.ogg --transcript-file INPUT -o OUTPUT", "talk.mp4", ("talk.mp4", "talk.fap")
     ),
-    "align": Verb("align INPUT -o OUTPUT", "talk.json", ("talk.json",)),
-    "align --recognizer": Verb("align OTHER.wav --recognizer INPUT -o OUTPUT", "talk.json", ("talk.json",)),
-    "align --transcript-file": Verb(
+    "align": Job("align INPUT -o OUTPUT", "talk.json", ("talk.json",)),
+    "align --recognizer": Job("align OTHER.wav --recognizer INPUT -o OUTPUT", "talk.json", ("talk.json",)),
+    "align --transcript-file": Job(
         "align OTHER.wav --transcript-file INPUT -o OUTPUT", "talk.TextGrid", ("talk.TextGrid",)
     ),
     **{
-        f"render {option or 'track'}": Verb(
+        f"render {option or 'track'}": Job(
             f"render {'OTHER.fap' if option else ''} {option} INPUT -o OUTPUT", output, (output,)
         )
         for option, output in (("", "a.mp4"), ("--audio", "a.mkv"), ("--head", "a.png"), ("--background", "a.gif"))
     },
-    "render second": Verb("render OTHER.fap INPUT -o OUTPUT", "a.webp", ("a.webp",)),
-    "render pictures": Verb("render INPUT -o OUTPUT", "f_%03d.png", ("f_002.png",)),
-    "render folder": Verb("render INPUT -o OUTPUT", "f", ("f/frame_0001.png",)),
-    "encode": Verb("encode INPUT -o OUTPUT", "a.fba", ("a.fba",)),
-    "encode --audio": Verb("encode OTHER.fap --audio INPUT -o OUTPUT", "a.mp4", ("a.mp4",)),
-    "encode --epf": Verb("encode OTHER.fap --epf INPUT -o OUTPUT", "a.fba", ("a.fba",)),
-    "decode": Verb("decode INPUT -o OUTPUT", "a.fap", ("a.fap",)),
-    "decode --fit": Verb("decode OTHER.fba --fit INPUT -o OUTPUT", "a.fap", ("a.fap",)),
-    "convert": Verb("convert INPUT -o OUTPUT", "a.csv", ("a.csv",)),
-    "convert --into": Verb("convert OTHER.fap --into INPUT -o OUTPUT", "a.glb", ("a.glb",)),
-    "convert --shape-map": Verb("convert OTHER.fap --into OTHER.glb --shape-map INPUT -o OUTPUT", "a.glb", ("a.glb",)),
-    "batch": Verb("batch INPUT -o OUTPUT", "c", ("c/index.csv", "c/journal.jsonl")),
-    "batch --to profile": Verb("batch INPUT -o OUTPUT --to profile", "c", ("c/index.csv", "c/journal.jsonl")),
-    "batch --into": Verb("batch OTHER.csv --into INPUT --to glb -o OUTPUT", "c", ("c/index.csv", "c/journal.jsonl")),
-    "batch --shape-map": Verb(
+    "render second": Job("render OTHER.fap INPUT -o OUTPUT", "a.webp", ("a.webp",)),
+    "render pictures": Job("render INPUT -o OUTPUT", "f_%03d.png", ("f_002.png",)),
+    "render folder": Job("render INPUT -o OUTPUT", "f", ("f/frame_0001.png",)),
+    "encode": Job("encode INPUT -o OUTPUT", "a.fba", ("a.fba",)),
+    "encode --audio": Job("encode OTHER.fap --audio INPUT -o OUTPUT", "a.mp4", ("a.mp4",)),
+    "encode --epf": Job("encode OTHER.fap --epf INPUT -o OUTPUT", "a.fba", ("a.fba",)),
+    "decode": Job("decode INPUT -o OUTPUT", "a.fap", ("a.fap",)),
+    "decode --fit": Job("decode OTHER.fba --fit INPUT -o OUTPUT", "a.fap", ("a.fap",)),
+    "convert": Job("convert INPUT -o OUTPUT", "a.csv", ("a.csv",)),
+    "convert --into": Job("convert OTHER.fap --into INPUT -o OUTPUT", "a.glb", ("a.glb",)),
+    "convert --shape-map": Job("convert OTHER.fap --into OTHER.glb --shape-map INPUT -o OUTPUT", "a.glb", ("a.glb",)),
+    "batch": Job("batch INPUT -o OUTPUT", "c", ("c/index.csv", "c/journal.jsonl")),
+    "batch --to profile": Job("batch INPUT -o OUTPUT --to profile", "c", ("c/index.csv", "c/journal.jsonl")),
+    "batch --into": Job("batch OTHER.csv --into INPUT --to glb -o OUTPUT", "c", ("c/index.csv", "c/journal.jsonl")),
+    "batch --shape-map": Job(
         "batch OTHER.csv --into OTHER.glb --shape-map INPUT --to glb -o OUTPUT", "c", ("c/index.html",)
     ),
-    "convert shapes": Verb("convert INPUT --shapes rhubarb -o OUTPUT", "a.xml", ("a.xml",)),
-    "capture": Verb("capture INPUT -o OUTPUT", "a.fap", ("a.fap",)),
-    "capture --overlay": Verb("capture INPUT -o OTHER.fap --overlay OUTPUT", "a.mp4", ("a.mp4",)),
+    "convert shapes": Job("convert INPUT --shapes rhubarb -o OUTPUT", "a.xml", ("a.xml",)),
+    "capture": Job("capture INPUT -o OUTPUT", "a.fap", ("a.fap",)),
+    "capture --overlay": Job("capture INPUT -o OTHER.fap --overlay OUTPUT", "a.mp4", ("a.mp4",)),
     **{
-        f"capture {option}": Verb(
+        f"capture {option}": Job(
             f"capture OTHER.mp4 {option} INPUT -o OUTPUT --overlay OTHER.webm", "a.fap", ("a.fap",)
         )
         for option in ("--head", "--model")
     },
-    "capture --overlay --head": Verb(
+    "capture --overlay --head": Job(
         "capture OTHER.webm --head INPUT -o OTHER.fap --overlay OUTPUT", "a.mp4", ("a.mp4",)
     ),
-    "drive": Verb("drive INPUT --markers 3 -o OUTPUT", "a.npz", ("a.npz",)),
-    "drive --take": Verb("drive OTHER.npz --take INPUT --markers 3 -o OUTPUT", "a.npz", ("a.npz",)),
-    "drive --film": Verb("drive INPUT --markers 3 -o OTHER.npz --film OUTPUT", "a.mp4", ("a.mp4",)),
-    "drive --background": Verb("drive OTHER.c3d --background INPUT -o OTHER.npz --film OUTPUT", "a.gif", ("a.gif",)),
-    "reduce": Verb("reduce INPUT -o OUTPUT", "a.npz", ("a.npz",)),
-    "reduce --back": Verb("reduce INPUT -o OTHER.npz --back OUTPUT", "a.trc", ("a.trc",)),
-    "inspect": Verb("inspect INPUT --plot OUTPUT", "a.png", ("a.png",)),
-    "inspect --sliders": Verb("inspect INPUT --sliders OUTPUT", "a.html", ("a.html",)),
-    "inspect --pose": Verb("inspect INPUT --pose OUTPUT", "a.fap", ("a.fap",)),
+    "drive": Job("drive INPUT --markers 3 -o OUTPUT", "a.npz", ("a.npz",)),
+    "drive --take": Job("drive OTHER.npz --take INPUT --markers 3 -o OUTPUT", "a.npz", ("a.npz",)),
+    "drive --film": Job("drive INPUT --markers 3 -o OTHER.npz --film OUTPUT", "a.mp4", ("a.mp4",)),
+    "drive --background": Job("drive OTHER.c3d --background INPUT -o OTHER.npz --film OUTPUT", "a.gif", ("a.gif",)),
+    "reduce": Job("reduce INPUT -o OUTPUT", "a.npz", ("a.npz",)),
+    "reduce --back": Job("reduce INPUT -o OTHER.npz --back OUTPUT", "a.trc", ("a.trc",)),
+    "inspect": Job("inspect INPUT --plot OUTPUT", "a.png", ("a.png",)),
+    "inspect --sliders": Job("inspect INPUT --sliders OUTPUT", "a.html", ("a.html",)),
+    "inspect --pose": Job("inspect INPUT --pose OUTPUT", "a.fap", ("a.fap",)),
     **{
-        f"score {option or 'recording'}": Verb(
+        f"score {option or 'recording'}": Job(
             f"score {'OTHER.fap' if option else ''} {option} INPUT -o OUTPUT", "a.html", ("a.html",)
         )
         for option in (
@@ -123,20 +123,20 @@ VERBS = {
             "--neutral",
         )
     },
-    "score --junit": Verb("score INPUT --junit OUTPUT", "a.xml", ("a.xml",)),
-    "score --sarif": Verb("score INPUT --sarif OUTPUT", "a.sarif", ("a.sarif",)),
-    "fit": Verb("fit INPUT -o OUTPUT", "p", ("p/profile.toml", "p/report.html", "p/takes/a.fap")),
-    "head import": Verb("head import INPUT -o OUTPUT", "head", ("head/head.toml", "head/head.npz", "head/head.png")),
+    "score --junit": Job("score INPUT --junit OUTPUT", "a.xml", ("a.xml",)),
+    "score --sarif": Job("score INPUT --sarif OUTPUT", "a.sarif", ("a.sarif",)),
+    "fit": Job("fit INPUT -o OUTPUT", "p", ("p/profile.toml", "p/report.html", "p/takes/a.fap")),
+    "head import": Job("head import INPUT -o OUTPUT", "head", ("head/head.toml", "head/head.npz", "head/head.png")),
     **{
-        f"head import {option}": Verb(f"head import OTHER.obj {option} INPUT -o OUTPUT", "head", ("head/head.toml",))
+        f"head import {option}": Job(f"head import OTHER.obj {option} INPUT -o OUTPUT", "head", ("head/head.toml",))
         for option in ("--points", "--shape-map")
     },
-    "head export": Verb("head export INPUT -o OUTPUT", "a.glb", ("a.glb",)),
-    "head check": Verb("head check INPUT -o OUTPUT", "a.png", ("a.png",)),
-    "view": Verb("view INPUT --screenshot OUTPUT", "a.png", ("a.png",)),
-    "view --audio": Verb("view OTHER.fap --audio INPUT --screenshot OUTPUT", "a.png", ("a.png",)),
-    "view --head": Verb("view OTHER.fap --head INPUT --screenshot OUTPUT", "a.png", ("a.png",)),
-    "view --profile": Verb("view --profile INPUT --screenshot OUTPUT", "a.png", ("a.png",)),
+    "head export": Job("head export INPUT -o OUTPUT", "a.glb", ("a.glb",)),
+    "head check": Job("head check INPUT -o OUTPUT", "a.png", ("a.png",)),
+    "view": Job("view INPUT --screenshot OUTPUT", "a.png", ("a.png",)),
+    "view --audio": Job("view OTHER.fap --audio INPUT --screenshot OUTPUT", "a.png", ("a.png",)),
+    "view --head": Job("view OTHER.fap --head INPUT --screenshot OUTPUT", "a.png", ("a.png",)),
+    "view --profile": Job("view --profile INPUT --screenshot OUTPUT", "a.png", ("a.png",)),
 }  # fmt: skip
 Make = Callable[[Path, Path], object]
 NAMES: dict[str, Make] = {
@@ -144,7 +144,7 @@ NAMES: dict[str, Make] = {
     "a symbolic link": lambda place, file: place.symlink_to(file),
     "a hard link": lambda place, file: place.hardlink_to(file),
 }
-CASES = [(verb, name, how) for verb, one in VERBS.items() for name in one.written for how in NAMES]
+CASES = [(command, name, how) for command, one in JOBS.items() for name in one.written for how in NAMES]
 
 
 def run(words: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> tuple[object, str]:
@@ -155,48 +155,53 @@ def run(words: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.Captur
     return end.value.code, capsys.readouterr().err
 
 
-def words_of(verb: Verb, folder: Path, read: Path) -> list[str]:
-    words = {"INPUT": str(read), "OUTPUT": str(folder / verb.output)}
-    return [words.get(word, str(folder / word) if word.startswith("OTHER") else word) for word in verb.command.split()]
+def words_of(command: Job, folder: Path, read: Path) -> list[str]:
+    words = {"INPUT": str(read), "OUTPUT": str(folder / command.output)}
+    return [words.get(word, str(folder / word) if word.startswith("OTHER") else word) for word in command.line.split()]
 
 
 def contents(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-@pytest.mark.parametrize(("verb", "name", "how"), CASES)
+@pytest.mark.parametrize(("command", "name", "how"), CASES)
 def test_no_output_falls_on_an_input(
-    verb: str, name: str, how: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    command: str,
+    name: str,
+    how: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     folder, mine = tmp_path / "out", tmp_path / "mine.png"
     (folder / name).parent.mkdir(parents=True)
     save_png(mine, np.zeros((2, 2, 3), np.uint8))
     NAMES[how](folder / name, mine)
     read = folder / name if how == "its own name" else mine
-    if verb == "fit":
+    if command == "fit":
         read = read.parent
     if how == "its own name":  # in a roundabout way
         monkeypatch.chdir(folder)
         read = Path(os.path.relpath(read.parent, folder)) / read.name
     before = contents(tmp_path)
-    code, told = run(words_of(VERBS[verb], folder, read), monkeypatch, capsys)
+    code, told = run(words_of(JOBS[command], folder, read), monkeypatch, capsys)
     assert (code, told.count("\n")) == (2, 1), told
     assert "is read, and would be written over" in told
     assert contents(tmp_path) == before
 
 
-@pytest.mark.parametrize("verb", VERBS)
+@pytest.mark.parametrize("command", JOBS)
 def test_nothing_is_replaced_where_it_is_forbidden(
-    verb: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Inputs are not even there: it is refused before any work."""
     read = tmp_path / "read.png"
     save_png(read, np.zeros((2, 2, 3), np.uint8))
-    for name in VERBS[verb].written:
+    for name in JOBS[command].written:
         there = tmp_path / name
         there.parent.mkdir(parents=True, exist_ok=True)
         there.write_bytes(b"an earlier file")
-        code, told = run([*words_of(VERBS[verb], tmp_path, read), "--no-overwrite"], monkeypatch, capsys)
+        code, told = run([*words_of(JOBS[command], tmp_path, read), "--no-overwrite"], monkeypatch, capsys)
         assert (code, told.count("\n")) == (2, 1), told
         assert "is there already, expected a new name" in told
         assert there.read_bytes() == b"an earlier file"
@@ -231,7 +236,7 @@ def commands() -> dict[str, Any]:
     }
 
 
-def test_every_verb_that_writes_is_here() -> None:
+def test_every_command_that_writes_is_here() -> None:
     """Those whose options name a file to write; each has --no-overwrite."""
     writing = set()
     for name, command in commands().items():
@@ -240,22 +245,22 @@ def test_every_verb_that_writes_is_here() -> None:
             writing.add(name)
             assert "--no-overwrite" in flags, name
     assert writing == {
-        next(name for name in sorted(writing, key=len, reverse=True) if verb.startswith(name)) for verb in VERBS
+        next(name for name in sorted(writing, key=len, reverse=True) if command.startswith(name)) for command in JOBS
     }
 
 
 def test_every_option_that_names_an_input_is_here() -> None:
     """And every option that names an output."""
     lacking = []
-    for verb in {" ".join(one.command.split()[: 1 + one.command.startswith("head ")]) for one in VERBS.values()}:
-        for parameter in commands()[verb].params:
+    for command in {" ".join(one.line.split()[: 1 + one.line.startswith("head ")]) for one in JOBS.values()}:
+        for parameter in commands()[command].params:
             flag = max(parameter.opts, key=len)
             is_path = parameter.type.name == "path" and not parameter.multiple and flag.startswith("--")
-            if (is_path or flag in NAMED) and (verb, flag) not in READ_LIVE:
+            if (is_path or flag in NAMED) and (command, flag) not in READ_LIVE:
                 word = "OUTPUT" if flag in WRITTEN else "INPUT"
                 words = f"-o {word}" if flag == "--output" else f"{flag} {word}"
-                if not any(one.command.startswith(f"{verb} ") and words in one.command for one in VERBS.values()):
-                    lacking.append(f"{verb} {flag}")
+                if not any(one.line.startswith(f"{command} ") and words in one.line for one in JOBS.values()):
+                    lacking.append(f"{command} {flag}")
     assert not lacking
 
 
@@ -357,7 +362,7 @@ QUICK = {
     "render film": ("render a.fap --size 64 -o x.mp4", "x.mp4"),
     "render pictures": ("render a.fap --size 64 -o x", "x/frame_0000.png"),
 }
-"""Verbs that are quick on short timings, and a file that each writes; python -m design.faults has them all."""
+"""Commands that are quick on short timings, and a file that each writes; python -m design.faults has them all."""
 
 
 @pytest.fixture(scope="module")
@@ -373,36 +378,36 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("verb", QUICK)
+@pytest.mark.parametrize("command", QUICK)
 @pytest.mark.parametrize("trouble", ["full disk", "read only"])
 def test_a_disk_that_takes_nothing_leaves_the_good_file(
     trouble: str,
-    verb: str,
+    command: str,
     inputs: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    command, name = QUICK[verb]
+    line, name = QUICK[command]
     shutil.copytree(inputs, tmp_path, dirs_exist_ok=True)
     (tmp_path / name).parent.mkdir(exist_ok=True)
     (tmp_path / name).write_bytes(b"an earlier file")
     before = contents(tmp_path)
     monkeypatch.chdir(tmp_path)
     with full_disk() if trouble == "full disk" else read_only(tmp_path, (tmp_path / name).parent):
-        code, told = run(command.split(), monkeypatch, capsys)
+        code, told = run(line.split(), monkeypatch, capsys)
     assert code == 3
     assert "cannot be written" in told
     assert "Traceback" not in told
     assert contents(tmp_path) == before
 
 
-@pytest.mark.parametrize("verb", QUICK)
+@pytest.mark.parametrize("command", QUICK)
 def test_what_was_done_is_told_as_json(
-    verb: str, inputs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+    command: str, inputs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     shutil.copytree(inputs, tmp_path, dirs_exist_ok=True)
-    monkeypatch.setattr(sys, "argv", ["fapengine", *QUICK[verb][0].split(), "--json"])
+    monkeypatch.setattr(sys, "argv", ["fapengine", *QUICK[command][0].split(), "--json"])
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit) as end:
         main()

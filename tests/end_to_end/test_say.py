@@ -239,5 +239,5 @@ def test_help_is_quick_and_teaches() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300, check=True)
     assert done.stdout == "\n"
-    assert all(verb in text for verb in ("say", "animate", "doctor"))
+    assert all(command in text for command in ("say", "animate", "doctor"))
     assert 'fapengine say "Hello there." --live' in run("say", "--help").stdout

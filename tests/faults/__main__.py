@@ -27,7 +27,7 @@ class Row:
 def inject(
     moments: int, seed: int, *, only: str = "", minutes: float = 60.0, tell: Callable[[str], None] = print
 ) -> dict[str, Row]:
-    """Kill at random moments: verbs that write, parts of running servers, and parts of an agent, side by side.
+    """Kill at random moments: commands that write, parts of running servers, and parts of an agent, side by side.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def inject(
     until_s = time.monotonic() + 60 * minutes
     sides = [
         (kind, names)
-        for kind, those in (("verb", JOBS), ("server:", PARTS), ("agent:", agents.PARTS))
+        for kind, those in (("command", JOBS), ("server:", PARTS), ("agent:", agents.PARTS))
         if (names := [name for name in those if f"{kind} {name}".startswith(only)])
     ]
 
@@ -54,7 +54,7 @@ def inject(
         rows, rng = defaultdict[str, Row](Row), random.Random(f"{seed} {kind}")
         with ExitStack() as all_:
             folder = Path(all_.enter_context(tempfile.TemporaryDirectory()))
-            if kind == "verb":
+            if kind == "command":
                 once = Writers(folder, rng).once
             else:
                 once = all_.enter_context(World(folder, rng) if kind == "server:" else agents.Agent(rng)).once
@@ -83,7 +83,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--moments", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--only", default="", help="beginning of a target's name: verb, server, 'verb say'")
+    parser.add_argument("--only", default="", help="beginning of a target's name: command, server, 'command say'")
     parser.add_argument("--minutes", type=float, default=60.0, help="then no further moment is begun, and that fails")
     options = parser.parse_args()
     begun_s = time.monotonic()

@@ -1,4 +1,4 @@
-"""Every verb that writes, stopped at a random moment: what it leaves is whole, and what it read is as it was."""
+"""Every command that writes, stopped at a random moment: what it leaves is whole, and what it read is as it was."""
 
 import random
 import shutil
@@ -42,12 +42,12 @@ MADE = {
     "a.csv": "convert a.fap -o a.csv",
     "a.glb": "head export default:level=coarse -o a.glb",
 }
-"""Inputs that are made when a verb needs them, each by a command."""
+"""Inputs that are made when a command needs them, each by a command."""
 
 
 @dataclass(frozen=True)
 class Job:
-    """A verb with short inputs."""
+    """A command with short inputs."""
 
     words: str
     outputs: tuple[str, ...]
@@ -122,7 +122,7 @@ def _is_there(path: Path) -> bool:
 
 
 class Writers:
-    """Inputs, and each verb's outputs and time.
+    """Inputs, and each command's outputs and time.
 
     Stateful.
     """
@@ -154,10 +154,10 @@ class Writers:
         rows = [f"{name},{index}" for name, index in head.feature_points.items() if index in used]
         (self._inputs / "points.csv").write_text("\n".join(["point,vertex", *rows]))
 
-    def once(self, verb: str) -> str:
-        """Stop a verb at a random moment; "" or what is wrong then."""
-        job, rng = JOBS[verb], self._rng
-        done, took_s = self._finished(verb)
+    def once(self, command: str) -> str:
+        """Stop a command at a random moment; "" or what is wrong then."""
+        job, rng = JOBS[command], self._rng
+        done, took_s = self._finished(command)
         place = self._folder / "now"
         shutil.rmtree(place, ignore_errors=True)
         was_there = rng.random() < 0.5
@@ -203,32 +203,32 @@ class Writers:
             elif was_there:
                 wrong.append(f"{name} is gone")
         names = {path.relative_to(self._inputs) for path in self._inputs.rglob("*") if path.is_file()}
-        wrong += [  # inputs of verbs that come later are not in the folders of those that came before
+        wrong += [  # inputs of commands that come later are not in the folders of those that came before
             f"{name} was changed"
             for name in names
             if place / name in before and (place / name).read_bytes() != before[place / name]
         ]
         return wrong
 
-    def _finished(self, verb: str) -> tuple[Path, float]:
-        """Folder after the verb, and how long it took; made when it is first asked for."""
-        if verb not in self._done:
-            if verb == "fit" and not (self._inputs / "S07").exists():
+    def _finished(self, command: str) -> tuple[Path, float]:
+        """Folder after the command, and how long it took; made when it is first asked for."""
+        if command not in self._done:
+            if command == "fit" and not (self._inputs / "S07").exists():
                 record(self._inputs / "S07")
             for name, words in MADE.items():
-                if name in JOBS[verb].words.split() and not (self._inputs / name).exists():
+                if name in JOBS[command].words.split() and not (self._inputs / name).exists():
                     self._run(self._inputs, words)
-            if verb == "head import" and not (self._inputs / "face.ply").exists():
+            if command == "head import" and not (self._inputs / "face.ply").exists():
                 self._make_face()
-            place = self._folder / verb.replace(" ", "-")
+            place = self._folder / command.replace(" ", "-")
             shutil.copytree(self._inputs, place)
             begun_s = time.monotonic()
-            self._run(place, JOBS[verb].words)
+            self._run(place, JOBS[command].words)
             took_s = time.monotonic() - begun_s
-            bad = [name for name in JOBS[verb].outputs if not is_whole(place / name)]
-            assert not bad, f"{verb} does not write {bad}"
-            self._done[verb] = place, took_s
-        return self._done[verb]
+            bad = [name for name in JOBS[command].outputs if not is_whole(place / name)]
+            assert not bad, f"{command} does not write {bad}"
+            self._done[command] = place, took_s
+        return self._done[command]
 
     @staticmethod
     def _command(job: Job) -> list[str]:

@@ -8,8 +8,8 @@ from tests.faults.__main__ import inject
 @pytest.mark.parametrize(
     ("only", "moments"),
     [
-        ("verb encode", 2),
-        pytest.param("verb encode", 4, marks=pytest.mark.nightly),
+        ("command encode", 2),
+        pytest.param("command encode", 4, marks=pytest.mark.nightly),
         ("server: server", 1),
         ("server: voice", 1),
         pytest.param("agent: painter", 1, marks=pytest.mark.nightly),

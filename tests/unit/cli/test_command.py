@@ -109,7 +109,7 @@ def test_help_shows_examples_that_can_be_copied(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", sorted(set(FUNCTIONS) - {"serve", "agent"}))  # which run until they are stopped
-def test_what_a_verb_does_can_be_had_as_json(name: str) -> None:
+def test_what_a_command_does_can_be_had_as_json(name: str) -> None:
     assert "--json" in CliRunner().invoke(app, [*name.split(), "--help"], env={"COLUMNS": "80"}).output
 
 

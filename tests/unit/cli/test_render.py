@@ -1,4 +1,4 @@
-"""The verb render: FAPs in, every kind of picture out."""
+"""The command render: FAPs in, every kind of picture out."""
 
 import re
 from pathlib import Path

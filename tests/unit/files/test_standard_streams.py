@@ -32,7 +32,7 @@ def test_nothing_is_written_to_a_file_of_that_name(
     assert not list(tmp_path.iterdir())
 
 
-def test_a_pipe_of_verbs_gives_what_files_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_pipe_of_commands_gives_what_files_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
     def run(*words: str, data: str | bytes = b"") -> bytes:

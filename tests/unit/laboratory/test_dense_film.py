@@ -1,4 +1,4 @@
-"""The verbs on a dense face: a head of it, films of takes, glTF with its modes."""
+"""The commands on a dense face: a head of it, films of takes, glTF with its modes."""
 
 import json
 import shutil

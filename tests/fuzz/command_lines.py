@@ -1,13 +1,13 @@
-"""Random command lines: every verb ends by itself, in a line of words, and leaves what it was given as it was.
+"""Random command lines: every command ends by itself, explains a failure in one line, and leaves its inputs unchanged.
 
-    python -m tests.fuzz.verbs [--seconds 600] [--count 1000] [--seed 1] [--only encode]
+    python -m tests.fuzz.command_lines [--seconds 600] [--count 1000] [--seed 1] [--only encode]
 
 Commands run one after the other in a child of a process that has everything imported: :data:`TOGETHER` in each of
 :data:`FOLDERS` folders with good and spoiled files of every kind. Arguments are mostly files of that folder, options
-those of the verb, values mostly what people write. The law: exit code 0 to 3, no traceback, a line of words where it is
-not 0, no more than :data:`MOST_S` of processor and :data:`MOST_MB`, no input changed that was not named as the output,
-no hidden file left, nothing written beside the folder that was not named, nothing left in the folder for temporary
-files. What breaks it is printed as a command line; a command that ends its process costs itself alone.
+those of the command, values mostly what people write. Asked of each: exit code 0 to 3, no traceback, a message where it
+is not 0, at most :data:`MOST_S` of CPU time and :data:`MOST_MB`, no input changed that was not named as the output, no
+hidden file left, nothing written beside the folder that was not named, nothing left in the folder for temporary files.
+A failure is printed as a command line; a command that ends its process costs itself alone.
 """
 
 import argparse
@@ -81,7 +81,7 @@ FITS = {
     "score": (".fap", ".csv"),
     "head import": (".glb", ".obj"),
 }
-"""How the name of a verb's argument mostly ends."""
+"""How the name of a command's argument mostly ends."""
 SAID = {
     "say": ("Hello.", "Ja, gut!"),
     "head check": ("default:level=coarse",),
@@ -94,14 +94,14 @@ OUTPUT_FITS = {
 }  # fmt: skip
 MISSING = "missing.fap"
 ENDLESS = {"serve": ("--config", "missing.toml"), "view": (MISSING,)}
-"""Verbs that wait for somebody, and what they always refuse."""
+"""Commands that wait for somebody, and what they always refuse."""
 WAITS = {"--live", "--mic", "--help", "--scheduler", "--window"}
 """Options that wait for somebody, and ``--help``."""
 SELDOM = {
     "doctor": 0.01, "batch": 0.03, "head check": 0.05, "head export": 0.1, "say": 0.2, "align": 0.2, "animate": 0.4,
     "convert": 0.4,
 }  # fmt: skip
-"""Shares of verbs that take long: fewer of them let all the others be tried more often in the same time."""
+"""Shares of commands that take long: fewer of them let all the others be tried more often in the same time."""
 SMALL = 0.97
 """Share of the commands that draw which say how large."""
 MOST_S, MOST_MB = 60, 4000
@@ -129,14 +129,14 @@ def fill(folder: Path, chance: random.Random) -> list[str]:
     return [*names, "rows.csv", "folder", MISSING]
 
 
-def verbs() -> dict[str, Any]:
+def commands() -> dict[str, Any]:
     """Every command by its name, those of ``head`` with both words. What is built here, every run of a command uses."""
     typer.main.get_command = cache(typer.main.get_command)
     named = cache(partial(Commands.get_command, None, None))
     Commands.get_command = lambda _, __, name: named(name)  # type: ignore[method-assign]
     group: Any = typer.main.get_command(app)
     known = {name: group.get_command(None, name) for name in COMMANDS}
-    known |= {f"head {name}": verb for name, verb in known.pop("head").commands.items()}
+    known |= {f"head {name}": command for name, command in known.pop("head").commands.items()}
     return known
 
 
@@ -336,13 +336,13 @@ class Search:
 def search(
     seconds: float, seed: int, only: str = "", most: int = 1 << 30
 ) -> tuple[Counter[str], list[str], tuple[int, int]]:
-    """Try so long, or so many: endings by verb and code, what broke the law, and how many options of how many."""
+    """Try so long, or so many: endings by command and code, what broke the law, and how many options of how many."""
     endings, found, tried, imported = Counter[str](), list[str](), set[tuple[str, str]](), set[str]()
-    known = {name: verb for name, verb in verbs().items() if only in name}
+    known = {name: command for name, command in commands().items() if only in name}
     every = {
         (name, option)
-        for name, verb in known.items()
-        for parameter in verb.params
+        for name, command in known.items()
+        for parameter in command.params
         if parameter.param_type_name == "option" and not WAITS & set(parameter.opts)
         for option in (*parameter.opts, *parameter.secondary_opts)
     }
@@ -384,7 +384,7 @@ def start() -> int:
     parser.add_argument("--seconds", type=float, default=600.0)
     parser.add_argument("--count", type=int, default=1 << 30, help="stop after so many commands")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--only", default="", help="verbs with this in their names")
+    parser.add_argument("--only", default="", help="commands with this in their names")
     chosen = parser.parse_args()
     endings, found, (tried, every) = search(chosen.seconds, chosen.seed, chosen.only, chosen.count)
     print(f"{sum(endings.values())} commands, {tried} of {every} options: {dict(sorted(endings.items()))}")

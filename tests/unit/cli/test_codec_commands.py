@@ -1,4 +1,4 @@
-"""The verbs encode, decode and inspect: files in, files out, numbers as JSON."""
+"""The commands encode, decode and inspect: files in, files out, numbers as JSON."""
 
 import json
 from dataclasses import replace
