@@ -34,7 +34,7 @@ CONTAINERS = (
     "flv", "amr", "ac3", "eac3",
 )  # fmt: skip
 """FFmpeg's names of the containers that are read: self-contained audio and video."""
-COUNTED = ("flac", "aiff", "au", "ogg", "mov,mp4,m4a,3gp,3g2,mj2")
+COUNTED = ("flac", "aiff", "au", "mov,mp4,m4a,3gp,3g2,mj2")
 """Containers that state the length of their sound."""
 SOUND_SUFFIXES = frozenset({
     ".wav", ".wave", ".w64", ".flac", ".mp3", ".ogg", ".oga", ".opus", ".m4a", ".aac", ".aif", ".aiff", ".caf", ".au",
@@ -57,10 +57,18 @@ LONG_VARIABLE = "FAPENGINE_LONG"
 """Environment variable that allows any length up to :data:`MAX_S`."""
 MARGIN_S = 60.0
 """Length of sound that is read beyond the motion or the timings that it belongs to."""
+CHUNKED = {  # bytes before the first chunk, of a chunk's name, of its size; order; alignment; head in the size
+    b"RIFF": (12, 4, 4, "little", 2, 0),
+    b"riff": (40, 16, 8, "little", 8, 24),  # Sony's Wave64
+    b"caff": (8, 4, 8, "big", 1, 0),
+}
+"""Containers of chunks, by their first bytes. FFmpeg tells the length of the bytes that they have."""
+OGG_TAIL_BYTES = 1 << 17
+"""Bytes in which Ogg's last page is sought, which has up to 65,307."""
 SHORTER_S = 0.1
 """Difference to the stated length from which the rest of a file is missing; codecs pad by less."""
 UNKNOWN_BYTES = 0x7FFF0000
-"""Sizes in a WAV from here on mean that the program did not know it."""
+"""Sizes of a chunk from here on mean that the program did not know it."""
 WRITTEN_AT_ONCE = 1 << 20
 """Samples written at a time."""
 log = logging.getLogger("fapengine.sound")
@@ -79,7 +87,7 @@ class SoundInfo:
 
 def inspect_sound(path: Path) -> SoundInfo:
     """Read the audio properties of a file without decoding it. Raises as :func:`stream_sound`."""
-    with _opened(path) as (container, _):
+    with _opened(path) as (container, _, _):
         stream = container.streams.audio[0]
         stated = stream.duration * stream.time_base if stream.duration and stream.time_base else 0
         duration_s = float(stated or (container.duration or 0) / 1e6)
@@ -113,7 +121,7 @@ def stream_sound(path: Path, *, rate_hz: int | None = None, channel: int | None 
     -----
     A warning is logged if a file ends before the length that it states, or within a frame.
     """
-    with _opened(path) as (container, stated_s):
+    with _opened(path) as (container, stated_s, is_cut):
         stream = container.streams.audio[0]
         if channel is not None and not 1 <= channel <= stream.channels:
             raise UsageError(f"channel: got {channel}, expected 1 to {stream.channels}, the channels of {path}")
@@ -122,7 +130,7 @@ def stream_sound(path: Path, *, rate_hz: int | None = None, channel: int | None 
         resampler = None
         if target_hz != source_hz:
             resampler = av.AudioResampler(format="s16", layout="mono", rate=target_hz)
-        decoded, is_cut = 0, False
+        decoded = 0
         try:
             for frame in container.decode(audio=0):
                 if frame.sample_rate != source_hz:
@@ -249,11 +257,16 @@ def _recorded(path: Path) -> BinaryIO:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[tuple[Any, float]]:
-    """Open a container with decodable audio, and its stated length in s, 0 if missing; it is closed at the end."""
-    with _recorded(path) if path.suffix.lower() in RECORDED else open_file(path) as file:
+def _opened(path: Path) -> Iterator[tuple[Any, float, bool]]:
+    """Open a container with decodable audio; it is closed at the end.
+
+    Also its stated length in s, 0 if missing, and whether its end is missing.
+    """
+    with _recorded(path) if path.suffix.lower() in RECORDED else open_file(path) as whole:
+        file = _untagged(whole)
         check_samples(file, path)
-        wav_s, is_counted = _wav_s(file), _is_counted(file)
+        chunks_s, is_counted, has_end = _chunks_s(file), _is_counted(file), _has_end(file)
+        file.seek(0)
         try:
             options = {"format_whitelist": ",".join(CONTAINERS), "protocol_whitelist": "none"}
             container = av.open(file, mode="r", options=options, **_any_metadata())
@@ -266,41 +279,83 @@ def _opened(path: Path) -> Iterator[tuple[Any, float]]:
         with container:
             _check(container, path)
             stream, name = container.streams.audio[0], container.format.name
-            if name == "wav":
-                stated_s = wav_s
+            if chunks_s:
+                stated_s = chunks_s
             elif name in COUNTED or (name == "mp3" and is_counted):
                 stated_s = float(stream.duration * stream.time_base) if stream.duration and stream.time_base else 0.0
             elif name == "matroska,webm" and len(container.streams) == 1:
                 stated_s = (container.duration or 0) / 1e6
             else:
                 stated_s = 0.0
-            yield container, stated_s
+            yield container, stated_s, name == "ogg" and not has_end
 
 
-def _wav_s(file: BinaryIO) -> float:
-    """Length that a WAV states, in s; 0 if it does not, or is another file. FFmpeg tells that of the bytes it has."""
+class _Rest(io.RawIOBase):
+    """A file from a position on, which is its position 0."""
+
+    def __init__(self, file: BinaryIO, start: int) -> None:
+        self._file, self._start = file, start
+        self.seek(0)
+
+    def readable(self) -> bool:
+        return True
+
+    def seekable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        return self._file.readinto(buffer)  # type: ignore[attr-defined, no-any-return]  # files and BytesIO have it
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        return self._file.seek(offset + (self._start if whence == os.SEEK_SET else 0), whence) - self._start
+
+
+def _untagged(file: BinaryIO) -> BinaryIO:
+    """The file behind an ID3 tag: some programs put it before any sound, FFmpeg expects it before some."""
+    tag = file.read(10)
     file.seek(0)
-    head = file.read(12)
-    bytes_per_s, is_wav = 0, head[:4] == b"RIFF" and head[8:] == b"WAVE"
-    while is_wav and len(head := file.read(8)) == 8:
-        size = int.from_bytes(head[4:], "little")
+    if len(tag) < 10 or tag[:3] != b"ID3":
+        return file
+    return io.BufferedReader(_Rest(file, 10 + sum(byte << 7 * (3 - n) for n, byte in enumerate(tag[6:]))))
+
+
+def _chunks_s(file: BinaryIO) -> float:
+    """Length that a file of chunks states, in s; 0 if it does not, or is another file."""
+    file.seek(0)
+    kind = CHUNKED.get(file.read(4))
+    if kind is None:
+        return 0.0
+    at, name, width, order, aligned, counted = kind
+    bytes_per_s = 0.0
+    while True:
+        file.seek(at)
+        head = file.read(name + width + 24)
+        body = head[name + width :]
+        size = max(int.from_bytes(head[name : name + width], order) - counted, 0)  # type: ignore[arg-type]
         if head[:4] == b"data":
             return size / bytes_per_s if bytes_per_s and size < UNKNOWN_BYTES else 0.0
+        if len(body) < 16 or size >= UNKNOWN_BYTES:
+            return 0.0
         if head[:4] == b"fmt ":
-            bytes_per_s = int.from_bytes(file.read(12)[8:], "little")
-            size -= 12
-        file.seek(max(size + size % 2, 0), os.SEEK_CUR)
-    return 0.0
+            bytes_per_s = int.from_bytes(body[8:12], "little")
+        elif head[:4] == b"desc" and len(body) == 24:
+            rate_hz, packet_bytes, packet_frames = struct.unpack(">d8x2I", body)
+            bytes_per_s = rate_hz * packet_bytes / packet_frames if packet_frames else 0.0
+        at += name + width + size + -size % aligned
+
+
+def _has_end(file: BinaryIO) -> bool:
+    """Whether the last page of an Ogg is whole and marked as the end of its stream (RFC 3533)."""
+    file.seek(max(file.seek(0, os.SEEK_END) - OGG_TAIL_BYTES, 0))
+    tail = file.read(OGG_TAIL_BYTES)
+    page = tail[max(tail.rfind(b"OggS"), 0) :]
+    return len(page) > 27 and bool(page[5] & 4) and len(page) >= 27 + page[26] + sum(page[27 : 27 + page[26]])
 
 
 def _is_counted(file: BinaryIO) -> bool:
     """Whether an MP3 states its number of frames; else its length is an estimate."""
     file.seek(0)
-    tag = file.read(10)
-    is_tag = tag[:3] == b"ID3" and len(tag) == 10
-    file.seek(10 + sum(byte << 7 * (3 - n) for n, byte in enumerate(tag[6:])) if is_tag else 0)
     head = file.read(4096)
-    file.seek(0)
     return any(mark in head for mark in (b"Xing", b"Info", b"VBRI"))
 
 
