@@ -14,7 +14,7 @@ def main() -> None:
     with sounddevice.InputStream(
         samplerate=22_050, channels=1, dtype="int16", blocksize=441, latency=0.05, callback=listen
     ):
-        time.sleep(60)
+        time.sleep(1000)  # it is killed before
 
 
 if __name__ == "__main__":

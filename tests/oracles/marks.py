@@ -26,7 +26,7 @@ def check_with_exiftool() -> None:
             write_moving(folder / f"film{suffix}", FRAMES, rate_hz=10.0)
         write_moving(folder / "one.webp", FRAMES[:1], rate_hz=10.0)
         save_png(folder / "face.png", FRAMES[0])
-        told = subprocess.run(["exiftool", "-j", name], capture_output=True, check=True, timeout=60).stdout
+        told = subprocess.run(["exiftool", "-j", name], capture_output=True, check=True, timeout=300).stdout
     rows = {Path(row["SourceFile"]).name: row for row in json.loads(told)}
     assert len(rows) == len(FORMATS) + 2, rows
     for file, row in rows.items():
