@@ -44,6 +44,10 @@ def test_a_picture_of_faps_needs_no_scipy() -> None:
     assert "scipy" not in loaded
 
 
+def test_inspecting_a_file_starts_without_scipy() -> None:
+    assert "scipy" not in modules_after("import fapengine.app.inspection.kinds")
+
+
 def test_the_list_of_commands_needs_no_numpy() -> None:
     assert "numpy" not in modules_after(
         "from fapengine.cli import main\n"

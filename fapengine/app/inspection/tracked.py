@@ -13,7 +13,6 @@ from fapengine.errors import DataError
 from fapengine.files.heads.built import load_built
 from fapengine.files.recordings import RECORDINGS, is_table, load_markers, load_recorded_sound, mesh_files
 from fapengine.files.sessions import load_session
-from fapengine.laboratory.few_markers import facing
 from fapengine.laboratory.look import Look, look_over, session_lines
 from fapengine.mesh.default_head.style import MEASURED
 
@@ -82,6 +81,7 @@ def _sound(path: Path, track: MarkerTrack) -> tuple[str, Synchrony | None]:
 def _plot(path: Path, track: MarkerTrack, look: Look) -> "np.ndarray":
     """Draw the markers from the front at the quietest moment, and when each is seen."""
     from fapengine.files.report.figures import recording  # matplotlib
+    from fapengine.laboratory.few_markers import facing  # much of scipy
 
     first, last = (round(time_s * track.rate_hz) for time_s in look.quiet_s)
     shown = np.flatnonzero(track.valid.any(axis=0))
