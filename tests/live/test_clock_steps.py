@@ -8,11 +8,11 @@ import os
 import re
 import signal
 import sys
-import time
 from pathlib import Path
 
 import pytest
 
+from fapengine.wire import osc
 from tests.faults.processes import becomes
 from tests.live.stage import Ear, Sender
 from tests.processes import start
@@ -23,6 +23,16 @@ OPEN = 40
 """FAP 3 of an open mouth."""
 SOON = 9_000
 """Looks within which a server does what it should at once."""
+
+
+def now_s(asker: Sender, number: int) -> float:
+    """Ask a server for the time of its clock, which it has then seen."""
+    answers: list[osc.Message] = []
+    asker.tell("/fap/1/ping", "ih", number, 0)
+    assert becomes(lambda: answers.extend(asker.answers()) or answers, SOON)
+    assert answers[0].address == "/fap/1/pong"
+    assert answers[0].arguments[0] == number
+    return 1e-6 * float(answers[0].arguments[2])
 
 
 @pytest.mark.skipif(LIBRARY is None, reason="libfaketime is not installed: apt-get install faketime")
@@ -42,19 +52,22 @@ def test_a_server_speaks_on_when_clocks_step(tmp_path: Path, only_wall: bool, st
         assert becomes(lambda: '"ready"' in log.read_text() or server.poll() is not None, SOON), log.read_text()
         found = re.search(r"127\.0\.0\.1:(\d+) \(UDP", log.read_text())
         assert found, log.read_text()
-        sender = Sender(("127.0.0.1", int(found[1])))
+        sender, asker = Sender(("127.0.0.1", int(found[1]))), Sender(("127.0.0.1", int(found[1])))
+        begun_s = now_s(asker, -1)
         sender.tell("/fap/1/hello", "sissi", "anna", 1, "ipa", "", 1)
         for number, offset in enumerate(("+0", *steps)):
             new = tmp_path / "new"
             new.write_text(f"{offset}\n")
             new.replace(faked)
-            time.sleep(0.5)
+            stepped_s = now_s(asker, number) - begun_s
+            assert only_wall or stepped_s >= int(offset[1:].removesuffix("s")), f"{offset}: {stepped_s:.0f} s"
             ear.listen()
             ear.frames.clear()
             sender.utter("anna", number, "mama")
             assert becomes(lambda: max(ear.jaw("anna"), default=0) > OPEN, SOON), f"{offset}: {log.read_text()}"
             assert becomes(lambda: ear.jaw("anna")[-1] == 0, SOON), f"{offset}: the mouth does not close again"
         sender.close()
+        asker.close()
         server.send_signal(signal.SIGTERM)
         assert becomes(lambda: server.poll() is not None, SOON), "it does not end"
         assert server.returncode in (0, 128 + signal.SIGTERM), log.read_text()
