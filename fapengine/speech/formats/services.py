@@ -158,14 +158,21 @@ def characters_of(node: Node) -> list[Entry]:
 def words_of(characters: list[Entry]) -> list[Entry]:
     """Join characters into words; anything but letters, digits, apostrophes and hyphens separates them.
 
+    What square brackets enclose is a tag of Eleven v3, which is not spoken.
+
     Examples
     --------
-    >>> [word.label for word in words_of([Entry(i, i + 1, c, "") for i, c in enumerate("it's so.")])]
+    >>> [word.label for word in words_of([Entry(i, i + 1, c, "") for i, c in enumerate("[laughs] it's so.")])]
     ["it's", 'so']
     """
+    text = "".join(character.label[:1] or " " for character in characters)
+    tagged = {place for tag in re.finditer(r"\[[^][]*\]", text) for place in range(*tag.span())}
     words: list[Entry] = []
     inside = False
-    for character in characters:
+    for place, character in enumerate(characters):
+        if place in tagged:
+            inside = False
+            continue
         belongs = any(letter.isalnum() for letter in character.label) or (inside and character.label in "'’-")
         if belongs and inside:
             last = words[-1]

@@ -26,8 +26,8 @@ from fapengine.speech.phone_track import PhoneTrack
 MIN_WORD_S = 0.05
 """Shortest time in s that a word without times is given between its neighbours."""
 _EDGES = ' \t\r\n.,!?;:…"“”„«»‹›()[]{}¿¡–—-*♪'
-_SPECIAL = re.compile(r"\[_.*\]|<.*>|\[[A-Z_ ]+\]")
-"""Tokens that are not text: [_BEG_], <end>, [BLANK_AUDIO]."""
+_SPECIAL = re.compile(r"\[.*\]|<.*>|\{.*\}")
+"""Labels that are not text: [_BEG_], [Music], <end>, {B_TRANS}."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,9 +130,11 @@ def _plain_word(label: str) -> str:
 
     Examples
     --------
-    >>> [_plain_word(word) for word in (" Hello,", "“we'll”", "a.m.", "—", "3.5%")]
-    ['Hello', "we'll", 'a.m.', '', '3.5%']
+    >>> [_plain_word(word) for word in (" Hello,", "“we'll”", "a.m.", "—", "3.5%", "[Music]")]
+    ['Hello', "we'll", 'a.m.', '', '3.5%', '']
     """
+    if _SPECIAL.fullmatch(label.strip()):
+        return ""
     plain = label.strip(_EDGES)
     return plain + "." if "." in plain and label.strip().startswith(plain + ".") and not plain[0].isdigit() else plain
 

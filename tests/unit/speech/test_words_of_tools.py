@@ -243,6 +243,25 @@ def test_buckeye_and_emu() -> None:
     )
     assert told(read(buckeye)) == [("_", 0.0, 0.1), ("b", 0.1, 0.4), ("ãɪ̃", 0.4, 1.0), ("_", 1.0, 1.1)]
     assert told(read(buckeye, ending=".lab")) == told(read(buckeye))
+    words = "nfields 3\n#\n 0.2 122 {B_TRANS}; B; B; null\n 0.3 122 <IVER>; S; S; null\n 0.7 122 that's; dh\n"
+    assert told(read(words, ending=".words")) == [("_", 0.0, 0.3), ("that's", 0.3, 0.7)]
+
+
+def test_what_brackets_enclose_is_not_spoken() -> None:
+    rows = [("[Music]", 0.0, 1.0), ("Hello", 1.0, 1.5), ("(well)", 1.5, 2.0), ("[BLANK_AUDIO]", 2.0, 2.5)]
+    spoken = [("_", 0.0, 1.0), ("Hello", 1.0, 1.5), ("well", 1.5, 2.0)]
+    words = [{"word": word, "start": start_s, "end": end_s, "score": 0.9} for word, start_s, end_s in rows]
+    assert told(read(json.dumps({"segments": [{"words": words}], "word_segments": words}))) == spoken
+    assert (
+        told(read("".join(f"talk 1 {start_s} {end_s - start_s} {word}\n" for word, start_s, end_s in rows))) == spoken
+    )
+    text = "[soft laugh] Hi"
+    starts_s = [n / 10 for n in range(len(text))]
+    times = {"character_start_times_seconds": starts_s, "character_end_times_seconds": [*starts_s[1:], 1.5]}
+    assert told(read(json.dumps({"alignment": {"characters": list(text), **times}}))) == [
+        ("_", 0.0, 1.3),
+        ("Hi", 1.3, 1.5),
+    ]
 
 
 def binary_grid(*tiers: tuple[str, str, list[tuple[object, ...]]]) -> bytes:
