@@ -34,26 +34,6 @@ MARKERS = (".npz", ".c3d", ".trc")
 OVERLAY_PX = 480
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CaptureJob:
-    """Input, output and options of a capture."""
-
-    source: str
-    """A video, landmarks, a table of OpenFace or of scores; ``webcam`` or ``webcam:1``."""
-    output: Path
-    size: tuple[int, int] | None = None
-    """Width and height in pixels of the images to which landmarks are relative."""
-    rate_hz: float | None = None
-    """Frame rate of landmarks, which their file does not contain."""
-    seconds: float = CAMERA_S
-    """Duration of a camera capture."""
-    overlay: Path | None = None
-    """Video that shows the head next to the captured face."""
-    head: str = "default"
-    model: Path | None = None
-    """MediaPipe's ``face_landmarker.task``, for wheels without a model."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Captured:
     """FAPs, and their origin."""
@@ -66,35 +46,69 @@ class Captured:
     held: HeldFace | None = None
 
 
-def run_capture(job: CaptureJob, *, on_frame: Callable[[], None] = lambda: None) -> Captured:
+def run_capture(
+    source: str,
+    output: Path,
+    *,
+    size: tuple[int, int] | None = None,
+    rate_hz: float | None = None,
+    seconds: float | None = None,
+    overlay: Path | None = None,
+    head: str = "default",
+    model: Path | None = None,
+    on_frame: Callable[[], None] = lambda: None,
+) -> Captured:
     """Capture, and write the kind of output that its name asks for.
 
     Parameters
     ----------
+    source : str
+        A video, landmarks, a table of OpenFace or of scores; ``webcam`` or ``webcam:1``.
+    output : Path
+    size, rate_hz : (int, int), float, optional
+        Of landmarks, whose file contains neither: width and height of their images in pixels, frame rate.
+    seconds : float, optional
+        Duration of a camera capture, 10 s by default.
+    overlay : Path, optional
+        Video that shows ``head`` next to the captured face.
+    model : Path, optional
+        MediaPipe's ``face_landmarker.task``, for wheels without a model.
     on_frame : callable
         Called after each image that the face detector has processed.
     """
-    if job.overlay is not None and not (_is_film(job.source) and is_moving(job.overlay)):
-        raise UsageError(f"overlay: got {job.overlay} for {job.source}, expected a video (.mp4) for a video")
-    found = watch(job, on_frame=on_frame)
-    if job.output.suffix.lower() in MARKERS:
-        save_markers(job.output, _markers(found, job))
+    if overlay is not None and not (_is_film(source) and is_moving(overlay)):
+        raise UsageError(f"overlay: got {overlay} for {source}, expected a video (.mp4) for a video")
+    found = _watch(source, size, rate_hz, CAMERA_S if seconds is None else seconds, model, on_frame)
+    if output.suffix.lower() not in MARKERS:
+        save(found.track, output)
+    elif found.held is None:
+        raise UsageError(f"{output}: {found.kind} has no points, expected .fap, .fba or .csv as output")
     else:
-        save(found.track, job.output)
-    if job.overlay is not None:
-        _overlay(job, found.track)
+        rows = dict(sorted(FEATURE_POINTS.items()))
+        still_mm = found.held.still_mm[:, list(rows)]
+        save_markers(
+            output, MarkerTrack(positions_mm=still_mm, labels=tuple(rows.values()), rate_hz=found.track.rate_hz)
+        )
+    if overlay is not None:
+        _overlay(Path(source), overlay, found.track, head)
     return found
 
 
-def watch(job: CaptureJob, *, on_frame: Callable[[], None] = lambda: None) -> Captured:
-    """Capture FAPs from a source; raises as :func:`run_capture`."""
-    path = Path(job.source)
-    if job.source.partition(":")[0] == CAMERA:
-        pictures = camera_pictures(camera_number(job.source), seconds=job.seconds)
-        times_s, landmarks = landmarks_of_pictures(pictures, model=job.model, on_frame=on_frame)
+def _watch(
+    source: str,
+    size: tuple[int, int] | None,
+    rate_hz: float | None,
+    seconds: float,
+    model: Path | None,
+    on_frame: Callable[[], None],
+) -> Captured:
+    path = Path(source)
+    if source.partition(":")[0] == CAMERA:
+        pictures = camera_pictures(camera_number(source), seconds=seconds)
+        times_s, landmarks = landmarks_of_pictures(pictures, model=model, on_frame=on_frame)
         return _seen(times_s, landmarks, "camera")
-    if _is_film(job.source):
-        times_s, landmarks = landmarks_of(path, model=job.model, on_frame=on_frame)
+    if _is_film(source):
+        times_s, landmarks = landmarks_of(path, model=model, on_frame=on_frame)
         with naming(path):
             return _seen(times_s, landmarks, "film")
     data = read_bytes(path)
@@ -103,8 +117,8 @@ def watch(job: CaptureJob, *, on_frame: Callable[[], None] = lambda: None) -> Ca
             table = parse_openface(data)
             lost = np.isnan(table.points_mm).any(axis=(1, 2)).mean()
             return Captured(openface_faps(table), "OpenFace's table", seen=1.0 - float(lost))
-        if job.size is not None:
-            return _of_landmarks(data, job)
+        if size is not None:
+            return _of_landmarks(data, size, rate_hz)
     if path.suffix.lower() not in LOADED:
         raise UsageError(
             f"{path}: got ending {path.suffix!r}, expected a video, {CAMERA}, or one of {', '.join(LOADED)}"
@@ -144,31 +158,20 @@ def _held(landmarks: NDArray[np.float64], rate_hz: float, kind: str) -> Captured
     return Captured(watched_faps(held, rate_hz), kind, seen=float(held.seen.mean()), held=held)
 
 
-def _of_landmarks(data: bytes, job: CaptureJob) -> Captured:
-    if job.size is None or job.rate_hz is None:
+def _of_landmarks(data: bytes, size: tuple[int, int], rate_hz: float | None) -> Captured:
+    if rate_hz is None:
         raise UsageError("landmarks: size and rate are required; the file contains neither")
-    width, height = job.size
-    raw = parse_landmarks(data, Picture(float(width), float(height), 90.0, job.rate_hz))
-    return _held(raw.positions * (1.0, -1.0, -1.0), job.rate_hz, "landmarks")
+    width, height = size
+    raw = parse_landmarks(data, Picture(float(width), float(height), 90.0, rate_hz))
+    return _held(raw.positions * (1.0, -1.0, -1.0), rate_hz, "landmarks")
 
 
-def _markers(found: Captured, job: CaptureJob) -> MarkerTrack:
-    """Return the feature points with the head held still."""
-    if found.held is None:
-        raise UsageError(f"{job.output}: {found.kind} has no points, expected .fap, .fba or .csv as output")
-    rows = dict(sorted(FEATURE_POINTS.items()))
-    return MarkerTrack(
-        positions_mm=found.held.still_mm[:, list(rows)], labels=tuple(rows.values()), rate_hz=found.track.rate_hz
-    )
-
-
-def _overlay(job: CaptureJob, track: FapTrack) -> None:
+def _overlay(path: Path, overlay: Path, track: FapTrack, head: str) -> None:
     """Write the captured video next to the head."""
-    path = Path(job.source)
     drawing = resized(None, (OVERLAY_PX, OVERLAY_PX))
 
     def pairs() -> Iterator[NDArray[np.uint8]]:
-        drawn = frames(track, head=job.head, drawing=drawing)
+        drawn = frames(track, head=head, drawing=drawing)
         for (_, picture), ours in zip(stream_pictures(path, max_side=OVERLAY_PX), drawn, strict=False):
             theirs = np.zeros((OVERLAY_PX, 2 * (picture.shape[1] // 2), 3), np.uint8)
             above = (OVERLAY_PX - picture.shape[0]) // 2
@@ -179,5 +182,4 @@ def _overlay(job: CaptureJob, track: FapTrack) -> None:
         sound = load_sound(path)
     except DataError:  # a video without sound
         sound = None
-    assert job.overlay is not None
-    write_moving(job.overlay, pairs(), rate_hz=track.rate_hz, sound=sound, source=COMPOSITE)
+    write_moving(overlay, pairs(), rate_hz=track.rate_hz, sound=sound, source=COMPOSITE)

@@ -58,24 +58,6 @@ class DriveOptions:
     seed: int = 1
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DriveJob:
-    """Input, output and options of a driven grid."""
-
-    grid: Path
-    """Recording of all points to learn from, a session, or a folder of meshes."""
-    output: Path
-    """Archive of arrays (.npz)."""
-    options: DriveOptions = DriveOptions()
-    take: Path | None = None
-    """Driving recording; None: the last quarter of ``grid``."""
-    film: Path | None = None
-    columns: int = 48
-    """Points of the grid from left to right."""
-    rate_hz: float | None = None
-    """Frame rate of a folder of meshes."""
-
-
 @dataclass(frozen=True, slots=True)
 class DriveReport:
     """The driving markers, and the errors of the others."""
@@ -204,30 +186,44 @@ def _split(moved: list[Array], where: str) -> tuple[list[Array], Array]:
     return learned, driven
 
 
-def run_drive(job: DriveJob, drawing: RenderOptions) -> DriveReport:
+def run_drive(
+    grid: Path,
+    output: Path,
+    options: DriveOptions,
+    drawing: RenderOptions,
+    *,
+    take: Path | None = None,
+    film: Path | None = None,
+    columns: int = 48,
+    rate_hz: float | None = None,
+) -> DriveReport:
     """Learn the weights, drive the face, and write arrays and video.
 
+    ``grid`` is a recording of all points to learn from, a session, or a folder of meshes, at ``rate_hz``; ``take``
+    drives, in place of the last quarter of ``grid``; ``columns`` are the points of the surface from left to right.
     The archive has ``positions`` (T, M, 3) mm of all markers as they were driven (left, up, out), ``labels``,
     ``rate_hz`` and ``units`` (so it is a recording too), ``driving`` (labels), ``weights`` (k, M), ``error_mm`` (M,),
     and the surface:
     ``grid_mm`` (N, 3), ``grid_triangles`` (F, 3), ``grid_weights`` (k, N).
     """
-    if job.output.suffix != ".npz":
-        raise UsageError(f"output: got {job.output}, expected a name that ends with .npz")
-    if job.film is not None and not is_moving(job.film):
-        raise UsageError(f"film: got {job.film}, expected a video, an animation or an image sequence")
-    session = read(job.grid, rate_hz=job.rate_hz)
-    other = None if job.take is None else load_markers(job.take, rate_hz=job.rate_hz).markers
-    with locating(job.take or job.grid):
-        driven = drive(session, other, options=job.options)
-    if 3 * len(driven.driving) > MAX_WEIGHTS and job.film is not None:
+    if output.suffix != ".npz":
+        raise UsageError(f"output: got {output}, expected a name that ends with .npz")
+    if film is not None and not is_moving(film):
+        raise UsageError(f"film: got {film}, expected a video, an animation or an image sequence")
+    session = read(grid, rate_hz=rate_hz)
+    other = None if take is None else load_markers(take, rate_hz=rate_hz).markers
+    with locating(take or grid):
+        driven = drive(session, other, options=options)
+    if 3 * len(driven.driving) > MAX_WEIGHTS and film is not None:
         raise UsageError(f"markers: must have at most {MAX_WEIGHTS // 3} for a film, got {len(driven.driving)}")
-    grid = _surface(job, driven.choice, driven.rest_mm)
-    _write(job.output, driven, grid)
-    has_face = False
-    if job.film is not None:
-        has_face = _film(job.film, grid, driven, session.setup.points, drawing)
-    return replace(_report(driven, len(grid.rest_mm)), has_face=has_face)
+    subset = driven.choice.subset
+    if grid.is_dir() and (meshes := mesh_files(grid)):
+        surface = FaceGrid(driven.rest_mm, load_surface(meshes[0]).triangles, subset.weights)
+    else:
+        surface = make_grid(subset, driven.rest_mm, columns)
+    _write(output, driven, surface)
+    has_face = film is not None and _film(film, surface, driven, session.setup.points, drawing)
+    return replace(_report(driven, len(surface.rest_mm)), has_face=has_face)
 
 
 def _reference(tracks: list[MarkerTrack], skull: tuple[str, ...]) -> HeadReference:
@@ -272,13 +268,6 @@ def _other_take(
     has = np.isin(labels, there)
     truth[:, has] = moved
     return truth, has
-
-
-def _surface(job: DriveJob, choice: Choice, rest_mm: Array) -> FaceGrid:
-    """Surface that is moved: the mesh itself, or a grid over the markers."""
-    if job.grid.is_dir() and mesh_files(job.grid):
-        return FaceGrid(rest_mm, load_surface(mesh_files(job.grid)[0]).triangles, choice.subset.weights)
-    return make_grid(choice.subset, rest_mm, job.columns)
 
 
 def _film(path: Path, grid: FaceGrid, driven: Driven, points: Mapping[str, str], drawing: RenderOptions) -> bool:

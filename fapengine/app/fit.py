@@ -2,7 +2,7 @@
 
 import ctypes
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -45,61 +45,40 @@ STANDARD = DEFAULT_PROFILE
 """Profile that supplies the expressions missing in a session."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FitJob:
-    """Input, output and options of a fit."""
-
-    session: Path
-    """Folder of recordings."""
-    output: Path
-    """Folder of the profile."""
-    options: FitOptions = FitOptions()  # noqa: RUF009  frozen
-    units: str | None = None
-    """mm, cm, m or inch, for recordings without units."""
-    up: str | None = None
-    """Axis that points up."""
-    seed: int = 1
-    """Random seed of the split into training and held-out takes."""
-    voice: str | None = None
-    """Voice that pronounces words where phones are missing."""
-    report: bool = True
-    """True to write report.html."""
-    faps: bool = False
-    """True to write every take as captured FAPs."""
-    adapt: bool = False
-    """True to fit the built-in head, which FAPs move, to the dense face: ``head/``."""
-
-
 def run_fit(
-    job: FitJob,
+    session: Path,
+    output: Path,
+    options: FitOptions,
     *,
+    units: str | None = None,
+    up: str | None = None,
+    seed: int = 1,
+    voice: str | None = None,
+    report: bool = True,
+    faps: bool = False,
+    adapt: bool = False,
     on_take: Callable[[str, int], None] = lambda name, count: None,
     on_step: Callable[[str], None] = lambda step: None,
 ) -> tuple[Fitted, Nearness | None]:
-    """Learn from a session and write the profile; also return the distance of an adapted head from the dense face.
+    """Learn from a folder of recordings and write the profile; also return how far an adapted head is from the scans.
 
-    Parameters
-    ----------
-    on_take : callable
-        Called with the name of each take that is read, and the count of all.
-    on_step : callable
-        Called with the name of each step of :data:`fapengine.laboratory.fit.STEPS`.
+    ``units`` (mm, cm, m or inch) and ``up`` concern recordings that do not state them; ``seed`` splits the takes;
+    ``voice`` pronounces words where phones are missing; ``faps`` writes every take as captured FAPs; ``adapt`` fits the
+    built-in head, which FAPs move, to the dense face. ``on_take`` is called with the name of each take that is read and
+    the count of all, ``on_step`` with each of :data:`fapengine.laboratory.fit.STEPS`.
     """
-    output = job.output
     check_folder(output)
-    if job.report:  # without its library, the user learns it before minutes of work
+    if report:  # without its library, the user learns it before minutes of work
         from fapengine.files.report.parts import figure_class
 
         figure_class()
     sessions = [
-        load_session(
-            job.session, units=job.units, up=job.up, on_take=on_take,
-            pronounce=lambda track: pronounced(track, job.voice),
-        )
-    ]  # fmt: skip
-    fitted = _fit(sessions, output.name, _command(job), job.options, job.seed, on_step)
-    adapted = _adapt(fitted, job) if job.adapt else None
-    _write(output, fitted, adapted, report=job.report, faps=job.faps)
+        load_session(session, units=units, up=up, on_take=on_take, pronounce=lambda track: pronounced(track, voice))
+    ]
+    command = _command(session, output, options, seed, units=units, up=up, voice=voice)
+    fitted = _fit(sessions, output.name, command, options, seed, on_step)
+    adapted = _adapt(fitted, session) if adapt else None
+    _write(output, fitted, adapted, report=report, faps=faps)
     return fitted, None if adapted is None else adapted[1]
 
 
@@ -182,25 +161,25 @@ def check_folder(output: Path) -> None:
         raise UsageError(f"{output}: is not a profile; expected a new folder, or that of a profile")
 
 
-def _command(job: FitJob) -> str:
+def _command(session: Path, output: Path, options: FitOptions, seed: int, **others: str | None) -> str:
     """Spell the command that makes the same profile."""
-    asked, usual = job.options, FitOptions()
+    usual = FitOptions()
     values = {
-        "modes": (asked.modes, usual.modes), "subset": (asked.k, usual.k),
-        "tolerance": (asked.tolerance_mm, usual.tolerance_mm), "held-out": (asked.held_out, usual.held_out),
-        "units": (job.units, None), "up": (job.up, None), "voice": (job.voice, None),
+        "modes": (options.modes, usual.modes), "subset": (options.k, usual.k),
+        "tolerance": (options.tolerance_mm, usual.tolerance_mm), "held-out": (options.held_out, usual.held_out),
+        **{name: (value, None) for name, value in others.items()},
     }  # fmt: skip
     changed = "".join(f" --{name} {value}" for name, (value, default) in values.items() if value != default)
-    return f"fapengine fit {job.session.resolve().name} -o {job.output.name} --seed {job.seed}{changed}"
+    return f"fapengine fit {session.resolve().name} -o {output.name} --seed {seed}{changed}"
 
 
-def _adapt(fitted: Fitted, job: FitJob) -> tuple[FaceMesh, Nearness]:
+def _adapt(fitted: Fitted, session: Path) -> tuple[FaceMesh, Nearness]:
     """Fit the built-in head to the dense face."""
     from fapengine.files.heads.import_file import adapt_dense_face  # much of scipy
 
     if fitted.dense is None:
         raise DataError(
-            f"adapt: the session has no dense face; it needs {MIN_SCANS} [[scan]] or more", where=str(job.session)
+            f"adapt: the session has no dense face; it needs {MIN_SCANS} [[scan]] or more", where=str(session)
         )
     imported, nearness = adapt_dense_face(fitted.dense.face)
     return imported.mesh, nearness

@@ -6,7 +6,7 @@ than one image; the other runs the face detector. Frames are shown by the clock,
 
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -39,26 +39,6 @@ NUMBERS = range(3, fap.FAP_COUNT + 1)
 FOUND_S = 5.0
 """Longest time until a server answers."""
 JOIN_S = 2.0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class WatchJob:
-    """A camera or video, and the faces that it drives."""
-
-    source: str
-    """``webcam``, ``webcam:1``, or a video, which is played in real time."""
-    rate_hz: float = LIVE_HZ
-    """Frame rate of what is shown and sent."""
-    seconds: float | None = None
-    """Duration; None: until the video ends or the viewer stops."""
-    sinks: tuple[str, ...] = ()
-    """URLs: see :mod:`fapengine.server.sinks.kinds`."""
-    server: str | None = None
-    """Page of ``fapengine serve``, with the session to drive: ``http://127.0.0.1:8110/?session=anna``."""
-    output: Path | None = None
-    """File that records the shown frames (.fap, .fba, .csv)."""
-    model: Path | None = None
-    """MediaPipe's ``face_landmarker.task``, for wheels without a model."""
 
 
 def at_their_times(
@@ -187,9 +167,15 @@ class Eyes:
 
 
 def watch_live(
-    job: WatchJob,
+    source: str,
     open_screen: Callable[[], Screen],
     *,
+    rate_hz: float = LIVE_HZ,
+    seconds: float | None = None,
+    sinks: Sequence[str] = (),
+    server: str | None = None,
+    output: Path | None = None,
+    model: Path | None = None,
     clock: Callable[[], float] = time.monotonic,
     sleep: Callable[[float], None] = time.sleep,
 ) -> dict[str, object]:
@@ -197,9 +183,22 @@ def watch_live(
 
     Parameters
     ----------
-    job : WatchJob
+    source : str
+        ``webcam``, ``webcam:1``, or a video, which is played in real time.
     open_screen : callable
         Creates the screen when camera and face are ready.
+    rate_hz : float
+        Frame rate of what is shown and sent.
+    seconds : float, optional
+        Duration; by default until the video ends or the viewer stops.
+    sinks : sequence of str
+        URLs: see :mod:`fapengine.server.sinks.kinds`.
+    server : str, optional
+        Page of ``fapengine serve``, with the session to drive: ``http://127.0.0.1:8110/?session=anna``.
+    output : Path, optional
+        File that records the shown frames (.fap, .fba, .csv).
+    model : Path, optional
+        MediaPipe's ``face_landmarker.task``, for wheels without a model.
     clock, sleep : callable
         The monotonic clock, and a function that waits by it.
 
@@ -217,29 +216,29 @@ def watch_live(
     ResourceError
         If there is no camera, no detector or no server, or the screen cannot be opened.
     """
-    pictures = _pictures(job.source, clock, sleep)
-    rows: list[NDArray[np.int32]] = []
+    pictures = _pictures(source, clock, sleep)
+    rows: list[NDArray[np.int32]] | None = None if output is None else []
     with ExitStack() as stack:
         face = stack.enter_context(
-            Face(style=Style.speech_only(), rate_hz=job.rate_hz, silent=True, sinks=job.sinks, clock=clock)
+            Face(style=Style.speech_only(), rate_hz=rate_hz, silent=True, sinks=sinks, clock=clock)
         )
-        link = _linked(job.server, clock) if job.server is not None else None
+        link = _linked(server, clock) if server is not None else None
         if link is not None:
             stack.callback(link.close)
-        eyes = stack.enter_context(Eyes(pictures, lambda: Detector(job.model), clock))
+        eyes = stack.enter_context(Eyes(pictures, lambda: Detector(model), clock))
         screen = stack.enter_context(open_screen())
-        ticks = Ticks(job.rate_hz, clock=clock, sleep=sleep)
+        ticks = Ticks(rate_hz, clock=clock, sleep=sleep)
         begun_s = face.hub.clock()
         with suppress(KeyboardInterrupt):  # stops it
-            _run(job, face, eyes, screen, ticks, link, rows)
+            _run(face, eyes, screen, ticks, link, rows, seconds)
         took_s = face.hub.clock() - begun_s
-    if job.output is not None and rows:
-        save(FapTrack.from_values(np.stack(rows), rate_hz=job.rate_hz), job.output)
+    if output is not None and rows:
+        save(FapTrack.from_values(np.stack(rows), rate_hz=rate_hz), output)
     counts = eyes.counts
     delays_ms = 1e3 * np.array(counts.delays_s or [0.0])
     return {
-        "source": job.source, "seconds": round(took_s, 2), "frames": ticks.frames, "skipped": ticks.skipped,
-        "rate_hz": job.rate_hz, "pictures": counts.pictures, "late": counts.late,
+        "source": source, "seconds": round(took_s, 2), "frames": ticks.frames, "skipped": ticks.skipped,
+        "rate_hz": rate_hz, "pictures": counts.pictures, "late": counts.late,
         "seen": round(counts.faces / max(counts.pictures, 1), 4), "known": eyes.is_known,
         "delay_ms": {"p50": float(np.median(delays_ms)), "p95": float(np.percentile(delays_ms, 95))},
     }  # fmt: skip
@@ -257,8 +256,8 @@ def _pictures(source: str, clock: Callable[[], float], sleep: Callable[[float], 
 
 
 def _run(
-    job: WatchJob, face: Face, eyes: Eyes, screen: Screen, ticks: Ticks, link: "WebSocketViewer | None",
-    rows: list[NDArray[np.int32]],
+    face: Face, eyes: Eyes, screen: Screen, ticks: Ticks, link: "WebSocketViewer | None",
+    rows: list[NDArray[np.int32]] | None, seconds: float | None,
 ) -> None:  # fmt: skip
     begun_s, over_s, is_shown = face.hub.clock(), None, True
     while is_shown:
@@ -269,12 +268,12 @@ def _run(
         face.hub.host(SESSION).perform(values, now_s)
         if link is not None:
             link.send("perform", values={str(number): value for number, value in values.items()})
-        if job.output is not None:
+        if rows is not None:
             rows += [faps] * (ticks.frames + ticks.skipped - len(rows))
         is_shown = screen.show(face.frame(screen.display_latency_s), now_s - begun_s)
         over_s = now_s if eyes.is_over and over_s is None else over_s
         is_eased = over_s is not None and now_s > over_s + HOLD_S + EASE_S
-        if is_eased or (job.seconds is not None and now_s >= begun_s + job.seconds):
+        if is_eased or (seconds is not None and now_s >= begun_s + seconds):
             return
 
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, fields
 from functools import lru_cache
 from pathlib import Path
 
-from fapengine.app.fit import OWNED, FitJob
+from fapengine.app.fit import OWNED
 from fapengine.app.manner import manner_of, voice_of
 from fapengine.app.outputs import OUTPUT_KINDS, SaveOptions, check_output, find_kind
 from fapengine.codec.encoder import EncoderOptions
@@ -86,22 +86,15 @@ class Options(SpeakingOptions):
             provenance=PROVENANCE not in self.without,
         )
 
-    def fitting(self, session: Path, output: Path) -> FitJob:
-        """Return the job that learns a profile from a session. Raises UsageError for invalid options."""
-        return FitJob(
-            session=session, output=output, units=self.units, up=self.up, seed=self.seed,
-            voice=self.chosen_voice or self.language,
-            options=FitOptions(
-                modes=self.modes, k=self.subset, tolerance_mm=self.tolerance, held_out=self.held_out
-            ),
-            report=self.report, faps=self.faps,
-        )  # fmt: skip
+    def fitting(self) -> FitOptions:
+        """Return how a profile is learned from a session. Raises UsageError for invalid options."""
+        return FitOptions(modes=self.modes, k=self.subset, tolerance_mm=self.tolerance, held_out=self.held_out)
 
     def check(self, kind: str) -> None:
         """Reject invalid options before any work is done. Raises UsageError, which begins with the option's name."""
         manner_of(self)
         if kind == PROFILE:
-            self.fitting(Path("a"), Path("b"))
+            self.fitting()
             return
         loaded_profile(self.profile)
         check_options(self.format, ParseOptions(self.tier, self.alphabet, self.columns))

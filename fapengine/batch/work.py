@@ -67,7 +67,11 @@ def _save(row: Row, job: Job) -> dict[str, Any]:
 
 def _fit(row: Row, session: Path, job: Job) -> dict[str, Any]:
     """Learn a profile as ``fit`` does."""
-    fitted, _ = run_fit(row.options.fitting(session, row.output(job.folder, job.kind)))
+    options = row.options
+    fitted, _ = run_fit(
+        session, row.output(job.folder, job.kind), options.fitting(), units=options.units, up=options.up,
+        seed=options.seed, voice=options.chosen_voice or options.language, report=options.report, faps=options.faps,
+    )  # fmt: skip
     frames = sum(len(take.moved_mm) for take in fitted.prepared.takes)
     duration_s = round(frames / fitted.prepared.rate_hz, 4)
     return {"duration_s": duration_s, "frames": frames, "phones": len(fitted.phones)}

@@ -1,5 +1,6 @@
 """``fapengine capture``: turn a video, a camera or landmarks into FAPs."""
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -69,12 +70,12 @@ def capture(
     --sink or --to, a camera drives a face live; a video is then played in real time, and a lost face returns to
     neutral.
     """
-    from fapengine.app.capture import CAMERA, CAMERA_S, CaptureJob, run_capture
+    from fapengine.app.capture import CAMERA, run_capture
     from fapengine.app.score import is_film
     from fapengine.cli._printing import print_result, progress, working
     from fapengine.errors import UsageError
     from fapengine.files.video import count_pictures
-    from fapengine.render.drawing import parse_size
+    from fapengine.render.drawing import RenderOptions, parse_size
 
     camera = source.partition(":")[0] == CAMERA
     writing.check(
@@ -83,50 +84,37 @@ def capture(
     if window or sink or to is not None:
         if overlay is not None:
             raise UsageError("--overlay: cannot be used live")
-        done = _live(source, output, sink, to, fps, seconds, model, head if window else None, size)
+        from fapengine.app.say_live import Screen, WindowScreen
+        from fapengine.app.watch_live import LIVE_HZ, watch_live
+        from fapengine.cli._say_live import TerminalScreen
+
+        rate_hz, drawing = LIVE_HZ if fps is None else fps, RenderOptions.parse(size=size or WINDOW, rest=0.0)
+
+        def screen() -> Screen:
+            return WindowScreen(head, drawing=drawing, rate_hz=rate_hz) if window else TerminalScreen(None, "watching")
+
+        done = watch_live(
+            source, screen, rate_hz=rate_hz, seconds=seconds, sinks=sink, server=to, output=output, model=model
+        )
         _print_live(done, output, as_json=as_json)
         return
     if output is None:
         raise UsageError("--output: missing; or use --window, --sink or --to")
-    job = CaptureJob(
-        source=source, output=output, size=None if size is None else parse_size(size), rate_hz=fps,
-        seconds=CAMERA_S if seconds is None else seconds, overlay=overlay, head=head, model=model,
+    captured = partial(
+        run_capture, source, output, size=None if size is None else parse_size(size), rate_hz=fps, seconds=seconds,
+        overlay=overlay, head=head, model=model,
     )  # fmt: skip
     if is_film(Path(source)) and Path(source).is_file():
         with progress("detecting, frames", count_pictures(Path(source))) as advance:
-            found = run_capture(job, on_frame=advance)
+            found = captured(on_frame=advance)
     else:
         with working("recording the camera" if camera else "reading"):
-            found = run_capture(job)
+            found = captured()
     track = found.track
     facts = {"frames": len(track), "rate_hz": track.rate_hz, "source": found.kind, "seen": round(found.seen, 4)}
     lines = [f"{output}: {len(track)} frames at {track.rate_hz:g} Hz; face found in {100 * found.seen:.0f} % of them"]
     lines += [f"overlay: {overlay}"] if overlay is not None else []
     print_result(facts | {"output": str(output)}, *lines, as_json=as_json)
-
-
-def _live(
-    source: str, output: Path | None, sinks: list[str], server: str | None, fps: float | None, seconds: float | None,
-    model: Path | None, head: str | None, size: str | None,
-) -> dict[str, object]:  # fmt: skip
-    """Drive a face live, in a window if a head is given."""
-    from fapengine.app.say_live import Screen, WindowScreen
-    from fapengine.app.watch_live import LIVE_HZ, WatchJob, watch_live
-    from fapengine.cli._say_live import TerminalScreen
-    from fapengine.render.drawing import RenderOptions
-
-    job = WatchJob(
-        source=source, rate_hz=LIVE_HZ if fps is None else fps, seconds=seconds, sinks=tuple(sinks), server=server,
-        output=output, model=model,
-    )  # fmt: skip
-    drawing = RenderOptions.parse(size=size or WINDOW, rest=0.0)
-
-    def screen() -> Screen:
-        if head is None:
-            return TerminalScreen(None, "watching")
-        return WindowScreen(head, drawing=drawing, rate_hz=job.rate_hz)
-
-    return watch_live(job, screen)
 
 
 def _print_live(done: dict[str, object], output: Path | None, *, as_json: bool) -> None:

@@ -62,7 +62,7 @@ def drive(
     """
     from dataclasses import asdict
 
-    from fapengine.app.drive_grid import DriveJob, DriveOptions, run_drive
+    from fapengine.app.drive_grid import DriveOptions, run_drive
     from fapengine.cli._printing import print_result
 
     writing.check([path for path in (output, film) if path is not None], [grid, take, drawing.background])
@@ -77,10 +77,7 @@ def drive(
         scale=_values("scale", scale) | dict.fromkeys(remove, 0.0),
         delay_s={name: ms / 1000 for name, ms in _values("delay", delay, unit="ms").items()},
     )
-    report = run_drive(
-        DriveJob(grid=grid, output=output, options=options, take=take, film=film, columns=columns, rate_hz=fps),
-        drawing.value(),
-    )
+    report = run_drive(grid, output, options, drawing.value(), take=take, film=film, columns=columns, rate_hz=fps)
     takes = f" of {report.learned_takes} takes" if report.learned_takes > 1 else ""
     lines = [
         f"{len(report.markers)} markers drive the face ({report.reason}): {', '.join(report.markers)}",

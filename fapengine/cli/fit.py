@@ -8,9 +8,7 @@ import typer
 from fapengine.cli.options import AsJson, WordsVoice, WriteOptions
 
 if TYPE_CHECKING:
-    from fapengine.app.fit import FitJob
     from fapengine.laboratory.fit import Fitted
-    from fapengine.models.adapted_head import Nearness
 
 
 def fit(
@@ -45,20 +43,28 @@ def fit(
     the same name. Markers named like the standard's feature points (8.1, 2.10 ...) need no configuration; everything
     else is set in session.toml.
     """
-    from fapengine.app.fit import OWNED, FitJob, check_folder, describe
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
+    from fapengine.app.fit import OWNED, check_folder, describe, run_fit
     from fapengine.cli._printing import print_result, spell_nearness
     from fapengine.files.outputs import files_in
-    from fapengine.laboratory.fit import FitOptions
+    from fapengine.laboratory.fit import STEPS, FitOptions
 
     if output.is_file():
         check_folder(output)
     writing.check(files_in(output, OWNED), [session])
     options = FitOptions(modes=modes, k=subset, tolerance_mm=tolerance, held_out=held_out)
-    job = FitJob(
-        session=session, output=output, options=options, units=units, up=up, seed=seed, voice=voice, report=report,
-        faps=faps, adapt=adapt,
-    )  # fmt: skip
-    fitted, nearness = _run(job)
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description:32.32}"), BarColumn(), MofNCompleteColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+        reading = progress.add_task("reading", total=None)
+        fitting = progress.add_task(STEPS[0], total=len(STEPS), visible=False)
+        fitted, nearness = run_fit(
+            session, output, options, units=units, up=up, seed=seed, voice=voice, report=report, faps=faps, adapt=adapt,
+            on_take=lambda name, count: progress.update(reading, total=count, advance=1, description=f"reading {name}"),
+            on_step=lambda step: progress.update(fitting, advance=1, description=step, visible=True),
+        )  # fmt: skip
     lines = _lines(output, fitted, report=report)
     if nearness is not None:
         lines.append(f"{output / 'head'}: built-in head fitted to the dense face; {spell_nearness(nearness)}")
@@ -66,26 +72,6 @@ def fit(
         for text in fitted.warnings:
             typer.echo(f"warning: {text}", err=True)
     print_result(describe(fitted, nearness) | {"output": str(output)}, *lines, as_json=as_json)
-
-
-def _run(job: "FitJob") -> "tuple[Fitted, Nearness | None]":
-    """Run the job with a progress bar."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-
-    from fapengine.app.fit import run_fit
-    from fapengine.laboratory.fit import STEPS
-
-    console = Console(stderr=True)
-    columns = (TextColumn("{task.description:32.32}"), BarColumn(), MofNCompleteColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
-        reading = progress.add_task("reading", total=None)
-        fitting = progress.add_task(STEPS[0], total=len(STEPS), visible=False)
-        return run_fit(
-            job,
-            on_take=lambda name, count: progress.update(reading, total=count, advance=1, description=f"reading {name}"),
-            on_step=lambda step: progress.update(fitting, advance=1, description=step, visible=True),
-        )
 
 
 def _lines(output: Path, fitted: "Fitted", *, report: bool) -> list[str]:

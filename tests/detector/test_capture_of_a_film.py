@@ -15,7 +15,7 @@ import pytest
 
 import fapengine
 from fapengine.app import watch_live as watching
-from fapengine.app.watch_live import WatchJob, watch_live
+from fapengine.app.watch_live import watch_live
 from fapengine.cli.main import app
 from fapengine.clients.websocket_viewer import WebSocketViewer
 from fapengine.errors import DataError, ResourceError, UsageError
@@ -192,11 +192,10 @@ def test_a_film_in_place_of_a_camera_moves_other_programs_and_a_session_now(
                     clock.free("link")
 
             monkeypatch.setattr(Host, "perform", taken)
-            job = WatchJob(
-                source=str(film), sinks=(f"osc://127.0.0.1:{own.port}",), output=kept,
-                server=f"http://127.0.0.1:{server.sites[0][1]}/?session=anna",
+            watch = partial(
+                watch_live, str(film), lambda: Screen(clock), sinks=(f"osc://127.0.0.1:{own.port}",), output=kept,
+                server=f"http://127.0.0.1:{server.sites[0][1]}/?session=anna", clock=clock, sleep=sleep,
             )  # fmt: skip
-            watch = partial(watch_live, job, lambda: Screen(clock), clock=clock, sleep=sleep)
             done = await asyncio.to_thread(watch)
             clock.free("link")
             await until(lambda: abs(heard_opening(served, "anna")[1][-1]) <= 1)

@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 import pytest
 
-from fapengine.app.watch_live import Eyes, WatchJob, at_their_times, watch_live
+from fapengine.app.watch_live import Eyes, at_their_times, watch_live
 from fapengine.errors import ResourceError, UsageError
 from fapengine.files.landmarks import LANDMARKS
 
@@ -114,4 +114,4 @@ def test_what_cannot_move_a_face_is_told() -> None:
         ("none.mp4", "no such file"),
     ):
         with pytest.raises(UsageError, match=message):
-            watch_live(WatchJob(source=source), lambda: pytest.fail("a screen was opened"))
+            watch_live(source, lambda: pytest.fail("a screen was opened"))
