@@ -21,8 +21,8 @@ from fapengine.server.film.painter import FilmCounts
 
 SMALL_FAPU = np.full(fap.FAP_COUNT, 30)
 """(68,) FAPU: about one pixel of a 512 x 512 image, the motion of a listening face from one frame to the next."""
-SMALL_FAPU[[fap.column(number) for number in (23, 24, 25, 26)]] = 5000  # eyes, 1e-5 rad
-SMALL_FAPU[[fap.column(number) for number in (48, 49, 50)]] = 800  # the head, likewise
+SMALL_FAPU[fap.columns(23, 24, 25, 26)] = 5000  # eyes, 1e-5 rad
+SMALL_FAPU[fap.columns(48, 49, 50)] = 800  # the head, likewise
 WARN_AFTER = 100
 """Number of images from which on a warning may say that more than half were skipped: 4 s at 25 per second."""
 

@@ -186,7 +186,7 @@ def _tested() -> tuple[NDArray[np.float64], list[str]]:
     spoken = settle(spoken, np.array([[float(contact == each) for contact in contacts] for each in CONTACTS]))
     blink, gaze = np.zeros((2, fap.FAP_COUNT))
     for row, values in ((blink, BLINK), (gaze, GAZE)):
-        row[[fap.column(number) for number in values]] = [*values.values()]
+        row[fap.columns(*values)] = [*values.values()]
     joy = profile.expressions[Expression.JOY]
     rows = [np.zeros(fap.FAP_COUNT), *spoken, blink, faps_of_weights(profile, joy.target[None])[0] + joy.fap, gaze]
     return np.stack(rows), ["rest", *phones, "blink", "joy", "gaze"]

@@ -90,8 +90,7 @@ def hold_face(times_s: Array, landmarks: ArrayLike, *, pupils_mm: float, model: 
     seen = ~np.isnan(points).any(axis=(1, 2))
     if seen.sum() < 2 or seen.mean() < MIN_SEEN_SHARE:
         raise DataError(f"video: only {int(seen.sum())} of {len(seen)} frames show a face; most must")
-    head, fit = _steadied(_filled(times_s, points, seen), model)
-    still = np.einsum("tij,tnj->tni", fit.rotation, head) + fit.translation_mm[:, None]
+    still, fit = _steadied(_filled(times_s, points, seen), model)
     upright, scale = _upright(still, model), _scale(still, model, pupils_mm)
     turns = np.swapaxes(fit.rotation @ np.linalg.inv(_mean_rotation(fit.rotation)), 1, 2)
     poses = np.swapaxes(upright @ fit.rotation, 1, 2)
@@ -120,29 +119,28 @@ class KnownHead:
             Both as in :class:`HeldFace`.
         """
         points = frozen(landmarks, "landmarks", ("T", self.model.count, 3), np.float64)
-        head, fit = _steadied(points, self.model, self.steady)
-        still = np.einsum("tij,tnj->tni", fit.rotation, head) + fit.translation_mm[:, None]
+        still, fit = _steadied(points, self.model, self.steady)
         return self.scale * still @ self.upright.T, np.swapaxes(self.upright @ fit.rotation, 1, 2)
 
 
 def learn_head(landmarks: ArrayLike, *, pupils_mm: float, model: FaceModel = FACE_MESH) -> KnownHead:
     """Learn a head from frames, (T, N, 3) landmarks as for :func:`hold_face`, each with a face."""
     points = frozen(landmarks, "landmarks", ("T", model.count, 3), np.float64)
-    head, fit = _steadied(points, model)
-    still = np.einsum("tij,tnj->tni", fit.rotation, head) + fit.translation_mm[:, None]
+    still, _ = _steadied(points, model)
     steady = still[:, model.steady].mean(axis=0)
     return KnownHead(model, steady, _upright(still, model), _scale(still, model, pupils_mm))
 
 
 def _steadied(points: Array, model: FaceModel, template: Array | None = None) -> tuple[Array, RigidMotion]:
-    """Points to the left, up, out of the face, of size 1 about 0; and the motions that fit them to the template."""
+    """Points to the left, up, out of the face, of size 1 about 0, without head motion; and the motions that do it."""
     head = points * (1.0, -1.0, -1.0)
     steady = head[:, model.steady]
     middle = steady.mean(axis=1, keepdims=True)
     size = np.sqrt(((steady - middle) ** 2).sum(axis=2).mean(axis=1))[:, None, None]
     head = (head - middle) / size
     steady = head[:, model.steady]
-    return head, fit_rigid(steady, fit_template(steady) if template is None else template)
+    fit = fit_rigid(steady, fit_template(steady) if template is None else template)
+    return np.einsum("tij,tnj->tni", fit.rotation, head) + fit.translation_mm[:, None], fit
 
 
 def _scale(still: Array, model: FaceModel, pupils_mm: float) -> float:

@@ -245,7 +245,7 @@ class Encoder:
         self._rate_sent = self._rate
         self._rate_hz = rate_hz
         self._mask = np.zeros(fap.FAP_COUNT, bool)
-        self._mask[[fap.column(number) for number in faps]] = True
+        self._mask[fap.columns(*faps)] = True
         self._writer = StreamWriter(clamp=True)
         self._window: list[Ints] = []
         self._group_bits = self._group_planes = self._spent_bits = self._spent_planes = 0

@@ -149,7 +149,7 @@ def _read_masks(words: Words) -> tuple[Bools, tuple[int, ...]]:
         (kind,) = _numbers(words, 1, f"FMT, type of group {index}", 0, 3)
         count = len(group)
         digits = _numbers(words, count, f"FMT, group {index}", 0, 1) if kind in (1, 2) else [kind == 3] * count
-        mask[[fap.column(number) for number in group]] = digits
+        mask[fap.columns(*group)] = digits
         types.append(kind)
     return mask, tuple(types)
 

@@ -132,7 +132,7 @@ class Fit:
             Values that could not be computed because they are not real numbers.
         """
         links = [
-            (link, _columns(self.nodes[link.parent]), _columns(self.nodes[link.child]))
+            (link, fap.columns(*self.nodes[link.parent]), fap.columns(*self.nodes[link.child]))
             for link in sorted(self.links, key=lambda link: link.priority)
             if min(self.nodes[link.parent] + self.nodes[link.child]) >= FIRST_LOW_LEVEL
         ]
@@ -152,10 +152,6 @@ class Fit:
                 unreal[at] |= open_[rows] & ~real
             if known.sum() == before:
                 return int((unreal & ~known).sum())
-
-
-def _columns(node: tuple[int, ...]) -> NDArray[np.intp]:
-    return np.array([fap.column(number) for number in node])
 
 
 def parse_fit(data: bytes) -> Fit:

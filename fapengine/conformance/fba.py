@@ -50,10 +50,10 @@ def motion(*faps: int, size: int = 200, every: int = 1, seed: int = 1) -> FapTra
     rng = np.random.default_rng(seed)
     values = np.zeros((FRAMES, fap.FAP_COUNT), np.int32)
     at = np.arange(FRAMES)[:, None] * rng.uniform(0.1, 0.4, len(faps)) + rng.uniform(0, 6, len(faps))
-    values[:, [fap.column(number) for number in faps]] = np.round(size * np.sin(at))
+    values[:, fap.columns(*faps)] = np.round(size * np.sin(at))
     values = to_codable(values.astype(np.float64))
     mask = np.zeros((FRAMES, fap.FAP_COUNT), bool)
-    mask[:, [fap.column(number) for number in faps]] = True
+    mask[:, fap.columns(*faps)] = True
     return replace(FapTrack.from_values(values, rate_hz=RATE_HZ), mask=mask, frame_numbers=every * np.arange(FRAMES))
 
 

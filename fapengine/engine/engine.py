@@ -28,7 +28,7 @@ what comes for them meanwhile is planned with the rest. A frame of 500 sessions 
 MAX_SPEED_FAPU_S = 45_000.0
 """Speed that no FAP of the mouth exceeds, whatever is asked for: 1.5 times the fastest of random phones (FAP 16)."""
 JAW_AND_LIPS = slice(fap.column(3), fap.column(18) + 1)
-MOUTH = np.array([fap.column(number) for number in (*range(3, 19), *range(43, 48), *range(51, 61))])
+MOUTH = np.array(fap.columns(*range(3, 19), *range(43, 48), *range(51, 61)))
 """Jaw, lips inside and outside, tongue."""
 MAX_EVENTS = 4096
 """Events that are kept for a caller of :meth:`Engine.events`."""

@@ -221,7 +221,7 @@ class Host:
             If the session is not open, or there is no such FAP.
         """
         self._check_open()
-        columns = [fap.column(number) for number in values]
+        columns = fap.columns(*values)
         self._performed = _Performed(columns, np.array([*values.values()], np.int32), now_s)
 
     @property

@@ -229,7 +229,7 @@ def openface_faps(track: OpenFaceTrack) -> FapTrack:
         faps[:, lids] = np.maximum(faps[:, lids], shut[:, None])
     if "AU06" in track.action_units:
         raised = np.minimum(track.action_units["AU06"] / RAISED_AT, 1.0)
-        columns = [fap.column(number) for number in CHEEK_FAPS]
+        columns = fap.columns(*CHEEK_FAPS)
         faps[:, columns] = raised[:, None] * shape_rows(CHEEKS).sum(axis=0)[columns]
     return FapTrack.from_values(to_codable(faps), rate_hz=track.rate_hz)
 
@@ -241,7 +241,7 @@ KEEP_HZ = 15.0
 BLEND_S = 1.0
 HOLD_S, EASE_S = 0.2, 0.5
 """Time for which a lost face keeps its pose, and in which it eases to neutral, and back."""
-GAZE = tuple(fap.column(number) for number in (23, 24, 25, 26))
+GAZE = tuple(fap.columns(23, 24, 25, 26))
 PUPILS_MM = 62.0
 """Distance of an adult's pupils; no FAP depends on it."""
 

@@ -181,11 +181,11 @@ def with_rest(faps: ArrayLike, share: float) -> Array:
     given = np.asarray(faps, dtype=np.float64)
     rested = given.copy()
     limits = np.array([*LIMITS.values()])
-    limited = [fap.column(number) for number in LIMITS]
+    limited = fap.columns(*LIMITS)
     rested[..., limited] = np.clip(given[..., limited], -limits, limits)
     for values, yields_to, limit in RESTING if share else ():
-        moved = np.abs(given[..., [fap.column(number) for number in yields_to]]).max(axis=-1)
-        columns = [fap.column(number) for number in values]
+        moved = np.abs(given[..., fap.columns(*yields_to)]).max(axis=-1)
+        columns = fap.columns(*values)
         left = share * (1 - smoothstep(moved / limit))
         rested[..., columns] += left[..., None] * np.array([*values.values()])
     for upper, lower, shut in LIDS:

@@ -162,6 +162,11 @@ def column(number: int) -> int:
     return number - 1
 
 
+def columns(*numbers: int) -> list[int]:
+    """Return the array columns of several FAP numbers: see :func:`column`."""
+    return [column(number) for number in numbers]
+
+
 def spec(number: int) -> FapSpec:
     """Return the row of a low-level FAP.
 

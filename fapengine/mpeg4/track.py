@@ -245,12 +245,9 @@ def _codable_range() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return low, high
 
 
-MOUTH = tuple(fap.column(number) for number in (*range(3, 19), *range(51, 61)))
+MOUTH = fap.columns(*range(3, 19), *range(51, 61))
 """Columns of jaw, lips and chin."""
-UPPER_LIP, LOWER_LIP = (
-    fap.column(fap.by_name("lower_t_midlip").number),
-    fap.column(fap.by_name("raise_b_midlip").number),
-)
+UPPER_LIP, LOWER_LIP = fap.columns(4, 5)
 FAPU_STEPS = 1024
 """Steps of a distance of the face."""
 STILL_FAPU = 16

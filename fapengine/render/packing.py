@@ -54,7 +54,7 @@ SURFACES: dict[Material, tuple[float, float, float]] = {
     Material.STRAND: (0.05, 10.0, 0.10),
 }
 PUPIL_RANGE = (0.15, 0.85)
-LID_COLUMNS = [fap.column(number) for number in (19, 21, 20, 22)]
+LID_COLUMNS = fap.columns(19, 21, 20, 22)
 LID_SIGNS = np.array([1.0, -1.0, 1.0, -1.0])
 """FAPs of the lids, and the side of the iris that each lid touches in the neutral face; 1024 FAPU are its diameter."""
 TEXTURE_WIDTH = 1024

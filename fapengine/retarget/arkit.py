@@ -173,7 +173,7 @@ def join_shapes(faps: Array, moods: Array, spoken: Array) -> Array:
 def _fit_opening(weights: Array, faps: Array) -> Array:
     """Open lips as far as FAPs do, (T, 68), and close them fully in closures; changes and returns ``weights``."""
     openings_mm, openers = _shape_openings_mm(), _OPENERS
-    inner = [fap.column(number) for number in INNER_PAIRS[0]]
+    inner = fap.columns(*INNER_PAIRS[0])
     wanted_mm = np.maximum(-(faps[:, inner] * weights_mm()[inner]).sum(axis=1), 0.0)
     ajar = weights[:, JAW] - np.minimum(weights[:, CLOSE], weights[:, JAW])
     shown_mm = ajar * openings_mm[JAW] + weights[:, openers] @ openings_mm[openers]
@@ -191,13 +191,13 @@ def _fit_opening(weights: Array, faps: Array) -> Array:
 def _sought() -> Array:
     """(52, 68) FAPU, read-only: rows without the motion that an avatar adds by itself."""
     rows = shape_rows(ARKIT_NAMES)
-    rows[np.ix_([JAW, CLOSE], [fap.column(number) for number in (14, 16)])] = 0.0
+    rows[np.ix_([JAW, CLOSE], fap.columns(14, 16))] = 0.0
     rows[CLOSE] += rows[JAW]
-    lids_and_brows = [fap.column(number) for number in (*range(19, 23), *range(31, 43))]
+    lids_and_brows = fap.columns(*range(19, 23), *range(31, 43))
     looks = [index for index, name in enumerate(ARKIT_NAMES) if name.startswith("eyeLook")]
     rows[np.ix_(looks, lids_and_brows)] = 0.0
     brows = [index for index, name in enumerate(ARKIT_NAMES) if name.startswith("brow")]
-    rows[np.ix_(brows, [fap.column(number) for number in (19, 20, 21, 22, 41, 42)])] = 0.0
+    rows[np.ix_(brows, fap.columns(19, 20, 21, 22, 41, 42))] = 0.0
     rows.flags.writeable = False
     return rows
 
@@ -223,7 +223,7 @@ def _helpers() -> NDArray[np.intp]:
 
 def _openings_mm(faps: Array) -> Array:
     """(..., 68) FAPU -> (...) mm between the lips in the middle: three quarters inner edges, one quarter outer."""
-    inner, outer = ([fap.column(number) for number in pairs[0]] for pairs in (INNER_PAIRS, OUTER_PAIRS))
+    inner, outer = (fap.columns(*pairs[0]) for pairs in (INNER_PAIRS, OUTER_PAIRS))
     moved_mm = faps * weights_mm()
     opening: Array = -0.75 * moved_mm[..., inner].sum(axis=-1) - 0.25 * moved_mm[..., outer].sum(axis=-1)
     return opening
@@ -240,12 +240,12 @@ def _lengths_mm() -> Array:
     """(68, 74) mm per FAPU: each FAP as far as it counts, and the openings of the six pairs of points."""
     counted = weights_mm().copy()
     for numbers, share in COUNTED.items():
-        counted[[fap.column(number) for number in numbers]] *= share
+        counted[fap.columns(*numbers)] *= share
     columns = [np.diag(counted)]
     for pairs, share in ((INNER_PAIRS, INNER_COUNTED), (OUTER_PAIRS, OUTER_COUNTED)):
         for place, pair in enumerate(pairs):
             column = np.zeros((fap.FAP_COUNT, 1))
-            at = [fap.column(number) for number in pair]
+            at = fap.columns(*pair)
             column[at, 0] = -weights_mm()[at] * share * (SIDE_COUNTED if place else 1.0) / np.sqrt(2.0)
             columns.append(column)
     return np.hstack(columns)

@@ -123,7 +123,7 @@ class BlendMap:
         stiff = frozen(stiff, "stiffness_mm", (len(shapes),), np.float64)
         given = np.diag(weights_mm()) if self.lengths_mm is None else self.lengths_mm
         counted = frozen(given, "lengths_mm", (fap.FAP_COUNT, "L"), np.float64).copy()
-        counted[[fap.column(number) for number in self.ignored]] = 0.0
+        counted[fap.columns(*self.ignored)] = 0.0
         scaled = shapes @ counted
         square = scaled @ scaled.T
         if not np.trace(square) > 0:
@@ -300,7 +300,7 @@ def weights_mm() -> Array:
     for row in fap.FAPS:
         if row.unit is fap.FapUnit.AU:
             steps[fap.column(row.number)] *= EYE_RADIUS_MM
-    steps[[fap.column(number) for number in UNSHAPED]] = 0.0
+    steps[fap.columns(*UNSHAPED)] = 0.0
     steps.flags.writeable = False
     return steps
 

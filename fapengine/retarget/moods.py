@@ -56,7 +56,7 @@ FAINT = (0.1, 0.2)
 def mood_map(moods: tuple[str, ...] = VRM_MOODS) -> BlendMap:
     """Return the map of moods, then :data:`IDLE`, on the upper face and the gaze's height."""
     upper = np.zeros(fap.FAP_COUNT)
-    upper[[fap.column(number) for number in UPPER_FACE]] = 1.0
+    upper[fap.columns(*UPPER_FACE)] = 1.0
     lids = shape_rows(("eyeBlinkLeft", "eyeBlinkRight"))
     life = np.zeros((3 + len(DRIFTS), fap.FAP_COUNT))
     _set(life[0], ACCENT)
@@ -143,4 +143,4 @@ def _rows(names: tuple[str, ...]) -> tuple[Array, list[int]]:
 
 def _set(row: Array, values: dict[tuple[int, ...], float]) -> None:
     for numbers, value in values.items():
-        row[[fap.column(number) for number in numbers]] = value
+        row[fap.columns(*numbers)] = value

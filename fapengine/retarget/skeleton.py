@@ -118,7 +118,7 @@ def arkit_shapes() -> dict[str, Array]:
     """
     shapes = dict(zip(ARKIT_NAMES, arkit_map().faps, strict=True))
     for name, numbers in LIDS.items():
-        shapes[name] = shapes[name] * (CLOSED_FAPU / shapes[name][[fap.column(number) for number in numbers]].sum())
+        shapes[name] = shapes[name] * (CLOSED_FAPU / shapes[name][fap.columns(*numbers)].sum())
     return shapes
 
 

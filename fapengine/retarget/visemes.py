@@ -161,9 +161,7 @@ def join_presets(faps: Array, moods: Array, lids: Array, vowels: Array) -> Array
 
 def gaze_of(faps: Array) -> tuple[Array, Array]:
     """(T, 68) FAPU -> yaw to the left and pitch down, (T,) rad each: mean of both eyes."""
-    yaw, pitch = (
-        faps[:, [fap.column(number) for number in numbers]].mean(axis=1) * AU_RAD for numbers in ((23, 24), (25, 26))
-    )
+    yaw, pitch = (faps[:, fap.columns(*numbers)].mean(axis=1) * AU_RAD for numbers in ((23, 24), (25, 26)))
     return yaw, pitch
 
 
@@ -182,7 +180,7 @@ def _rows() -> Array:
     named["blink"] = named["blinkLeft"] + named["blinkRight"]
     for name, (numbers, sign) in LOOKS.items():
         named[name] = np.zeros(fap.FAP_COUNT)
-        named[name][[fap.column(number) for number in numbers]] = sign * LOOK_RAD / AU_RAD
+        named[name][fap.columns(*numbers)] = sign * LOOK_RAD / AU_RAD
     return np.stack([named.get(name, np.zeros(fap.FAP_COUNT)) for name in VRM1_NAMES])
 
 

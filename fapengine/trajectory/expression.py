@@ -140,7 +140,7 @@ def _mixed(mix: Mix, joy: NDArray[np.float64]) -> NDArray[np.float64]:
         height = faps[fap.column(number + side)]
         for lip, share in WITH_CORNER[is_outer].items():
             faps[fap.column(lip if lip in IN_THE_MIDDLE else lip + side)] = share * height
-    faps[[fap.column(number) for number in UPPER_LIDS]] += mix.lids
+    faps[fap.columns(*UPPER_LIDS)] += mix.lids
     return faps
 
 

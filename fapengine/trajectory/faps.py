@@ -25,7 +25,7 @@ from fapengine.trajectory.style import Style, jaw_share
 Array = NDArray[np.float64]
 
 DETERMINED = (*range(3, 19), *range(39, 43), *range(51, 61))
-UPPER_LIP = tuple(fap.column(number) for number in (4, 8, 9, 51, 55, 56))
+UPPER_LIP = tuple(fap.columns(4, 8, 9, 51, 55, 56))
 UPPER_GAIN = 1.2
 """Size of the upper lip's share of what the context model plans, a mean that moves less than a person: so the upper lip
 has 0.95 of the captured standard deviation, 0.81 without, and 0.98 with natural variation. Chosen on three splits of

@@ -264,7 +264,7 @@ _MOVES: tuple[dict[int, float], ...] = (
 eyes to the side and down, one of lids that follow them, one of a turn that eyes join."""
 _SIZES = np.zeros((fap.FAP_COUNT, len(_MOVES)))
 for _column, _move in enumerate(_MOVES):
-    _SIZES[[fap.column(number) for number in _move], _column] = list(_move.values())
+    _SIZES[fap.columns(*_move), _column] = list(_move.values())
 _WAVES, _STANCES = slice(len(_WAVE_SUMS)), slice(len(_WAVE_SUMS), len(_WAVE_SUMS) + len(_HEAD))
 _NOD, _SHUT = _STANCES.stop, _STANCES.stop + 1
 _EYES, _FOLLOW = slice(_SHUT + 1, _SHUT + 3), _SHUT + 3

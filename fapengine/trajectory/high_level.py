@@ -26,7 +26,7 @@ from fapengine.errors import DataError
 from fapengine.expressions import EXPRESSIONS, Expression
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fap import FAP_2_EXPRESSIONS, FULL_WEIGHT, VISEMES
-from fapengine.mpeg4.track import FapTrack, to_codable
+from fapengine.mpeg4.track import MOUTH, FapTrack, to_codable
 from fapengine.profiles import Profile
 from fapengine.retarget.blend import PARTED_MM
 from fapengine.speech.phone_track import Phone, PhoneTrack
@@ -40,9 +40,7 @@ SPOKEN_S = (0.2, 0.7)
 """Start and end of a phone that is spoken alone; its face is that of the middle."""
 HIGH_LEVEL = fap.column(3)
 """Number of columns before FAP 3: those of FAP 1 and 2."""
-MOUTH = [fap.column(number) for number in (*range(3, 19), *range(51, 61))]
-"""Columns of the FAPs that a stream of visemes should follow: jaw, lips, chin."""
-INNER_LIPS = [MOUTH.index(fap.column(number)) for number in (4, 5)]
+INNER_LIPS = [MOUTH.index(column) for column in fap.columns(4, 5)]
 BLENDS = 9
 """Steps of a blend; 63 is a multiple of it."""
 MEETING, SPEAKING, CHANGE_MM = 200.0, 12.0, 5.5

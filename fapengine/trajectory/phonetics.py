@@ -77,9 +77,9 @@ HALF_GAIN = 0.4
 openings, shouted speech does not protrude for ever."""
 HELD = 0.7
 """``round`` from which on corners are held wholly."""
-CORNERS = tuple(fap.column(number) for number in (6, 7, 53, 54))
+CORNERS = tuple(fap.columns(6, 7, 53, 54))
 """Columns of the FAPs that draw corners to the side; positive is wide."""
-PUSHED = tuple(fap.column(number) for number in (16, 17))
+PUSHED = tuple(fap.columns(16, 17))
 _PULLED = [*CORNERS, *PUSHED]
 _ROUND_LOSE, _SPREAD_LOSE = np.array([[1.0, 1.0, 1.0, 1.0, -1.0, -1.0], [-1.0, -1.0, -1.0, -1.0, 0.0, 0.0]])[..., None]
 """Signs of what rounded and spread lips do not follow, for these columns."""

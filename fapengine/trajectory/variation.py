@@ -57,7 +57,7 @@ WAVES = SINES * len(DIRECTIONS)
 
 _MATRIX = np.zeros((fap.FAP_COUNT, len(DIRECTIONS)))
 for _column, _direction in enumerate(DIRECTIONS):
-    _MATRIX[[fap.column(number) for number in _direction], _column] = list(_direction.values())
+    _MATRIX[fap.columns(*_direction), _column] = list(_direction.values())
 _QUANTILES = np.repeat(np.array(QUANTILES_HZ), SINES, axis=0)
 _SUMS = np.repeat(_MATRIX * np.sqrt(2.0 / SINES), SINES, axis=1)
 

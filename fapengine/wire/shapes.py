@@ -133,7 +133,7 @@ def turns_rad(faps: ArrayLike) -> Array:
     values = frozen(faps, "faps", (fap.FAP_COUNT,), np.float64)
     turns = np.zeros((3, 3))
     for row, numbers in enumerate((HEAD_TURNS, *EYE_TURNS)):
-        turns[row, : len(numbers)] = values[[fap.column(number) for number in numbers]] * AU_RAD
+        turns[row, : len(numbers)] = values[fap.columns(*numbers)] * AU_RAD
     return turns
 
 

@@ -28,7 +28,7 @@ PARTS = {"LINEAR": 1, "STEP": 1, "CUBICSPLINE": 3}
 """Values of each key by its interpolation."""
 Keys = tuple[Array, Array, str]
 """Times (K,) s, values (K, parts, N) and interpolation of a curve."""
-EYES = [fap.column(number) for number in (23, 24, 25, 26)]
+EYES = fap.columns(23, 24, 25, 26)
 """Columns of the yaw of both eyes, then of their pitch."""
 NO_FACE = "animation: contains none that moves morph targets or expressions"
 
@@ -63,7 +63,7 @@ def parse_animation(data: bytes) -> FapTrack:
     faps = _expressions_to_faps(vrma, weights) if "expressions" in vrma else _shapes_to_faps(weights)
     if head is not None and (head, "rotation") in curves:
         turns = _turns(gltf, head, sample(curves[head, "rotation"], times_s))
-        faps[:, [fap.column(number) for number in (49, 48, 50)]] += turns / AU_RAD
+        faps[:, fap.columns(49, 48, 50)] += turns / AU_RAD
     if not faps[:, EYES].any():  # else shapes turn the eyes, too
         for node, columns in eyes.items():
             if (node, "rotation") in curves:

@@ -9,10 +9,10 @@ from design.high_level_faces import TARGET, source
 from fapengine.errors import DataError
 from fapengine.files.profiles import load_profile
 from fapengine.mpeg4 import fap
-from fapengine.mpeg4.track import FapTrack, to_codable
+from fapengine.mpeg4.track import MOUTH, FapTrack, to_codable
 from fapengine.profiles import Profile
 from fapengine.scoring.mouth import closures_of_truth, mouth_of
-from fapengine.trajectory.high_level import MOUTH, HighLevelFaps, expand, expression_faces, to_visemes, viseme_faces
+from fapengine.trajectory.high_level import HighLevelFaps, expand, expression_faces, to_visemes, viseme_faces
 from fapengine.trajectory.planner import plan
 from tests.unit.trajectory.test_planner import track as phones_of
 
