@@ -1,6 +1,5 @@
 """``fapengine mcp``: the commands as tools of a coding agent (Model Context Protocol)."""
 
-import asyncio
 import json
 import sys
 from pathlib import Path
@@ -173,6 +172,8 @@ class _Tools:
 
         ``said`` is its standard input; ``output`` is None for a command that writes nothing.
         """
+        import asyncio  # --help imports this module
+
         words = [sys.executable, "-m", "fapengine", command, "--json"]
         if not all(arguments):
             raise mcp_exceptions.ToolError(f"{command}: got '', expected the name of a file")

@@ -48,8 +48,8 @@ def test_inspecting_a_file_starts_without_scipy() -> None:
     assert "scipy" not in modules_after("import fapengine.app.inspection.kinds")
 
 
-def test_the_list_of_commands_needs_no_numpy() -> None:
-    assert "numpy" not in modules_after(
+def test_the_list_of_commands_needs_neither_numpy_nor_asyncio() -> None:
+    assert not {"numpy", "asyncio"} & modules_after(
         "from fapengine.cli import main\n"
         "sys.argv, sys.stdout = ['fapengine', '--help'], sys.stderr\n"
         "try: main()\n"
