@@ -7,21 +7,21 @@ The binary form has the same values: big-endian numbers, and texts after their l
 is what Praat writes (compared with the same grid saved as text).
 
 ELAN, ``.eaf`` (Max Planck Institute for Psycholinguistics, EAF schema 3.0): tiers of labels with times. Annotations
-that refer to others have no times of their own and are left out. Slots without a time between two annotations, as in
-subdivided tiers, are spread evenly, as ELAN shows them. The language of a tier is that of ``LANG_REF``, else
+that refer to another one share its time evenly, and so do slots without a time between two annotations, as in
+subdivided tiers: as ELAN shows them. The language of a tier is that of ``LANG_REF``, else
 ``DEFAULT_LOCALE``, else the only ``LANGUAGE`` of the document.
 """
 
 import re
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from xml.etree.ElementTree import Element
 
 from fapengine.errors import DataError, TruncatedError, UnsupportedError
 from fapengine.speech.alphabets.guess import guess
 from fapengine.speech.formats.documents import decode_text, number_of, parse_xml
-from fapengine.speech.formats.entries import Entry, track_of, with_words
+from fapengine.speech.formats.entries import Entry, shared_out, track_of, with_words
 from fapengine.speech.phone_track import PhoneTrack
 
 
@@ -351,14 +351,61 @@ def parse_elan(data: bytes, *, tier: str | None = None, alphabet: str | None = N
     root = parse_xml(data, "ELAN")
     slots_ms = {slot.get("TIME_SLOT_ID", ""): slot.get("TIME_VALUE") for slot in root.iter("TIME_SLOT")}
     known = [row.get("LANG_ID", "") for row in root.iter("LANGUAGE")]
-    tiers = [_tier(element, slots_ms, known[0] if len(known) == 1 else "") for element in root.iter("TIER")]
-    found = tuple(each for each in tiers if each.intervals)
-    if not found:
+    language, elements = known[0] if len(known) == 1 else "", list(root.iter("TIER"))
+    spans_s: dict[str, tuple[float, float]] = {}
+    timed = [each for each in (_tier(row, slots_ms, language, spans_s) for row in elements) if each.intervals]
+    if not timed:
         raise DataError("ELAN: contains no annotation with times")
-    return track_of_tiers(found, "ELAN", tier, alphabet)
+    referring = [each for each in _referring(elements, language, spans_s) if each.intervals]
+    is_enough = len(timed) == 1 and not any(kind_of(each.name) for each in referring)
+    if tier is None and (is_enough or any(kind_of(each.name) for each in timed)):
+        referring = []
+    return track_of_tiers((*timed, *referring), "ELAN", tier, alphabet)
 
 
-def _tier(element: Element, slots_ms: dict[str, str | None], language: str) -> Tier:
+def _language(element: Element, language: str) -> str:
+    return element.get("LANG_REF") or element.get("DEFAULT_LOCALE") or language
+
+
+def _referring(elements: Sequence[Element], language: str, spans_s: dict[str, tuple[float, float]]) -> list[Tier]:
+    """Annotations that refer to others, of each tier, in the times of those, which ``spans_s`` has by their ids."""
+    children: dict[str, dict[int, list[Element]]] = {}
+    for tier, element in enumerate(elements):
+        for row in element.iter("REF_ANNOTATION"):
+            children.setdefault(row.get("ANNOTATION_REF", ""), {}).setdefault(tier, []).append(row)
+    intervals: list[list[tuple[float, float, str]]] = [[] for _ in elements]
+    waiting = list(spans_s.items())
+    for parent, span_s in waiting:  # which grows, as others may refer to what is placed here
+        for tier, rows in children.pop(parent, {}).items():
+            labels = [(row.findtext("ANNOTATION_VALUE") or "").strip() for row in _in_order(rows)]
+            placed = shared_out(*span_s, labels, "")
+            intervals[tier] += [(entry.start_s, entry.end_s, entry.label) for entry in placed]
+            waiting += [
+                (row.get("ANNOTATION_ID", ""), (entry.start_s, entry.end_s))
+                for row, entry in zip(_in_order(rows), placed, strict=True)
+            ]
+    remark = "annotations share the times of those that they refer to evenly"
+    return [
+        Tier(name, tuple(sorted(rows)), _language(element, language), (f"tier {name!r}: {remark}",))
+        for element, rows in zip(elements, intervals, strict=True)
+        for name in [element.get("TIER_ID", "")]
+    ]
+
+
+def _in_order(rows: list[Element]) -> list[Element]:
+    """Sort annotations by what each says is the one before; as in the file where they do not say."""
+    after = {row.get("PREVIOUS_ANNOTATION"): row for row in rows}
+    first = after.pop(None, None)
+    ordered = [] if first is None else [first]
+    while ordered and (following := after.pop(ordered[-1].get("ANNOTATION_ID"), None)) is not None:
+        ordered.append(following)
+    return ordered if len(ordered) == len(rows) else rows
+
+
+def _tier(
+    element: Element, slots_ms: dict[str, str | None], language: str, spans_s: dict[str, tuple[float, float]]
+) -> Tier:
+    """Annotations with times; they are added to ``spans_s``, by their ids."""
     name = element.get("TIER_ID", "")
     intervals = []
     slots_s: dict[str, float] = {}
@@ -384,11 +431,10 @@ def _tier(element: Element, slots_ms: dict[str, str | None], language: str) -> T
         start, end = (row.get(f"TIME_SLOT_REF{n}", "") for n in (1, 2))
         if start in slots_s and end in slots_s:
             intervals.append((slots_s[start], slots_s[end], (row.findtext("ANNOTATION_VALUE") or "").strip()))
+            spans_s[row.get("ANNOTATION_ID", "")] = intervals[-1][:2]
         else:
             untimed += 1
     intervals.sort(key=lambda row: row[:2])
     remarks = [f"tier {name!r}: {untimed} annotations without times are left out"] if untimed else []
     remarks += [f"tier {name!r}: {spread} boundaries without times are spread evenly"] if spread else []
-    return Tier(
-        name, tuple(intervals), element.get("LANG_REF") or element.get("DEFAULT_LOCALE") or language, tuple(remarks)
-    )
+    return Tier(name, tuple(intervals), _language(element, language), tuple(remarks))

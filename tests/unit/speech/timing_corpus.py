@@ -263,6 +263,26 @@ SUBDIVIDED = "".join(
     for first, last, word in (("01", "none", "un"), ("none", "other", "deux"), ("other", "02", "trois"))
 )
 STEP_S = (FR[0][2] - FR[0][1]) / 3
+THREE = [(word, FR[0][1] + n * STEP_S, FR[0][1] + (n + 1) * STEP_S) for n, word in enumerate(("un", "deux", "trois"))]
+PHRASES = (
+    '<TIER TIER_ID="text"><ANNOTATION><ALIGNABLE_ANNOTATION ANNOTATION_ID="p" TIME_SLOT_REF1="01" TIME_SLOT_REF2="02">'
+    "<ANNOTATION_VALUE>un deux trois</ANNOTATION_VALUE></ALIGNABLE_ANNOTATION></ANNOTATION></TIER>"
+)
+
+
+def referring(tier: str, *rows: tuple[str, str, str, str]) -> str:
+    """A tier of annotations: each its id, what it refers to, the one before, its label."""
+    return f'<TIER TIER_ID="{tier}">' + "".join(
+        f'<ANNOTATION><REF_ANNOTATION ANNOTATION_ID="{name}" ANNOTATION_REF="{parent}"'
+        + (f' PREVIOUS_ANNOTATION="{before}"' if before else "")
+        + f"><ANNOTATION_VALUE>{label}</ANNOTATION_VALUE></REF_ANNOTATION></ANNOTATION>"
+        for name, parent, before, label in rows
+    ) + "</TIER>"  # fmt: skip
+
+
+WORDS_OF_PHRASE = (("c", "p", "b", "trois"), ("a", "p", "", "un"), ("b", "p", "a", "deux"))
+COPIES = (("x", "a", "", "UN"), ("y", "b", "", "DEUX"), ("z", "c", "", "TROIS"))
+CIRCLE = referring("notes", ("p", "z", "", "again"))
 ELAN = (
     Case("elan", "EAF schema 3.0: LANG_REF", eaf(f'<TIER TIER_ID="words" LANG_REF="fra">{ANNOTATIONS}</TIER>{NOTES}'), FR,
          ".eaf", language="fra"),
@@ -274,8 +294,17 @@ ELAN = (
          remark="1 annotations without times are left out"),
     # with the structure of dopefishh/pympi, test/sample_3.0.eaf
     Case("elan, a subdivided tier", "EAF schema 3.0: Time_Subdivision", eaf(f'<TIER TIER_ID="words">{SUBDIVIDED}</TIER>'),
-         [(word, FR[0][1] + n * STEP_S, FR[0][1] + (n + 1) * STEP_S) for n, word in enumerate(("un", "deux", "trois"))], ".eaf",
-         remark="2 boundaries without times are spread evenly"),
+         THREE, ".eaf", remark="2 boundaries without times are spread evenly"),
+    # with the structure of dopefishh/pympi, test/sample_3.0.eaf
+    Case("elan, a tier that refers", "EAF schema 3.0: Symbolic_Subdivision", eaf(referring("words", *WORDS_OF_PHRASE) + PHRASES),
+         THREE, ".eaf", remark="share the times of those that they refer to evenly"),
+    Case("elan, a tier that refers to such a tier", "EAF schema 3.0: Symbolic_Association; a circle",
+         eaf(CIRCLE + referring("copies", *COPIES) + referring("words", *WORDS_OF_PHRASE) + PHRASES),
+         [(word.upper(), *times_s) for word, *times_s in THREE], ".eaf", {"tier": "copies"},
+         remark="share the times of those that they refer to evenly"),
+    Case("elan, a tier of words, and notes on it", "EAF schema 3.0",
+         eaf(PHRASES.replace("un deux trois", "bonjour") + referring("gloss", ("a", "p", "", "hello"))),
+         [("bonjour", *FR[0][1:])], ".eaf"),
     Case("elan, two tiers", "EAF schema 3.0", eaf(f'<TIER TIER_ID="A">{ANNOTATIONS}</TIER><TIER TIER_ID="B">{ANNOTATIONS}</TIER>'),
          "name one with tier=NAME", ".eaf"),
     Case("elan, a tier", "EAF schema 3.0", eaf(f'<TIER TIER_ID="A">{ANNOTATIONS}</TIER><TIER TIER_ID="B">{ANNOTATIONS}</TIER>'),
