@@ -22,7 +22,8 @@ function amount(number, symbol) {
   const whole = before ?? number;
   const unit = formOf(currencies[symbol], whole);
   if (!Number(after ?? 0)) return `${whole} ${unit}`;
-  return price.replace("{whole}", whole).replace("{unit}", unit).replace("{cents}", Number(after));
+  const rest = Number(after) < 10 && cents[symbol] ? ` ${formOf(cents[symbol], String(Number(after)))}` : "";
+  return price.replace("{whole}", whole).replace("{unit}", unit).replace("{cents}", Number(after) + rest);
 }
 
 function symbolBefore({ groups, indices, index, input }) {
@@ -52,7 +53,7 @@ function unit({ groups, indices }) {
 
 const listed = ({ say, form }) => (match) => {
   const number = form ? FORMS[form](match.groups.n) : "";
-  return [[...(match.indices.groups?.x ?? match.indices[0]), say.replace("{0}", number)]];
+  return [[...(match.indices.groups?.x ?? match.indices[0]), say.replace(/{(\d)}/g, (_, group) => (group === "0" ? number : match[group]))]];
 };
 
 function phone({ 0: found, index }) {
@@ -60,12 +61,13 @@ function phone({ 0: found, index }) {
   return parts.map(({ 0: part, index: at }) => [index + at, index + at + part.length, /\d/.test(part) ? [...part].join(" ") : " "]);
 }
 
-// 2024-05-12 is a date; 05/12/2024 may be one of two, and stays.
+// 2024-05-12 and 11/28/2026 are dates; 05/12/2024 may be one of two, and stays.
 function date({ 0: found, groups, indices }) {
-  if (!groups.year) return [[...indices[0], found]];
-  const [month, day] = [Number(groups.month), Number(groups.day)];
+  let [day, month] = [Number(groups.day ?? groups.d), Number(groups.month ?? groups.m)];
+  if (!groups.year && month > 12 && day <= 12) [day, month] = [month, day];
+  else if (!groups.year && day <= 12) return [[...indices[0], found]];
   if (!(day >= 1 && day <= 31 && month >= 1 && month <= 12)) return [];
-  const said = { day: ordinal(day), month: dates.months[month - 1], year: year(Number(groups.year)) };
+  const said = { day: ordinal(day), month: dates.months[month - 1], year: year(Number(groups.year ?? groups.y)) };
   return [[...indices[0], dates.said.replace(/{(\w+)}/g, (_, name) => said[name])]];
 }
 

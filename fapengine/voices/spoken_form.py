@@ -8,16 +8,17 @@ words, and every character of the words has the place of what it stands for. So 
 the caller's text: ``$3.50`` is one word with the phones of "three dollars fifty". Where several words of the text are
 replaced at once (``3,50 €``), they share the spoken ones in order.
 
-A table has ``[words]`` (abbreviations), ``[units]`` and ``[currencies]`` beside a number, each with one form, two
-(one, other), three (one, few, many: Russian) or four (and part: Polish), ``[cents]`` of currencies, ``[fractions]``,
-and ``[[rules]]``: a regular expression and what is said, in which ``{1}`` is its first group and ``{0}`` its group
-``n`` in words. Its group ``x`` is replaced, or all. ``scales`` are words between a number and its currency, ``of`` what
-stands after one, ``[short_scales]`` letters for them (``$5k``). ``starters`` begin a sentence after an abbreviation,
-whose point is then a full stop too. ``minus`` is said before a number, ``share`` between a fraction and its unit.
-``[mixed]`` has what a fraction becomes after a whole number, or after its unit (``2 kilos et demi``) if it is ``last``,
-and for a unit apart if that follows in its key; ``to`` is said between two amounts. A fraction's sign (``½``) is what
-its digits are. ``[date]`` has ``months``, what is ``said``, and forms of ``year`` and of ``day``, by
-what stands before the date; ``year_first`` is true where only 2024-05-12 is sure to be one.
+A table has ``[words]`` (abbreviations), ``[units]`` and ``[currencies]`` beside a number, each with one form, two (one,
+other), three (one, few, many: Russian) or four (and part: Polish), ``[cents]`` of currencies, ``[fractions]``, and
+``[[rules]]``: a regular expression and what is said, in which ``{1}`` is its first group and ``{0}`` its group ``n`` in
+words. Its group ``x`` is replaced, or all. ``scales`` are words between a number and its currency, ``of`` what stands
+after one, ``[short_scales]`` letters for them (``$5k``). ``starters`` begin a sentence after an abbreviation, whose
+point is then a full stop too. ``minus`` is said before a number, ``share`` between a fraction and its unit. ``[mixed]``
+has what a fraction becomes after a whole number, or after its unit (``2 kilos et demi``) if it is ``last``, and for a
+unit apart if that follows in its key, and before ``rate`` in a unit (``1½ km/h``); ``unit_first`` is true where a unit
+stands before its number, ``elides`` where a letter may belong to the next word (``l'eau``); ``to`` is said between two
+amounts. A fraction's sign (``½``) is what its digits are. ``[date]`` has ``months``, what is ``said``, and forms of
+``year`` and of ``day``, by what stands before the date; ``year_first`` is true where 12/05/2024 may be one of two.
 ``phones`` is a pattern of telephone numbers beside the usual one. ``joined`` is the greatest number of digits before a
 space in a number that the voice would read in parts. ``[[gender]]`` has ``nouns``, what the number in words before one
 becomes at its ``ends`` (regular expressions), and what must stand ``before`` both, if anything.
@@ -143,6 +144,7 @@ def edited(text: str, edits: list[Edit]) -> SpeakableText:
 
 
 _SIGNS = {"1/2": "½", "1/3": "⅓", "2/3": "⅔", "1/4": "¼", "3/4": "¾", "1/8": "⅛"}
+_PARTS = "".join(_SIGNS.values())
 
 
 @cache
@@ -164,7 +166,7 @@ def _rules(language: str) -> tuple[_Rule, ...]:
     words, units = _words(table), _units(table, language)
     last = (units, words) if table.get("spaced", True) else (words, units)  # 1人 has a word of its own
     first = _dates(table, language), _phones(table), _prices(table, language), _genders(table, language)
-    mixed = _mixed_units(table, language)
+    mixed = units if table.get("unit_first") else _mixed_units(table, language)
     return tuple(chain(*first, _numbers(table, language), mixed, _fractions(table), _listed(table, language), *last))
 
 
@@ -185,7 +187,10 @@ def _dates(table: dict[str, Any], language: str) -> Iterator[_Rule]:
     def edits(match: re.Match[str]) -> list[Edit]:
         day, month, year = (match[name] or match[name[0]] for name in ("day", "month", "year"))
         if date.get("year_first") and not match["year"]:
-            return [(*match.span(), match[0])]
+            if int(month) > 12 >= int(day):
+                day, month = month, day  # 11/28/2026 can only be one day
+            elif int(day) <= 12:
+                return [(*match.span(), match[0])]
         if not (1 <= int(day) <= 31 and 1 <= int(month) <= 12):
             return []
         before = match.string[: match.start()]
@@ -247,7 +252,7 @@ def _numbers(table: dict[str, Any], language: str) -> Iterator[_Rule]:
     """Signs that a voice leaves out, and numbers that it reads in parts."""
     if minus := table.get("minus"):
         before, gap = (r"(?<![^\s(])(?<!\d\s)", " ") if table.get("spaced", True) else (r"(?<![\dA-Za-z])", "")
-        yield _Rule(re.compile(rf"{before}[-−](?=\d)"), lambda match: [(*match.span(), minus + gap)])
+        yield _Rule(re.compile(rf"{before}[-−](?=[\d{_PARTS}])"), lambda match: [(*match.span(), minus + gap)])
     if joined := table.get("joined"):
         pattern = rf"(?<![\w.,+(-])(?<!\d )\d{{1,{joined}}}(?:[ \u00a0\u202f]\d{{3}})+(?!\w| \d|-\d)"
         yield _Rule(re.compile(pattern), lambda match: [(*match.span(), _whole(match[0], language))])
@@ -282,7 +287,7 @@ def _whole(number: str, language: str) -> str:
 def _edges(table: dict[str, Any]) -> tuple[str, str]:
     """Patterns of what stands before a number and after a word."""
     if table.get("spaced", True):
-        return r"(?<![\w.,/])", r"(?!\w|[.,]\d)"
+        return r"(?<![\w.,/])", r"(?!\w|[.,]\d)" + (r"(?!['’]\w)" if table.get("elides") else "")
     return r"(?<![\d.,/])", r"(?<![A-Za-z](?=[A-Za-z²³]))"
 
 
@@ -315,7 +320,10 @@ def _prices(table: dict[str, Any], language: str) -> Iterator[_Rule]:
         unit = _form(currencies[symbol], whole, language)
         whole = _agreed(table, language, whole, unit, match.string[: match.start()])
         if cents and int(cents[2]):
-            return str(table["price"].format(whole=whole, unit=unit, cents=int(cents[2])))
+            parts = str(int(cents[2]))
+            if len(parts) == 1 and symbol in table.get("cents", {}):
+                parts += f" {_form(table['cents'][symbol], parts, language)}"
+            return str(table["price"].format(whole=whole, unit=unit, cents=parts))
         return f"{whole} {unit}" if spaced else f"{whole}{unit}"
 
     def before(match: re.Match[str]) -> list[Edit]:
@@ -350,7 +358,7 @@ def _fractions(table: dict[str, Any]) -> Iterator[_Rule]:
         yield _Rule(pattern, lambda match: [(*match.span(), fractions[match[0]])])
 
 
-_MIXED = rf"\d+(?: ?[{''.join(_SIGNS.values())}]| \d/\d)"
+_MIXED = rf"\d+(?: ?[{_PARTS}]| \d/\d)"
 
 
 def _mixed_units(table: dict[str, Any], language: str) -> Iterator[_Rule]:
@@ -365,11 +373,20 @@ def _mixed_units(table: dict[str, Any], language: str) -> Iterator[_Rule]:
         unit = _form(units[match["x"]], match["n"], language)
         whole = _agreed(table, language, match["n"], unit, match.string[: match.start()])
         said = mixed.get(f"{part} {one}") or mixed.get(part)
-        return [(*match.span(), f"{whole} {unit} {said}" + _full_stop(match, "x"))] if said else []
+        unit, rate, per = unit.partition(mixed.get("rate", "\n"))
+        return [(*match.span(), f"{whole} {unit} {said}{rate}{per}" + _full_stop(match, "x"))] if said else []
 
     parts = f" ?(?P<part>{_any_of(plain)}|(?<= ){_any_of(_SIGNS)})"
     edge, end = _edges(table)
     yield _Rule(re.compile(rf"{edge}(?P<n>\d+){parts}{_GAP}(?P<x>{_any_of(units)}){end}{_sentence(table)}"), edits)
+
+
+def _in_mixed(number: str, table: dict[str, Any]) -> str:
+    """Number with the words of its fraction, if it has one."""
+    parted = re.fullmatch(rf"(\d+) ?([{_PARTS}]|\d/\d)", number)
+    plain = {sign: digits for digits, sign in _SIGNS.items()}
+    said = parted and table["mixed"].get(plain.get(parted[2], parted[2]))
+    return f"{parted[1]} {said}" if parted and said else number
 
 
 def _units(table: dict[str, Any], language: str) -> Iterator[_Rule]:
@@ -387,6 +404,8 @@ def _units(table: dict[str, Any], language: str) -> Iterator[_Rule]:
             said += f"{share} " if share and number not in ("1/2", "½") else ""
             number = "0.5"
         unit = _form(units[match["x"]], number, language)
+        if table.get("unit_first") and match["n"] not in fractions:
+            return [(*match.span("n"), unit), (*match.span("x"), said + _in_mixed(match["n"], table))]
         agreed = _agreed(table, language, number, unit, match.string[: match.start()])
         counted = [(*match.span("n"), agreed)] if agreed != number and match["n"] == number else []
         return [*counted, (*match.span("x"), said + unit + _full_stop(match))]

@@ -34,7 +34,7 @@ CASES = [
     ("de", "2½ min", "zweieinhalb Minuten"),
     ("en-us", "2 1/2 kg", "2 and a half kilograms"),
     ("cmn", "1½杯，½kg", "1又二分之一杯，二分之一公斤"),
-    ("sw", "½ kg, 1½ km", "nusu kilo, 1 na nusu kilomita"),
+    ("sw", "½ kg, 1½ km", "nusu kilo, kilomita 1 na nusu"),
     ("es", "El 21.º piso, el 3º de la lista, el 3.er día; el piso 21.º es caro.",
      "El vigésimo primer piso, el tercero de la lista, el tercer día; el piso vigésimo primero es caro."),
     ("es", "En 1901 había 1.200 personas, 221.000 casas y 21 libros a 21 €, 200 £; espera 1 hora y 31 min.",
@@ -156,6 +156,36 @@ CASES = [
      "geboren neunzehnhundertachtundneunzig"),
     ("de", "Post an max.mueller@web.de oder www.bahn.de.",
      "Post an max Punkt mueller@web Punkt de oder www Punkt bahn Punkt de."),
+    ("en-us", "From 1914-1918 to 2010–2015, in the '90s: 3:1, 9:05, 1:50, 1-800-555-0199, 11/28/2026, $5.01.",
+     "From nineteen fourteen to nineteen eighteen to 2010 to 2015, in the nineties: 3 to 1, 9 oh 5, 1:50, "
+     "1 8 0 0 5 5 5 0 1 9 9, November twenty-eighth, twenty twenty-six, 5 dollars 1 cent."),
+    ("en-us", "Mt. Fuji, 5'10\", 2 tbsp, 0.25 s, 50p, 1080p, $20/unit, #1, 1.5x faster, 24/7, Genesis 1:3, Type II",
+     "Mount Fuji, 5 foot 10, 2 tablespoons, 0.25 seconds, 50 pence, 1080p, 20 dollars per unit, number 1, "
+     "1.5 times faster, 24 7, Genesis 1 3, Type 2"),
+    ("de", "Der 1., 2. und 3. Preis, in der 1. und 2. Klasse, der 100. Kunde, vom 1.-3. Mai. Das war Platz 3. Danach.",
+     "Der erste, zweite und dritte Preis, in der ersten und zweiten Klasse, der hundertste Kunde, vom ersten bis "
+     "dritten Mai. Das war Platz 3. Danach."),
+    ("de", "Maria II. kam, Kapitel XII, 1914–1918, um 20:00, 5x am Tag, 10 : 2, 0,25 s, 1,5 h, 2¼ kg, ½ TL",
+     "Maria die zweite kam, Kapitel 12, neunzehnhundertvierzehn bis neunzehnhundertachtzehn, um 20 Uhr, 5 mal am Tag, "
+     "10 geteilt durch 2, 0,25 Sekunden, 1,5 Stunden, 2 einviertel Kilogramm, ein halber Teelöffel"),
+    ("fr-fr", "La IIe guerre, 9h-17h, 1½ c. à s., 42 s, Nº 7, 3 M d'habitants, 2016-2018. Le 11 s'est, en 2010 l'été.",
+     "La deuxième guerre, 9 heures à 17 heures, une cuillère à soupe et demie, 42 secondes, numéro 7, "
+     "3 millions d'habitants, 2016 à 2018. Le 11 s'est, en 2010 l'été."),
+    ("es", "La II Guerra, el II Congreso, 1 perro, 200 chicas, 200 días, a la 1, a la 1:15, 1½ km/h, Gil & Hijos",
+     "La segunda Guerra, el segundo Congreso, un perro, doscientas chicas, 200 días, a la una, a la una y 15, "
+     "un kilómetro y medio por hora, Gil e Hijos"),
+    ("it", "La II guerra, 1 mln di euro, 1½ cucchiai, 2½ km/h, 5 × 3, all'1, nel 2010 l'estate, 3,05 €",
+     "La seconda guerra, un milione di euro, un cucchiaio e mezzo, 2 chilometri e mezzo all'ora, 5 per 3, all'una, "
+     "nel 2010 l'estate, 3 euro e 5 centesimi"),
+    ("pt-br", "A II Guerra, o II Congresso, século V, 12-15, 2010-2015, 22 alunas, 21 dias, 1½ km/h, 44 a.C. e 5",
+     "A segunda Guerra, o segundo Congresso, século 5, 12 a 15, 2010 a 2015, vinte e duas alunas, 21 dias, "
+     "1 quilômetro e meio por hora, 44 antes de Cristo e 5"),
+    ("hi", "1½ km/h, 3½ kg, 2¼ kg, 3¾ km, 1¼, -½ °C",
+     "डेढ़ किलोमीटर प्रति घंटा, साढ़े 3 किलोग्राम, सवा 2 किलोग्राम, 3 सही तीन बटा चार किलोमीटर, सवा, "
+     "माइनस आधा डिग्री सेल्सियस"),
+    ("bn", "1½ km/h, 3½ kg, 2¼", "দেড় কিলোমিটার প্রতি ঘণ্টা, সাড়ে 3 কেজি, সোয়া 2"),
+    ("sw", "1½ km/h, 2¼ kg, 5km, 50%", "kilomita kwa saa 1 na nusu, kilo 2 na robo, kilomita 5, asilimia 50"),
+    ("tr", "2¼ kg, 1½ km/h", "2 tam bir bölü dört kilogram, 1 buçuk kilometre bölü saat"),
     ("nl", "3,50 €, 5 km", "3,50 €, 5 km"),  # has no table
 ]  # fmt: skip
 
@@ -169,7 +199,21 @@ def test_what_is_said(code: str, text: str, expected: str) -> None:
 def test_every_table_can_be_read_and_replaces_its_own_entries(language: str) -> None:
     table = tomllib.loads((files("fapengine.voices") / "spoken" / f"{language}.toml").read_text("utf-8"))
     texts, tables = (
-        {"price", "scales", "of", "starters", "spaced", "minus", "share", "phones", "joined", "dot", "to"},
+        {
+            "price",
+            "scales",
+            "of",
+            "starters",
+            "spaced",
+            "minus",
+            "share",
+            "phones",
+            "joined",
+            "dot",
+            "to",
+            "elides",
+            "unit_first",
+        },
         {"short_scales", "cents"},
     )
     parts = {"words", "units", "currencies", "fractions", "mixed", "rules", "date", "gender"}
