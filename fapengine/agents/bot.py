@@ -40,6 +40,7 @@ from fapengine.agents.pipecat import FapengineVideoService
 from fapengine.errors import FapEngineError, NothingToSpeakError, UsageError
 from fapengine.recognition.protocol import RATE_HZ
 from fapengine.recognition.words import WordRecognizer
+from fapengine.server.intake.tasks import Tasks
 from fapengine.speech.marks import read_marks, words_of
 from fapengine.voices.choice import VoiceChoice
 from fapengine.voices.process import VoiceProcess
@@ -169,7 +170,7 @@ class Bot:
         self.options = options
         self._voices, self._words = VoiceProcess(), WordRecognizer()
         self._connections: dict[str, SmallWebRTCConnection] = {}
-        self._talks: set[asyncio.Task[None]] = set()
+        self._talks = Tasks()
         self._offers = 0
         """Offers of new visitors that are being answered."""
 
@@ -206,9 +207,7 @@ class Bot:
         finally:
             self._offers -= is_new
         if is_new:
-            talk = asyncio.create_task(self._talk(known))
-            self._talks.add(talk)
-            talk.add_done_callback(self._talks.discard)
+            talk = self._talks.start(self._talk(known))
             late = asyncio.get_running_loop().call_later(CONNECTS_S, lambda: _is_connected(known) or talk.cancel())
             talk.add_done_callback(lambda _: late.cancel())
         answer: dict[str, str] = known.get_answer()
@@ -236,9 +235,7 @@ class Bot:
 
     async def close(self) -> None:
         """Hang up, and end the processes."""
-        for talk in self._talks:
-            talk.cancel()
-        await asyncio.gather(*self._talks, return_exceptions=True)
+        await self._talks.close()
         self._words.close()
         self._voices.close()
         await self._voices.wait_closed()

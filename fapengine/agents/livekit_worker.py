@@ -36,6 +36,7 @@ from fapengine.agents.warm import open_face, prewarm
 from fapengine.errors import FapEngineError, ResourceError
 from fapengine.render.drawing import EDGES
 from fapengine.server.config import Listen
+from fapengine.server.intake.tasks import Tasks
 from fapengine.server.web.access import Access
 
 log = logging.getLogger("fapengine.agents")
@@ -99,7 +100,7 @@ class _Follower:
         self._room, self._face, self._agent, self._left = room, face, agent, left
         self._own = room.local_participant.identity
         self._acts = acts_of(face)
-        self._reading: set[asyncio.Task[None]] = set()
+        self._reading = Tasks()
 
     def start(self) -> None:
         """Listen to the room."""
@@ -140,9 +141,7 @@ class _Follower:
 
     def _transcribed(self, reader: rtc.TextStreamReader, identity: str) -> None:
         if identity == self._own or self._is_agent(self._room.remote_participants.get(identity)):
-            task = asyncio.create_task(self._feel(reader))
-            self._reading.add(task)
-            task.add_done_callback(self._reading.discard)
+            self._reading.start(self._feel(reader))
         else:
             reader.close()
 

@@ -1,6 +1,5 @@
 """A pool of avatar workers: agents ask it for a face in their room (``POST /faces``)."""
 
-import asyncio
 import logging
 from collections.abc import Awaitable, Callable
 
@@ -8,6 +7,7 @@ from aiohttp import web
 
 from fapengine.agents.web import object_of
 from fapengine.errors import FapEngineError
+from fapengine.server.intake.tasks import Tasks
 from fapengine.server.web.access import Access
 from fapengine.server.web.site import harden
 
@@ -34,7 +34,7 @@ class Pool:
     def __init__(self, work: Callable[[str, str], Awaitable[None]], most: int, access: Access) -> None:
         self.most = most
         self._work, self._access = work, access
-        self._faces: set[asyncio.Task[None]] = set()
+        self._faces = Tasks()
 
     async def take(self, request: web.Request) -> web.StreamResponse:
         """Answer 201 if a worker joins the room, 503 if all are busy."""
@@ -45,16 +45,12 @@ class Pool:
             raise web.HTTPBadRequest(text="Expected a JSON object with url and token.")
         if len(self._faces) >= self.most:
             raise web.HTTPServiceUnavailable(text=f"faces: got one more than {self.most}")
-        face = asyncio.create_task(self._show(url, token))
-        self._faces.add(face)
-        face.add_done_callback(self._faces.discard)
+        self._faces.start(self._show(url, token))
         return web.Response(status=201)
 
     async def close(self, _: web.Application) -> None:
         """End all faces."""
-        for face in self._faces:
-            face.cancel()
-        await asyncio.gather(*self._faces, return_exceptions=True)
+        await self._faces.close()
 
     def application(self) -> web.Application:
         """Make the web application."""

@@ -42,6 +42,7 @@ from fapengine.server.intake.doors import open_doors, raise_file_limit
 from fapengine.server.intake.ingress import FairQueue, Ingress
 from fapengine.server.intake.listeners import Stream, TcpListener, UdpListener, bound_pair
 from fapengine.server.intake.rates import Load
+from fapengine.server.intake.tasks import Tasks
 from fapengine.server.metrics import ServerMetrics, TextCounts, of_sessions, of_sinks, open_metrics
 from fapengine.server.ownership import OwnSessions
 from fapengine.server.sinks.kinds import Sink, kind_of, parse_sink
@@ -157,7 +158,7 @@ class Server:
         self._streams: TcpListener | None = None
         self._page: Site | None = None
         self._sites: list[Site] = []
-        self._speaking: set[asyncio.Task[None]] = set()
+        self._speaking = Tasks()
         self._opened = AsyncExitStack()
         self._draining = False
         self._stop = asyncio.Event()
@@ -259,7 +260,7 @@ class Server:
         opened.push_async_callback(self.voice.wait_closed)
         opened.callback(self.voice.close)
         opened.callback(self.hearing.close)
-        opened.callback(self._cancel_speaking)
+        opened.callback(self._speaking.cancel)
         if sound.session is not None:
             self.speaker = Playback(
                 self.hub, sound.session, opens=lambda rate_hz: open_output(rate_hz, device=sound.device)
@@ -330,9 +331,7 @@ class Server:
             if is_full and isinstance(request, TextRequest):
                 self._refuse(request, "text: too many wait for the voice")
             elif not self._draining:
-                task = asyncio.create_task(self._speak(request))
-                self._speaking.add(task)
-                task.add_done_callback(self._speaking.discard)
+                self._speaking.start(self._speak(request))
         self.metrics.tick_s.observe(self.hub.clock() - self._frame_begun_s)
         load, was_full = self.load, self.load.is_full
         if load.add(time.thread_time(), now_s):
@@ -400,10 +399,6 @@ class Server:
     async def _close(self) -> None:
         await self._opened.aclose()
         self._datagrams = self._streams = self._page = None
-
-    def _cancel_speaking(self) -> None:
-        for task in tuple(self._speaking):
-            task.cancel()
 
     async def _metrics_text(self) -> bytes:
         return self.metrics.text()

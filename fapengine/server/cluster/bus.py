@@ -10,7 +10,7 @@ import logging
 import socket
 import time
 import uuid
-from collections.abc import Callable, Coroutine, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
@@ -20,6 +20,7 @@ from fapengine._late import needed
 from fapengine.errors import DataError, ResourceError
 from fapengine.server import partitions
 from fapengine.server.config import BusChoice
+from fapengine.server.intake.tasks import Tasks
 
 if TYPE_CHECKING:
     from nats.aio.msg import Msg
@@ -68,7 +69,7 @@ class Bus:
         self._is_up = False
         self._asking: dict[int, list[Callable[[], None]]] = {}
         self._waiting = 0
-        self._tasks: set[asyncio.Task[None]] = set()
+        self._tasks = Tasks()
 
     @property
     def machines(self) -> int:
@@ -159,7 +160,7 @@ class Bus:
         self._waiting += 1
         waiting.append(again)
         if len(waiting) == 1:
-            self._start(self._find_out(session, waiting))
+            self._tasks.start(self._find_out(session, waiting))
         return True
 
     def placed(self, session: str) -> None:
@@ -170,7 +171,7 @@ class Bus:
         """Note that a session has no worker any more."""
         released = self._table.left(session)
         if released is not None:
-            self._start(self._release(released))
+            self._tasks.start(self._release(released))
 
     async def _open_buckets(self) -> None:
         from nats.js.api import KeyValueConfig, StorageType
@@ -292,11 +293,6 @@ class Bus:
     async def _note_return(self) -> None:
         log.info("bus: NATS can be reached again")
         self._table.forget()
-
-    def _start(self, work: Coroutine[Any, Any, None]) -> None:
-        task = asyncio.create_task(work)
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
 
 
 def _own_address(url: str) -> str:

@@ -14,7 +14,7 @@ import errno
 import logging
 import socket
 from collections import OrderedDict
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
@@ -24,6 +24,7 @@ from fapengine.errors import DataError
 from fapengine.server.cluster import channel
 from fapengine.server.intake.doors import Door
 from fapengine.server.intake.listeners import FIRST_S, READ_AT_ONCE, RECEIVE_BUFFER, SLIP_FIRST, bound, bound_pair
+from fapengine.server.intake.tasks import Tasks
 from fapengine.server.ownership import Home, session_of_request
 from fapengine.server.partitions import Machine
 from fapengine.wire.framing import MAX_PACKET, LengthDecoder, SlipDecoder
@@ -183,7 +184,7 @@ class Front:
         self.counts = FrontCounts()
         self._callers: OrderedDict[Address, int | Machine] = OrderedDict()
         self._relays = Relays(self._answer)
-        self._tasks: set[asyncio.Task[None]] = set()
+        self._tasks = Tasks()
         self._sockets: list[socket.socket] = []
         self.datagrams: socket.socket | None = None
         self.osc_address, self.page_address = ("", 0), ("", 0)
@@ -214,22 +215,16 @@ class Front:
         for listening, is_page in zip(listeners, (False, True), strict=False):
             listening.setblocking(False)
             listening.listen(BACKLOG)
-            self._start(self._accept(listening, is_page=is_page))
+            self._tasks.start(self._accept(listening, is_page=is_page))
 
     def close(self) -> None:
         """Close the ports."""
-        for task in tuple(self._tasks):
-            task.cancel()
+        self._tasks.cancel()
         self._relays.close()
         for one in self._sockets:
             asyncio.get_running_loop().remove_reader(one.fileno())
             one.close()
         self._sockets.clear()
-
-    def _start(self, work: Awaitable[None]) -> None:
-        task = asyncio.ensure_future(work)
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
 
     # Datagrams ------------------------------------------------------------------------------------------------------
 
@@ -300,7 +295,7 @@ class Front:
                     await asyncio.sleep(NO_FILE_S)
                 continue
             if self._door.enter(address[0]):
-                self._start(self._take(accepted, address[0], is_page=is_page))
+                self._tasks.start(self._take(accepted, address[0], is_page=is_page))
             else:
                 accepted.close()
 

@@ -21,6 +21,7 @@ from fapengine.server.cluster.channel import Channel
 from fapengine.server.config import ServerConfig
 from fapengine.server.intake.listeners import Caller
 from fapengine.server.intake.rates import collecting_in_pieces
+from fapengine.server.intake.tasks import Tasks
 from fapengine.server.logs import begin_log
 from fapengine.server.ownership import OwnSessions
 from fapengine.server.server import Server, serve
@@ -54,7 +55,7 @@ class Worker:
         self._own = OwnSessions(front_port, self._read)
         self.server = Server(config, own=self._own)
         self._reported: tuple[str, ...] = ()
-        self._adopting: set[asyncio.Task[None]] = set()
+        self._adopting = Tasks()
 
     async def run(self) -> None:
         """Serve until stopped."""
@@ -142,9 +143,7 @@ class Worker:
 
     def _adopt(self, handed: socket.socket, message: channel.Connection) -> None:
         handed.setblocking(False)
-        task = asyncio.create_task(self.server.adopt(handed, message.session, is_page=message.is_page))
-        self._adopting.add(task)
-        task.add_done_callback(self._adopting.discard)
+        self._adopting.start(self.server.adopt(handed, message.session, is_page=message.is_page))
 
 
 def main(_: Parent, link_file: str, front_file: str) -> int:

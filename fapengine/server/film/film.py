@@ -24,6 +24,7 @@ from fapengine.host.hub import Hub
 from fapengine.host.listeners import HeardSound, HubFrame, Spoken, Unsubscribe
 from fapengine.server.film.painter import FilmCounts, Painter
 from fapengine.server.film.soundtrack import BLOCK_S, Samples, Soundtrack
+from fapengine.server.intake.tasks import Tasks
 
 SHOW_AFTER_S = 0.1
 """Delay after the engine time at which an image is shown with its audio; machines that keep up have rendered it."""
@@ -167,7 +168,7 @@ class Studio:
     hearing: Hearing | None = None
     counts: FilmCounts = field(default_factory=FilmCounts)
     _films: dict[tuple[str, FilmForm], Film] = field(default_factory=dict)
-    _closing: set[asyncio.Task[None]] = field(default_factory=set)
+    _closing: Tasks = field(default_factory=Tasks)
 
     def __len__(self) -> int:
         return len(self._films)
@@ -195,9 +196,7 @@ class Studio:
             if not film.watchers and self._films.get((session, form)) is film:
                 del self._films[session, form]
                 film.stop()
-                closing = asyncio.get_running_loop().create_task(film.close())
-                self._closing.add(closing)
-                closing.add_done_callback(self._closing.discard)
+                self._closing.start(film.close())
 
         return leave
 

@@ -14,6 +14,7 @@ from fapengine.errors import DataError, FapEngineError, ResourceError, UsageErro
 from fapengine.host.hearing import Hearing
 from fapengine.host.hub import Hub
 from fapengine.server.intake.rates import TokenBucket, Turns
+from fapengine.server.intake.tasks import Tasks
 from fapengine.server.web import messages
 from fapengine.server.web.session_view import SessionView
 from fapengine.speech.alphabets.convert import ALPHABETS
@@ -132,7 +133,7 @@ class Connection:
         self._allowance = TokenBucket(MESSAGES_HZ, MESSAGES_AT_ONCE)
         self._turns = turns
         self._refused = 0
-        self._tasks: set[asyncio.Task[None]] = set()
+        self._tasks = Tasks()
 
     async def run(self, hello: str) -> None:
         """Serve the page until it disconnects.
@@ -219,10 +220,8 @@ class Connection:
         self._refused += 1
         if self._refused == MAX_REFUSED:
             self._counts.lost += 1
-            self._tasks.add(asyncio.create_task(self._expel()))
-
-    async def _expel(self) -> None:
-        await self._socket.close(code=WSCloseCode.POLICY_VIOLATION, message=b"too many invalid messages")
+            code, reason = WSCloseCode.POLICY_VIOLATION, b"too many invalid messages"
+            self._tasks.start(self._socket.close(code=code, message=reason))
 
     def _answer(self, request: messages.Request) -> None:
         match request:
@@ -245,9 +244,7 @@ class Connection:
             case messages.Say() | messages.Words():
                 if len(self._tasks) >= MAX_VOICES:
                     raise UsageError("text: earlier texts are still being spoken")
-                task = asyncio.create_task(self._say(request))
-                self._tasks.add(task)
-                task.add_done_callback(self._tasks.discard)
+                self._tasks.start(self._say(request))
 
     async def _say(self, request: messages.Say | messages.Words) -> None:
         session, voice = self._view.session, self._voice
