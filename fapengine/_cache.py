@@ -5,14 +5,22 @@ It is the folder ``built-heads`` of ``$FAPENGINE_CACHE``, or of ``fapengine`` in
 """
 
 import hashlib
+import logging
 import os
 import sys
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
+from typing import TypeVar
 
 import numpy
 
-from fapengine.errors import ResourceError
+from fapengine._arrays import DAMAGE
+from fapengine.errors import FapEngineError, ResourceError
+
+Made = TypeVar("Made")
+log = logging.getLogger("fapengine.heads")
 
 CACHE_VARIABLE = "FAPENGINE_CACHE"
 MAX_KEPT = 16
@@ -64,6 +72,51 @@ def check_ours(folder: Path) -> None:
         (folder / TAG).write_bytes(TAGGED)
     if not (folder / TAG).is_file() or (folder / TAG).read_bytes() != TAGGED:
         raise ResourceError(f"{folder} was not made by fapengine, as it lacks our {TAG}")
+
+
+def read_or_make(
+    name: Callable[[], str], make: Callable[[], Made], read: Callable[[Path], Made], write: Callable[[Path, Made], None]
+) -> Made:
+    """Read from the cache what was made before; or make it, and write it there.
+
+    A cache that cannot be used is reported once.
+
+    Parameters
+    ----------
+    name : callable
+        Name of the file or folder in the cache; called only if there is a cache.
+    make, read, write : callable
+        Called with its path, if with anything, and to write it with what was made.
+    """
+    folder = cache_folder()
+    if folder is None:
+        return make()
+    kept = folder / name()
+    with suppress(FapEngineError, TypeError, *DAMAGE):  # missing, damaged or not ours: it is made again
+        check_ours(folder)
+        found = read(kept)
+        with suppress(OSError):
+            os.utime(kept)
+        return found
+    made = make()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        check_ours(folder)
+        write(kept, made)
+    except (FapEngineError, OSError) as error:
+        _report(f"{CACHE_VARIABLE}: built heads are not kept: {error}")
+    return made
+
+
+@cache
+def _report(text: str) -> None:
+    """Log a warning, once."""
+    log.warning(text)
+
+
+def least_recently_used(paths: Iterable[Path]) -> list[Path]:
+    """Return the paths beyond the :data:`MAX_KEPT` that were used last."""
+    return sorted(paths, key=lambda path: path.stat().st_mtime, reverse=True)[MAX_KEPT:]
 
 
 @cache

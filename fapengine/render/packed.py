@@ -7,7 +7,6 @@ that is missing or damaged is written again. Without a cache (see :mod:`fapengin
 import hashlib
 import os
 import re
-from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from functools import cache
 from pathlib import Path
@@ -15,9 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from fapengine._arrays import DAMAGE, unpack
-from fapengine._cache import MAX_KEPT, cache_folder, check_ours, sources
-from fapengine.errors import FapEngineError
+from fapengine._arrays import unpack
+from fapengine._cache import least_recently_used, read_or_make, sources
 from fapengine.mesh.face_mesh import FaceMesh, iris_share
 from fapengine.render.packing import PackedMesh, pack, skin_of
 
@@ -32,23 +30,9 @@ KEPT = re.compile(r"packed-[0-9a-f]{32}\.npz(\.[0-9a-f]{8})?")
 
 def packed_mesh(mesh: FaceMesh) -> PackedMesh:
     """Pack a mesh, or read what was packed before; errors as :func:`~fapengine.render.packing.pack`."""
-    folder = cache_folder()
-    if folder is None:
-        return pack(mesh)
-    kept = folder / f"packed-{_digest(mesh)}.npz"
-    with suppress(FapEngineError, TypeError, *DAMAGE):  # missing, damaged or not ours: it is packed again
-        check_ours(folder)
-        packed = _read(kept, mesh)
-        with suppress(OSError):
-            os.utime(kept)
-        return packed
-    packed = pack(mesh)
-    with suppress(FapEngineError, OSError):  # which fapengine.files.heads.built reports
-        folder.mkdir(parents=True, exist_ok=True)
-        check_ours(folder)
-        _write(kept, packed)
-        _forget_oldest(folder)
-    return packed
+    return read_or_make(
+        lambda: f"packed-{_digest(mesh)}.npz", lambda: pack(mesh), lambda path: _read(path, mesh), _write
+    )
 
 
 def _read(path: Path, mesh: FaceMesh) -> PackedMesh:
@@ -65,7 +49,7 @@ def _read(path: Path, mesh: FaceMesh) -> PackedMesh:
 
 
 def _write(path: Path, packed: PackedMesh) -> None:
-    """Write a file that is complete or not there."""
+    """Write a file that is complete or not there, and remove the oldest ones."""
     arrays: dict[str, Any] = {name: getattr(packed, name) for name in (*ARRAYS, "texels_per_mm", "edge_mm")}
     arrays |= {PART + name: triangles for name, triangles in packed.parts.items()}
     new = path.with_name(f"{path.name}.{os.urandom(4).hex()}")
@@ -75,11 +59,8 @@ def _write(path: Path, packed: PackedMesh) -> None:
         new.replace(path)
     finally:
         new.unlink(missing_ok=True)
-
-
-def _forget_oldest(folder: Path) -> None:
-    ours = [path for path in folder.iterdir() if KEPT.fullmatch(path.name) and not path.is_symlink()]
-    for old in sorted(ours, key=lambda path: path.stat().st_mtime, reverse=True)[MAX_KEPT:]:
+    ours = [each for each in path.parent.iterdir() if KEPT.fullmatch(each.name) and not each.is_symlink()]
+    for old in least_recently_used(ours):
         old.unlink(missing_ok=True)
 
 

@@ -28,7 +28,7 @@ BALD = HeadStyle(hair=False)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.setenv("FAPENGINE_CACHE", str(tmp_path))
     load_built.cache_clear()
-    built._report.cache_clear()
+    _cache._report.cache_clear()
     yield tmp_path / "built-heads"
     load_built.cache_clear()
 
@@ -157,7 +157,7 @@ def cheap_builds(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_hundred_builds_leave_all_other_files(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Folders of the user in the named folder, and whatever somebody put beside our heads."""
     cheap_builds(monkeypatch)
-    monkeypatch.setattr(built, "MAX_KEPT", 3)
+    monkeypatch.setattr(_cache, "MAX_KEPT", 3)
     load_built(BALD, "coarse")
     ours = 'source = "fapengine"\n'
     others = {
@@ -196,7 +196,7 @@ def test_off_keeps_nothing(folder: Path, monkeypatch: pytest.MonkeyPatch, tmp_pa
 
 
 def test_the_oldest_go(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(built, "MAX_KEPT", 2)
+    monkeypatch.setattr(_cache, "MAX_KEPT", 2)
     ages = (0.1, 0.2, 0.3)
     for age in ages:
         load_built(HeadStyle(hair=False, age=age), "coarse")

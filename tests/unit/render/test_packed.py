@@ -102,7 +102,7 @@ def test_a_file_with_other_arrays_is_written_again(
 
 
 def test_the_oldest_go_and_nothing_of_the_user(folder: Path, head: FaceMesh, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(packed, "MAX_KEPT", 2)
+    monkeypatch.setattr(_cache, "MAX_KEPT", 2)
     meshes = [replace(head, iris_albedo=np.full(3, share)) for share in (0.1, 0.2, 0.3)]
     packed_mesh(meshes[0])
     (folder / "mine.npz").write_bytes(b"mine")
