@@ -83,8 +83,11 @@ class LeapingLoop(asyncio.SelectorEventLoop):
 
             def get(self, block: bool = True, timeout: float | None = None) -> Any:
                 loop.works(-int(self.has_taken))
-                self.has_taken = True
-                return super().get(block, timeout)
+                task = super().get(block, timeout)
+                self.has_taken = task is not None
+                if not self.has_taken:  # the thread ends
+                    loop.works(-1)
+                return task
 
         monkeypatch.setattr(time, "monotonic", self.time)
         monkeypatch.setattr(time, "time", lambda: begun_s + self.now_s)
