@@ -194,11 +194,11 @@ def by_people(language: str) -> Iterator[tuple[np.ndarray, Segments]]:
             if phone.first > now:
                 segments.append((0, now / 100, phone.first / 100))
             heard = phone.model.split()
-            step = (phone.behind - phone.first) / len(heard)
+            step = (phone.end - phone.first) / len(heard)
             for index, model in enumerate(heard):
                 number = EITHER if model == "AH" else _NUMBER[ipa_of(model)]
                 segments.append((number, (phone.first + index * step) / 100, (phone.first + (index + 1) * step) / 100))
-            now = phone.behind
+            now = phone.end
         segments.append((0, now / 100, len(samples) / RATE_HZ))
         yield samples, segments
 

@@ -142,9 +142,9 @@ def soundings(phones: Sequence[Phone], samples: NDArray[np.int16], begins_s: flo
 def _sounding(
     phone: Phone, levels_db: NDArray[np.float64], pitches_hz: NDArray[np.float64], begins_s: float
 ) -> Sounding:
-    first, behind = (max(int((at_s - begins_s) * FRAME_HZ + _EVEN), 0) for at_s in (phone.start_s, phone.end_s))
+    first, end = (max(int((at_s - begins_s) * FRAME_HZ + _EVEN), 0) for at_s in (phone.start_s, phone.end_s))
     first = min(first, max(len(levels_db) - 1, 0))
-    frames = slice(first, max(first + 1, behind))
+    frames = slice(first, max(first + 1, end))
     voiced = pitches_hz[frames][pitches_hz[frames] > 0]
     return Sounding(float(levels_db[frames].max(initial=SILENT_DB)), float(np.median(voiced)) if len(voiced) else 0.0)
 

@@ -74,23 +74,23 @@ def segments_of(labels: Sequence[str], frame_hz: float) -> list[Labelled]:
     spikes: list[Labelled] = []
     at = 0
     for label, frames in groupby(labels):
-        behind = at + sum(1 for _ in frames)
+        end = at + sum(1 for _ in frames)
         if label != BLANK:
-            spikes.append((label, at, behind))
-        at = behind
+            spikes.append((label, at, end))
+        at = end
     found: list[Labelled] = []
-    for index, (label, first, behind) in enumerate(spikes):
+    for index, (label, first, end) in enumerate(spikes):
         if label == SILENCE:
             continue
         before = spikes[index - 1] if index else (SILENCE, 0, 0)
         after = spikes[index + 1] if index + 1 < len(spikes) else (SILENCE, at, at)
         begins = before[2] if before[0] == SILENCE else (before[2] + first) // 2
-        ends = after[1] if after[0] == SILENCE else (behind + after[1]) // 2
-        room = max(reach - (behind - first), 0)
+        ends = after[1] if after[0] == SILENCE else (end + after[1]) // 2
+        room = max(reach - (end - first), 0)
         last, begins = (found[-1][2] if found else 0), max(begins, first - room)
         if begins > last:
             found.append((SILENCE, last, begins))
-        found.append((label, max(begins, last), min(ends, behind + room)))
+        found.append((label, max(begins, last), min(ends, end + room)))
     last = found[-1][2] if found else 0
     return [*found, (SILENCE, last, at)] if at > last else found
 
@@ -207,7 +207,7 @@ class OnnxRecognizer(BlockRecognizer):
         self._sound = np.zeros(0, np.int16)
         self._forgotten = 0
         """Samples before those of ``_sound``."""
-        self._told_s = 0.0
+        self._reported_s = 0.0
 
     def _add(self, block: NDArray[np.int16]) -> None:
         sound = np.concatenate([self._sound, block])
@@ -223,27 +223,27 @@ class OnnxRecognizer(BlockRecognizer):
         best = shares.argmax(axis=1)
         rescale = FRAME_HZ / frame_hz
         segments = [
-            (label, round(first * rescale), round(behind * rescale))
-            for label, first, behind in segments_of([self.model.ipa[index] for index in best], frame_hz)
+            (label, round(first * rescale), round(end * rescale))
+            for label, first, end in segments_of([self.model.ipa[index] for index in best], frame_hz)
         ]
         start_s = self._forgotten / RATE_HZ
 
         def found(until_s: float) -> list[Phone]:
             """Phones after the final ones."""
-            now_s, phones = self._told_s, []
-            told, horizon = round((now_s - start_s) * FRAME_HZ), round(until_s * FRAME_HZ)
-            for label, first, behind in due(segments, told, horizon, at_end=at_end):
-                is_rest = at_end and behind == segments[-1][2]
-                ends_s = start_s + (length_s if is_rest else min(behind / FRAME_HZ, length_s))
+            now_s, phones = self._reported_s, []
+            reported, horizon = round((now_s - start_s) * FRAME_HZ), round(until_s * FRAME_HZ)
+            for label, first, end in due(segments, reported, horizon, at_end=at_end):
+                is_rest = at_end and end == segments[-1][2]
+                ends_s = start_s + (length_s if is_rest else min(end / FRAME_HZ, length_s))
                 if ends_s > now_s:
-                    frames = slice(int(first / rescale), int(behind / rescale) + 1)
+                    frames = slice(int(first / rescale), int(end / rescale) + 1)
                     confidence = 1.0 if label == SILENCE else self._confidence(shares[frames], label)
                     phones.append(Phone(label, now_s, ends_s, confidence=confidence))
                     now_s = ends_s
             return phones
 
         final = found(length_s - self.look_ahead_s)
-        self._told_s = final[-1].end_s if final else self._told_s
+        self._reported_s = final[-1].end_s if final else self._reported_s
         self.partial = found(length_s)
         return final
 

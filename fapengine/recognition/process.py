@@ -8,7 +8,7 @@ Audio that was not sent to the process yet (all but :data:`AHEAD_S`) stays here,
 
 A live face shows audio a fixed delay later. Where the machine is too slow for that, phones would come when their time
 is over, and the face would not move. So :meth:`RecognizerProcess.poll` compares what was processed with what the face
-shows. If it was behind in :data:`PATIENCE` polls in a row, the recognizer leaves out its costly part for
+shows. If it was late in :data:`PATIENCE` polls in a row, the recognizer leaves out its costly part for
 :data:`REDUCED_S`. If that is not enough, audio that is about to be shown is skipped: what follows continues what came
 before, and the phone at that place lasts longer.
 
@@ -42,7 +42,7 @@ AHEAD_S = 0.5
 LIVE_AHEAD_S = 0.1
 """The same where the face shows audio as soon as this: what was sent cannot be skipped."""
 SLOW_AHEAD_S = 0.04
-"""The same where it is behind."""
+"""The same for a recognizer that is late."""
 PIECE_S = 0.08
 """Longest piece of audio that is sent at a time."""
 LEAD_S = 0.1
@@ -178,8 +178,8 @@ class RecognizerProcess:
             if "look_ahead_s" in entry:
                 self.is_ready, self.look_ahead_s = True, entry["look_ahead_s"]
             elif entry["stream"] == self.stream:
-                told = {name: tuple(Phone(**phone) for phone in entry[name]) for name in ("phones", "partial")}
-                result = RecognizedPhones(**{**entry, **told})
+                phones = {name: tuple(Phone(**phone) for phone in entry[name]) for name in ("phones", "partial")}
+                result = RecognizedPhones(**{**entry, **phones})
                 self.waiting_s = max(self.waiting_s - (result.position_s - self._processed_s), 0.0)
                 self._processed_s = result.position_s
                 found.append(result)

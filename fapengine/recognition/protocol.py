@@ -129,7 +129,7 @@ class StreamRecognizer(Protocol):
     def poll(self, shown_s: float = -inf) -> list[RecognizedPhones]:
         """Return the new results of this stream; raises ``ResourceError`` if the recognizer has ended.
 
-        ``shown_s`` is the time in the stream that the face shows now; a recognizer behind it does less work.
+        ``shown_s`` is the time in the stream that the face shows now; a recognizer that is later does less work.
         """
 
     def close(self) -> None:
@@ -155,22 +155,22 @@ def phones_of(segments: Iterable[Labelled], start_s: float, end_s: float) -> lis
         Phone(
             label,
             start_s + first / FRAME_HZ,
-            min(start_s + behind / FRAME_HZ, end_s),
+            min(start_s + end / FRAME_HZ, end_s),
             confidence=1.0 if label == SILENCE else UNSURE,
         )
-        for label, first, behind in segments
+        for label, first, end in segments
         if start_s + first / FRAME_HZ < end_s
     ]
 
 
-def due(segments: Sequence[Labelled], told: int, horizon: int, *, at_end: bool = False) -> list[Labelled]:
+def due(segments: Sequence[Labelled], reported: int, horizon: int, *, at_end: bool = False) -> list[Labelled]:
     """Choose the segments of a new hypothesis that are final now.
 
     Parameters
     ----------
-    segments : sequence of (label, first, behind)
-        The whole hypothesis, in order and without gaps; ``behind`` is the frame after the last.
-    told : int
+    segments : sequence of (label, first, end)
+        The whole hypothesis, in order and without gaps; ``end`` is the frame after the last.
+    reported : int
         First frame that has not been reported. Earlier frames stay as reported, also if the hypothesis has changed.
     horizon : int
         Frame up to which the hypothesis is old enough. Silence is reported up to there; phones when they are over.
@@ -179,8 +179,8 @@ def due(segments: Sequence[Labelled], told: int, horizon: int, *, at_end: bool =
 
     Returns
     -------
-    list of (label, first, behind)
-        Without gaps, from ``told`` on.
+    list of (label, first, end)
+        Without gaps, from ``reported`` on.
 
     Examples
     --------
@@ -190,16 +190,16 @@ def due(segments: Sequence[Labelled], told: int, horizon: int, *, at_end: bool =
     []
     """
     chosen: list[Labelled] = []
-    now = told
-    for label, _, behind in segments:
-        if behind <= now:
+    now = reported
+    for label, _, end in segments:
+        if end <= now:
             continue
-        if behind > horizon and not at_end:
+        if end > horizon and not at_end:
             if label == SILENCE and horizon - now >= MIN_FRAMES:
                 chosen.append((label, now, horizon))
             break
-        if behind - now < MIN_FRAMES and not at_end:
+        if end - now < MIN_FRAMES and not at_end:
             continue  # the next begins earlier
-        chosen.append((label, now, behind))
-        now = behind
+        chosen.append((label, now, end))
+        now = end
     return chosen

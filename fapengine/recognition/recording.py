@@ -69,14 +69,14 @@ def same_kind(one: str, other: str) -> bool:
 def by_frame(phones: Sequence[Frames], frames: int) -> list[str]:
     """Name of the phone in each frame; empty between phones."""
     names = [""] * frames
-    for name, first, behind in phones:
-        names[first : min(behind, frames)] = [name] * (min(behind, frames) - first)
+    for name, first, end in phones:
+        names[first : min(end, frames)] = [name] * (min(end, frames) - first)
     return names
 
 
-def between(phones: Sequence[Frames], first: int, behind: int) -> list[Frames]:
+def between(phones: Sequence[Frames], first: int, end: int) -> list[Frames]:
     """Phones from one frame to before another; those at the ends are cut."""
-    return [(name, max(a, first), min(b, behind)) for name, a, b in phones if min(b, behind) > max(a, first)]
+    return [(name, max(a, first), min(b, end)) for name, a, b in phones if min(b, end) > max(a, first)]
 
 
 LOOK_AHEAD_S = 1.0
@@ -141,7 +141,7 @@ JUDGED_FRAMES = 60
 """Least number of frames around a word that are judged; a whole piece with fewer, or one word, is judged apart."""
 DOUBTFUL = 0.6
 """Misfit of a word or two above which they are doubted."""
-UNTOLD_S = 1.2
+MISSING_FROM_TEXT_S = 1.2
 """Least length of speech in a silence of the text that is reported as missing from the text."""
 
 Progress = Callable[[float], None]
@@ -285,27 +285,27 @@ def follow(
     for this, following in _with_next(pieces):
         piece, found, spoken = this.samples, this.found, this.spoken
         is_rest = is_trusted and following is None
-        behind = len(aligner.words) if is_rest else _behind(aligner, this, following, cursor)
-        aligned = aligner.align(piece, cursor, behind)
-        if behind > cursor and not aligned:
-            aligned = aligner.placed(piece, cursor, behind)
+        end = len(aligner.words) if is_rest else _words_end(aligner, this, following, cursor)
+        aligned = aligner.align(piece, cursor, end)
+        if end > cursor and not aligned:
+            aligned = aligner.placed(piece, cursor, end)
         names = by_frame(found, len(spoken))
         judged, strictness = _judge(aligned, names), 1.0 if aligner.dictionary else FOREIGN
         missing = [] if is_trusted else _missing(judged, strictness)
         if not is_trusted and (verdict := _verdict(aligner, aligned, piece, judged, AGREEING_ALL * strictness)):
             is_said, is_doubted = verdict
-            missing = [] if is_said else [_all_of(judged)]
+            missing = [] if is_said else [(judged[0].word, judged[-1].word + 1, judged[0].start, judged[-1].stop)]
             if is_said and is_doubted:
                 doubted.append((gathered.now_s, gathered.now_s + len(piece) / RATE_HZ))
-        unheard += sum(len(range(a, b)) for a, b, _, _ in missing) + (behind - cursor if not aligned else 0)
+        unheard += sum(len(range(a, b)) for a, b, _, _ in missing) + (end - cursor if not aligned else 0)
         mismatches += [
             Mismatch(gathered.now_s + start / FRAME_HZ, gathered.now_s + stop / FRAME_HZ, aligner.words[a:b])
             for a, b, start, stop in missing
         ]
         rows = _merged(aligned, missing, labelled(found, spoken), aligner.words, names)
-        mismatches += _untold(rows, spoken, gathered.now_s)
+        mismatches += _missing_from_text(rows, spoken, gathered.now_s)
         gathered.add(rows, piece)
-        cursor = behind
+        cursor = end
         on_heard(len(piece) / RATE_HZ)
     if cursor < len(aligner.words):
         mismatches.append(Mismatch(gathered.now_s, gathered.now_s, aligner.words[cursor:]))
@@ -369,7 +369,7 @@ def _with_next(pieces: Iterable[_Piece]) -> Iterator[tuple[_Piece, _Piece | None
         yield last, None
 
 
-def _behind(aligner: SphinxAligner, piece: _Piece, following: _Piece | None, cursor: int) -> int:
+def _words_end(aligner: SphinxAligner, piece: _Piece, following: _Piece | None, cursor: int) -> int:
     """Find the word after the last one of a piece."""
     most = QUICK_HZ * (len(piece.spoken) + (len(following.spoken) if following else 0)) / FRAME_HZ
     words: list[list[str]] = []
@@ -391,14 +391,14 @@ def _judge(aligned: Sequence[Aligned], names: Sequence[str]) -> list[_Judged]:
     for word, group in groupby(aligned, key=lambda phone: phone.word):
         phones = list(group)
         agree = sum(_agreeing(phone, names) for phone in phones)
-        total = sum(phone.behind - phone.first for phone in phones)
-        judged.append(_Judged(word, phones[0].first, phones[-1].behind, agree, total))
+        total = sum(phone.end - phone.first for phone in phones)
+        judged.append(_Judged(word, phones[0].first, phones[-1].end, agree, total))
     return judged
 
 
 def _agreeing(phone: Aligned, names: Sequence[str]) -> int:
     return sum(
-        any(same_kind(name, expected) for expected in phone.model.split()) for name in names[phone.first : phone.behind]
+        any(same_kind(name, expected) for expected in phone.model.split()) for name in names[phone.first : phone.end]
     )
 
 
@@ -426,20 +426,12 @@ def _verdict(
     agreeing: float,
 ) -> tuple[bool, bool] | None:
     """Whether all of a piece's words are said, and whether that is in doubt; nothing if the loop hears a sentence."""
-    is_denied = _agrees_less(judged, agreeing)
-    if len(judged) == 1 or sum(word.total for word in judged) < JUDGED_FRAMES:
+    total = sum(word.total for word in judged)
+    is_denied = sum(word.agree for word in judged) < agreeing * total
+    if len(judged) == 1 or total < JUDGED_FRAMES:
         misfit = word_misfit(aligned, piece) if aligner.dictionary else None
         return (True, is_denied) if misfit is None else (misfit <= 1.0, misfit > DOUBTFUL)
     return (fits(aligner, aligned, piece), True) if is_denied else None
-
-
-def _agrees_less(judged: Sequence[_Judged], share: float) -> bool:
-    """Whether the loop agrees in less than a share of the frames."""
-    return sum(word.agree for word in judged) < share * sum(word.total for word in judged)
-
-
-def _all_of(judged: Sequence[_Judged]) -> tuple[int, int, int, int]:
-    return judged[0].word, judged[-1].word + 1, judged[0].start, judged[-1].stop
 
 
 def _merged(
@@ -452,15 +444,13 @@ def _merged(
     """Phones of the text, and where it was not found those of the phone loop; silence between."""
     rows: list[Phone] = []
     for one in aligned:
-        if one.behind > one.first and not any(a <= one.word < b for a, b, _, _ in missing):
-            sure = _agreeing(one, names) / (one.behind - one.first)
-            rows.append(
-                Phone(one.label, one.first / FRAME_HZ, one.behind / FRAME_HZ, one.stress, words[one.word], sure)
-            )
-    for _, _, first, behind in missing:
+        if one.end > one.first and not any(a <= one.word < b for a, b, _, _ in missing):
+            sure = _agreeing(one, names) / (one.end - one.first)
+            rows.append(Phone(one.label, one.first / FRAME_HZ, one.end / FRAME_HZ, one.stress, words[one.word], sure))
+    for _, _, first, end in missing:
         rows += [
             Phone(label, a / FRAME_HZ, b / FRAME_HZ, confidence=UNSURE)
-            for label, a, b in between(heard, first, behind)
+            for label, a, b in between(heard, first, end)
             if label != SILENCE
         ]
     rows.sort(key=lambda phone: phone.start_s)
@@ -477,14 +467,14 @@ def _merged(
     return whole
 
 
-def _untold(rows: Sequence[Phone], spoken: NDArray[np.bool_], now_s: float) -> list[Mismatch]:
+def _missing_from_text(rows: Sequence[Phone], spoken: NDArray[np.bool_], now_s: float) -> list[Mismatch]:
     """Speech in the text's silences."""
     found: list[Mismatch] = []
     for phone in rows:
-        if not phone.is_silence or phone.duration_s < UNTOLD_S:
+        if not phone.is_silence or phone.duration_s < MISSING_FROM_TEXT_S:
             continue
         frames = np.flatnonzero(spoken[round(phone.start_s * FRAME_HZ) : round(phone.end_s * FRAME_HZ)])
-        if len(frames) >= UNTOLD_S * FRAME_HZ:
+        if len(frames) >= MISSING_FROM_TEXT_S * FRAME_HZ:
             first, last = phone.start_s + frames[0] / FRAME_HZ, phone.start_s + frames[-1] / FRAME_HZ
             found.append(Mismatch(now_s + first, now_s + last, ()))
     return found

@@ -62,6 +62,13 @@ VOWEL_LETTERS = frozenset("aeiouæɑɔəɛɝɪʊʌ")
 Floats = NDArray[np.float32]
 
 
+def log_softmax(scores: Floats) -> Floats:
+    """Log-likelihoods of the labels in each frame, (T, D), from scores, (T, D)."""
+    scores = scores - scores.max(axis=1, keepdims=True)
+    likely: Floats = scores - np.log(np.exp(scores).sum(axis=1, keepdims=True))
+    return likely
+
+
 def phone_bonus(weights: small_net.Weights) -> Floats:
     """(C,) for each label: what turns its probability into a likelihood, natural logarithm."""
     return (-SHARE_WEIGHT * np.log(np.maximum(weights.shares, 1e-4))).astype(np.float32)
@@ -88,9 +95,7 @@ class Search:
 
     def push(self, scores: Floats) -> None:
         """Add scores of more frames, (T, C)."""
-        top = scores.max(axis=1, keepdims=True)
-        likely = scores - top - np.log(np.exp(scores - top).sum(axis=1, keepdims=True)) + self._bonus
-        for row in likely:
+        for row in log_softmax(scores) + self._bonus:
             self._step(row)
 
     def _step(self, row: Floats) -> None:
@@ -115,18 +120,18 @@ class Search:
         self._last.append(since[-1])
         self.now += 1
 
-    def segments(self, told: int) -> list[tuple[int, int, int]]:
-        """Trace the best path back to frame ``told``: number of each label, first frame, the one after the last."""
+    def segments(self, reported: int) -> list[tuple[int, int, int]]:
+        """Trace the best path back to frame ``reported``: number of each label, first frame, the one after the last."""
         at = int(self._state.argmax())
         sub, label = divmod(at, self._labels)
-        behind, first = self.now, int(self._began[sub, label])
+        end, first = self.now, int(self._began[sub, label])
         found = []
-        while behind > told:
-            found.append((label, max(first, told), behind))
-            if first <= max(told, self._first):
+        while end > reported:
+            found.append((label, max(first, reported), end))
+            if first <= max(reported, self._first):
                 break
-            label, behind = int(self._before[first - self._first][label]), first
-            first = int(self._last[behind - 1 - self._first][label])
+            label, end = int(self._before[first - self._first][label]), first
+            first = int(self._last[end - 1 - self._first][label])
         return found[::-1]
 
     def fork(self) -> "Search":
@@ -135,9 +140,9 @@ class Search:
         copied._before, copied._last = self._before.copy(), self._last.copy()
         return copied
 
-    def forget(self, told: int) -> None:
-        """Drop the history of frames before ``told``."""
-        gone = max(min(told, self.now - 1) - self._first, 0)
+    def forget(self, reported: int) -> None:
+        """Drop the history of frames before ``reported``."""
+        gone = max(min(reported, self.now - 1) - self._first, 0)
         del self._before[:gone], self._last[:gone]
         self._first += gone
 
@@ -249,8 +254,8 @@ class SmallRecognizer(BlockRecognizer):
     Examples
     --------
     >>> recognizer = SmallRecognizer()
-    >>> told = recognizer.push(np.zeros(16_000, np.int16)) + recognizer.end()
-    >>> {phone.label for phone in told}, told[-1].end_s
+    >>> phones = recognizer.push(np.zeros(16_000, np.int16)) + recognizer.end()
+    >>> {phone.label for phone in phones}, phones[-1].end_s
     ({'_'}, 1.0)
     """
 
@@ -284,7 +289,7 @@ class SmallRecognizer(BlockRecognizer):
     def reset(self) -> None:
         """Start again: the next sample is the first."""
         super().reset()
-        self._told = 0
+        self._reported = 0
         self._scores, self._voicing = Scores(self._weights), Voicing()
         self._search = Search(self._weights)
 
@@ -298,13 +303,13 @@ class SmallRecognizer(BlockRecognizer):
 
     def _report(self, horizon: int, *, at_end: bool = False) -> list[Phone]:
         names, search = self._weights.labels, self._latest()
-        segments = self._voicing.spoken([(names[n], a, b) for n, a, b in search.segments(self._told)])
-        chosen = due(segments, self._told, horizon, at_end=at_end)
+        segments = self._voicing.spoken([(names[n], a, b) for n, a, b in search.segments(self._reported)])
+        chosen = due(segments, self._reported, horizon, at_end=at_end)
         if chosen:
-            self._told = chosen[-1][2]
-        self._search.forget(self._told)
+            self._reported = chosen[-1][2]
+        self._search.forget(self._reported)
         end_s = self._came / RATE_HZ
-        self.partial = phones_of(begun(due(segments, self._told, search.now), search.now), 0.0, end_s)
+        self.partial = phones_of(begun(due(segments, self._reported, search.now), search.now), 0.0, end_s)
         return phones_of(chosen, 0.0, end_s)
 
 
@@ -346,11 +351,11 @@ class KnownFrames:
     def end(self, rest: NDArray[np.int16]) -> None:
         """Process the rest, (N,) int16, shorter than a block."""
 
-    def labels(self, first: int, behind: int, numbers: Mapping[str, int]) -> NDArray[np.int64]:
-        """Label numbers of frames ``first`` to ``behind``, (T,); -1 where unknown."""
-        found = np.full(behind - first, -1)
+    def labels(self, first: int, end: int, numbers: Mapping[str, int]) -> NDArray[np.int64]:
+        """Label numbers of frames ``first`` to ``end``, (T,); -1 where unknown."""
+        found = np.full(end - first, -1)
         for label, a, b in self._found:
-            if b > first and a < behind:
+            if b > first and a < end:
                 found[max(a - first, 0) : b - first] = numbers.get(label, -1)
         return found
 
@@ -400,8 +405,8 @@ class JointRecognizer(SmallRecognizer):
     Examples
     --------
     >>> recognizer = JointRecognizer()
-    >>> told = recognizer.push(np.zeros(16_000, np.int16)) + recognizer.end()
-    >>> {phone.label for phone in told}, told[-1].end_s
+    >>> phones = recognizer.push(np.zeros(16_000, np.int16)) + recognizer.end()
+    >>> {phone.label for phone in phones}, phones[-1].end_s
     ({'_'}, 1.0)
     """
 

@@ -262,25 +262,25 @@ class Neighbours:
         edged = f"{EDGE}{letters}{EDGE}"
         runs = self._runs(edged)
         found: list[str] = []
-        for index, (first, behind) in enumerate(runs):
-            until = behind if index + 1 == len(runs) else max(runs[index + 1][0], first)
-            found += self._spoken(edged[first:behind])[: until - first]
+        for index, (first, end) in enumerate(runs):
+            until = end if index + 1 == len(runs) else max(runs[index + 1][0], first)
+            found += self._spoken(edged[first:end])[: until - first]
         return " ".join(found).split()
 
     def _runs(self, edged: str) -> list[tuple[int, int]]:
         """Cover a word by runs: first letter, and the one after the last."""
         longest = []
-        behind = 0
+        end = 0
         for first in range(len(edged)):
-            behind = max(behind, first + 1)
-            while behind < len(edged) and edged[first : behind + 1] in self._text:
-                behind += 1
-            longest.append(behind)
+            end = max(end, first + 1)
+            while end < len(edged) and edged[first : end + 1] in self._text:
+                end += 1
+            longest.append(end)
         runs = [(0, longest[0])]
         while runs[-1][1] < len(edged):
-            first, behind = runs[-1]
+            first, end = runs[-1]
             # the run that reaches farthest, and of those the one that begins first, with most overlap
-            start = max(range(first + 1, behind + 1), key=lambda place: (longest[place], -place))
+            start = max(range(first + 1, end + 1), key=lambda place: (longest[place], -place))
             runs.append((start, longest[start]))
         return runs
 

@@ -28,7 +28,7 @@ MAX_AGAINST = 6
 LOUD_DB = 25.0
 """Range below the loudest frames in which a frame counts as speech, where words are placed by loudness."""
 TINY = 1e-300
-"""Least likelihood of a word that is told from 0."""
+"""Lower bound of a word's likelihood, so that its logarithm is finite."""
 _OWN = "fapengine_"
 """Prefix of names outside any dictionary."""
 
@@ -44,7 +44,7 @@ class Aligned:
     stress: int
     first: int
     """First frame of 10 ms."""
-    behind: int
+    end: int
     """Frame after its last."""
     model: str
     """Phones of the model that it was aligned as."""
@@ -94,14 +94,14 @@ class SphinxAligner:
         """Phones of the model for one word."""
         return self._pronunciation(index).spelling.split()
 
-    def align(self, samples: NDArray[np.int16], first: int, behind: int) -> list[Aligned]:
+    def align(self, samples: NDArray[np.int16], first: int, end: int) -> list[Aligned]:
         """Find the phones of some words in a piece of sound.
 
         Parameters
         ----------
         samples : (N,) int16
             At :data:`.protocol.RATE_HZ`.
-        first, behind : int
+        first, end : int
             First of the words, and the one after the last.
 
         Returns
@@ -109,9 +109,9 @@ class SphinxAligner:
         list of Aligned
             In order; between them is silence. Where the model fails twice, words are placed by loudness.
         """
-        if first >= behind:
+        if first >= end:
             return []
-        keys = [self._key(word) for word in self.words[first:behind]]
+        keys = [self._key(word) for word in self.words[first:end]]
         best: tuple[int, list[Aligned]] | None = None
         for silence in SILENCES[:1] if self.dictionary else SILENCES:
             found = self._aligned(samples, keys, first, silence)
@@ -122,9 +122,9 @@ class SphinxAligner:
                     best = against, found
             if best is None or best[0] <= MAX_AGAINST:
                 break
-        return best[1] if best else self.placed(samples, first, behind)
+        return best[1] if best else self.placed(samples, first, end)
 
-    def misfit(self, samples: NDArray[np.int16], first: int, behind: int) -> float:
+    def misfit(self, samples: NDArray[np.int16], first: int, end: int) -> float:
         """Compare how badly some words fit a piece of sound with how badly they do in other orders.
 
         Noise and a telephone make both worse. Parameters are those of :meth:`align`: mono samples, (N,) int16.
@@ -135,7 +135,7 @@ class SphinxAligner:
             Negative logarithm of the acoustic likelihood over its mean in three other orders, at most 1. 1 without
             another order.
         """
-        keys = [self._key(word) for word in self.words[first:behind]]
+        keys = [self._key(word) for word in self.words[first:end]]
         mixed = keys[1::2] + keys[::2]
         others = [order for order in (keys[::-1], mixed, mixed[::-1]) if order != keys]
         own = self._cost(samples, keys)
@@ -169,13 +169,13 @@ class SphinxAligner:
             self._learn(self._decoders[silence, beam])
         return self._decoders[silence, beam]
 
-    def placed(self, samples: NDArray[np.int16], first: int, behind: int) -> list[Aligned]:
+    def placed(self, samples: NDArray[np.int16], first: int, end: int) -> list[Aligned]:
         """Spread words evenly over the loud parts of a piece, (N,) int16, if they cannot be aligned."""
         levels = loudness_db(samples)
         loud = np.flatnonzero(levels >= levels.max(initial=-100.0) - LOUD_DB)
         units = [
             (index, label, stress, names)
-            for index, spoken in ((index, self._pronunciation(index)) for index in range(first, behind))
+            for index, spoken in ((index, self._pronunciation(index)) for index in range(first, end))
             for (label, stress), names in zip(spoken.phones, spoken.model, strict=True)
         ]
         if not len(loud) or len(loud) < len(units):
@@ -220,14 +220,14 @@ class SphinxAligner:
         if word not in self._own:
             return [Aligned(index, sphinx.ipa_of(name), 0, a, min(b, frames), name) for name, a, b in phones]
         spoken = self._own[word][1]
-        told: list[Aligned] = []
+        found: list[Aligned] = []
         at = 0
         for (label, stress), names in zip(spoken.phones, spoken.model, strict=True):
             if names:  # a glottal stop has none, and is a part of the next phone
-                behind = min(phones[at + len(names) - 1][2], frames)
-                told.append(Aligned(index, label, stress, phones[at][1], behind, " ".join(names)))
+                end = min(phones[at + len(names) - 1][2], frames)
+                found.append(Aligned(index, label, stress, phones[at][1], end, " ".join(names)))
                 at += len(names)
-        return told
+        return found
 
     def _new_decoder(self, silence: float, beam: float) -> Any:
         return sphinx.new_aligner(
@@ -254,7 +254,7 @@ def against_loudness(aligned: Sequence[Aligned], samples: NDArray[np.int16]) -> 
     top = np.percentile(levels, 95)
     pause = np.ones(len(levels), dtype=bool)
     for phone in aligned:
-        pause[phone.first : phone.behind] = False
+        pause[phone.first : phone.end] = False
     quiet = sum(int((~pause[a:b]).sum()) for a, b in _quiet(levels))
     return int((pause & (levels > top - PAUSE_DB)).sum()) + quiet
 
@@ -262,15 +262,15 @@ def against_loudness(aligned: Sequence[Aligned], samples: NDArray[np.int16]) -> 
 def without_quiet(aligned: Sequence[Aligned], samples: NDArray[np.int16]) -> list[Aligned]:
     """Cut quiet that is longer than any stop from phones; ``samples`` are (N,) int16."""
     phones = list(aligned)
-    for first, behind in _quiet(loudness_db(samples)):
+    for first, end in _quiet(loudness_db(samples)):
         for index, phone in enumerate(phones):
-            before, after = max(first - phone.first, 0), max(phone.behind - behind, 0)
-            if phone.first >= behind or phone.behind <= first or not before + after:
+            before, after = max(first - phone.first, 0), max(phone.end - end, 0)
+            if phone.first >= end or phone.end <= first or not before + after:
                 continue
             if before >= after:
-                phones[index] = replace(phone, behind=first)
+                phones[index] = replace(phone, end=first)
             else:
-                phones[index] = replace(phone, first=behind)
+                phones[index] = replace(phone, first=end)
     return phones
 
 

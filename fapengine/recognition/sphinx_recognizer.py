@@ -41,8 +41,8 @@ class SphinxRecognizer(BlockRecognizer):
     Examples
     --------
     >>> recognizer = SphinxRecognizer()
-    >>> told = recognizer.push(np.zeros(16_000, np.int16)) + recognizer.end()
-    >>> {phone.label for phone in told}, told[-1].end_s
+    >>> phones = recognizer.push(np.zeros(16_000, np.int16)) + recognizer.end()
+    >>> {phone.label for phone in phones}, phones[-1].end_s
     ({'_'}, 1.0)
     """
 
@@ -85,7 +85,7 @@ class SphinxRecognizer(BlockRecognizer):
         """Samples so far, and at the last measurement of the mean spectrum."""
         self._passed = 0
         """Samples of the utterances before this one."""
-        self._told = 0
+        self._reported = 0
         """Frames of this utterance that were reported."""
         self._found: list[Frames] = []
         """Hypothesis after the last block."""
@@ -99,11 +99,11 @@ class SphinxRecognizer(BlockRecognizer):
         self._feed(block)
         now = len(self._sound) // HOP
         segments = self._found = self._segments()
-        phones = self._report(due(segments, self._told, now - round(self.look_ahead_s * FRAME_HZ)))
-        self.partial = self._phones(due(segments, self._told, now))
+        phones = self._report(due(segments, self._reported, now - round(self.look_ahead_s * FRAME_HZ)))
+        self.partial = self._phones(due(segments, self._reported, now))
         length_s = now / FRAME_HZ
-        label, first, behind = segments[-1] if segments else (SILENCE, 0, now)
-        paused = label == SILENCE and behind - first >= (PAUSE_S + self.look_ahead_s) * FRAME_HZ
+        label, first, end = segments[-1] if segments else (SILENCE, 0, now)
+        paused = label == SILENCE and end - first >= (PAUSE_S + self.look_ahead_s) * FRAME_HZ
         if (length_s > UTTERANCE_S and paused) or length_s > MAX_UTTERANCE_S:
             phones += self._close()
         return phones
@@ -151,16 +151,16 @@ class SphinxRecognizer(BlockRecognizer):
             return []
         self._loop.end_utt()
         self._extend_pitch(keep=0)
-        phones = self._report(due(self._segments(), self._told, 0, at_end=True))
+        phones = self._report(due(self._segments(), self._reported, 0, at_end=True))
         self.partial = []
         self._passed += len(self._sound)
-        self._begun, self._told = False, 0
+        self._begun, self._reported = False, 0
         self._sound, self._pitch = self._sound[:0], self._pitch[:0]
         return phones
 
     def _report(self, chosen: Sequence[Frames]) -> list[Phone]:
         if chosen:
-            self._told = chosen[-1][2]
+            self._reported = chosen[-1][2]
         return self._phones(chosen)
 
     def _phones(self, chosen: Sequence[Frames]) -> list[Phone]:

@@ -33,7 +33,7 @@ def frame_scores(samples: NDArray[np.int16], heard: Sequence[Labelled]) -> Float
     ----------
     samples : (N,) int16
         The piece, at :data:`.protocol.RATE_HZ`.
-    heard : sequence of (label, first, behind)
+    heard : sequence of (label, first, end)
         What the phone loop found in it.
 
     Returns

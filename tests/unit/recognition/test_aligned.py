@@ -108,7 +108,7 @@ def test_quiet_is_taken_out_of_phones_and_speaks_against_them() -> None:
     told = [Aligned(0, "a", 0, 0, 40, "AA"), Aligned(0, "m", 0, 40, 50, "M"), Aligned(1, "o", 0, 50, 100, "OW")]
     assert against_loudness(told, sound) == 30
     cut = without_quiet(told, sound)
-    assert [(phone.first, phone.behind) for phone in cut] == [(0, 30), (40, 50), (60, 100)]
+    assert [(phone.first, phone.end) for phone in cut] == [(0, 30), (40, 50), (60, 100)]
     assert against_loudness(cut, sound) == 10
     assert against_loudness(told[:1], sound) == 50  # 10 quiet ones in it, 40 loud ones behind it
 

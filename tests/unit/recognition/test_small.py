@@ -166,8 +166,8 @@ class HearsOnlySilence(KnownFrames):
         super().__init__()
         self.sure_after = sure_after
 
-    def labels(self, first: int, behind: int, numbers: Mapping[str, int]) -> NDArray[np.int64]:
-        return np.full(behind - first, numbers["_"])
+    def labels(self, first: int, end: int, numbers: Mapping[str, int]) -> NDArray[np.int64]:
+        return np.full(end - first, numbers["_"])
 
 
 @pytest.mark.parametrize("sure_after", [0, SURE_AFTER])
