@@ -25,7 +25,7 @@ SETTLE_S = 0.2
 """Silence, played before a device's clock is trusted: PulseAudio's first reports are 45 ms early, for 0.1 s."""
 DEAD_S = 4.0
 """Time without a fetch after which a device is gone; a sink of PulseAudio may sleep for 2 s."""
-MEND_LIBRARY = "sudo apt-get install -y libportaudio2"
+INSTALL_COMMAND = "sudo apt-get install -y libportaudio2"
 
 Direction = Literal["input", "output"]
 
@@ -166,7 +166,7 @@ def portaudio() -> Any:
     try:
         import sounddevice
     except (ImportError, OSError) as error:
-        raise ResourceError(f"sound: {plain(error)}. Install it with: {MEND_LIBRARY}") from error
+        raise ResourceError(f"sound: {plain(error)}. Install it with: {INSTALL_COMMAND}") from error
     return sounddevice
 
 

@@ -100,7 +100,7 @@ def parse_mview(data: bytes) -> RawTrack:
     Raises
     ------
     DataError
-        If it is no MATLAB file with such a struct array, or its sensors differ in length or rate.
+        If it is not a MATLAB file with such a struct array, or its sensors differ in length or rate.
     """
     signals: dict[str, tuple[float, NDArray[np.float64]]] = {}
     sounds = []

@@ -212,7 +212,7 @@ def _qualisys(rows: Rows) -> RawTrack:
             f"table: must have {3 * len(labels)} columns, or frame and time before them, got {3 * len(labels) + extra}",
             where=f"line {line + 1}",
         )
-    skipped = 2 if extra >= 2 else 0  # frame and time; a tab behind the last column makes one more
+    skipped = 2 if extra >= 2 else 0  # frame and time; a tab after the last column makes one more
     table = numbers(body, skipped + 3 * len(labels), line + 1)
     rate = facts.get("FREQUENCY", [""])
     return RawTrack(

@@ -135,7 +135,7 @@ def check_signable(*paths: Path) -> None:
 
 
 def sign(path: Path, suffix: str, source: str = SYNTHETIC) -> None:
-    """Sign a complete file, if somebody signs; raises DataError if C2PA refuses it."""
+    """Sign a complete file within :func:`signing`; raises DataError if C2PA refuses it."""
     signer = _signer.get()
     if signer is None:
         return
@@ -176,7 +176,7 @@ def xmp(source: str = SYNTHETIC) -> bytes:
 
 
 def mark_film(path: Path, suffix: str, source: str = SYNTHETIC) -> None:
-    """Add the mark to a complete file, which is otherwise unchanged, and sign it if somebody signs.
+    """Add the mark to a complete file, which is otherwise unchanged, and sign it within :func:`signing`.
 
     Parameters
     ----------

@@ -52,7 +52,7 @@ MAX_S = 86_400.0
 WAV_MARK = struct.pack("<4sI4s4sI10s", b"LIST", 22, b"INFO", b"ISFT", 10, b"fapengine")
 """Chunk that names the software, in front of the samples: RIFF's INFO list."""
 SHORT_S, MIN_BYTES_PER_S = 300.0, 100.0
-"""Sound beyond :data:`SHORT_S` must take so many bytes of its file: an hour of silence in FLAC takes 45 kB."""
+"""Least bytes per second of a file with more sound than :data:`SHORT_S`: an hour of silence in FLAC takes 45 kB."""
 LONG_VARIABLE = "FAPENGINE_LONG"
 """Environment variable that allows any length up to :data:`MAX_S`."""
 MARGIN_S = 60.0
@@ -311,7 +311,7 @@ class _Rest(io.RawIOBase):
 
 
 def _untagged(file: BinaryIO) -> BinaryIO:
-    """The file behind an ID3 tag: some programs put it before any sound, FFmpeg expects it before some."""
+    """The file after an ID3 tag: some programs put it before any sound, FFmpeg expects it before some."""
     tag = file.read(10)
     file.seek(0)
     if len(tag) < 10 or tag[:3] != b"ID3":
@@ -360,7 +360,7 @@ def _is_counted(file: BinaryIO) -> bool:
 
 
 def _any_metadata() -> dict[str, Any]:
-    """Options of PyAV that accept tags that are no UTF-8; from version 19 on, it has none."""
+    """Options of PyAV that accept tags that are not UTF-8; version 19 and later need none."""
     return {"metadata_errors": "ignore"} if int(version("av").partition(".")[0]) < 19 else {}
 
 

@@ -251,7 +251,7 @@ UPPER_LIP, LOWER_LIP = fap.columns(4, 5)
 FAPU_STEPS = 1024
 """Steps of a distance of the face."""
 STILL_FAPU = 16
-"""Largest movement of a mouth that nobody sees: 0.3 mm of an adult face."""
+"""Largest movement of a mouth that cannot be seen: 0.3 mm of an adult face."""
 APART_FAPU, APART_S = 94, 2.0
 """Distance of lips that do not meet, 2 mm, and length of speech in which lips meet: read English closes them 2 to 3
 times a second."""

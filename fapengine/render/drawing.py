@@ -189,7 +189,7 @@ def parse_background(text: str) -> Background:
     Raises
     ------
     UsageError
-        If it is none of these.
+        If it is not one of these.
 
     Examples
     --------
@@ -214,7 +214,7 @@ def parse_edges(text: str) -> int:
     Raises
     ------
     UsageError
-        If it is none of these.
+        If it is not one of these.
     """
     if text not in EDGES:
         raise UsageError(f"edges: got {text!r}, expected one of {', '.join(EDGES)}")

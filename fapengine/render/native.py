@@ -188,7 +188,7 @@ def has_gpu() -> bool:
 
 
 def asked_renderer(drawing: RenderOptions) -> str:
-    """Return the renderer that is wished, of :data:`~fapengine.render.drawing.RENDERERS`.
+    """Return the renderer that is asked for, of :data:`~fapengine.render.drawing.RENDERERS`.
 
     Raises
     ------

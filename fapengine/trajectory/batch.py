@@ -345,6 +345,6 @@ def _share(s: Array) -> Array:
 
 
 def _slots(rows: NDArray[np.intp], counts: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.int64]]:
-    """Rows and columns of the first so many places in each row."""
+    """Rows and columns of the first ``counts`` places in each row."""
     before = np.cumsum(counts) - counts
     return np.repeat(rows, counts), np.arange(counts.sum()) - np.repeat(before, counts)

@@ -9,7 +9,7 @@ is articulated, from the chart (:class:`fapengine.speech.ipa.Sound`) and from th
 (:mod:`fapengine.speech.articulation`). The features of a token, by kind:
 
 - ``phone``: which one it is, and that times its length; ``length``: its own, and those of the nearest four;
-- ``letter``: the letter so many steps away: the last one of a token before, the first one of a token after;
+- ``letter``: the letter some steps away: the last one of a token before, the first one of a token after;
 - ``way``: the ways of that letter, at step 0 the token's own;
 - ``cross``: each of its own ways times each way of its two neighbours, so that a phone never recorded beside another,
   or never recorded at all, is still moved by it as similar phones are;
@@ -217,7 +217,7 @@ def lengthened(own: Part) -> dict[str, float]:
 
 
 def beside(step: int, other: Part) -> dict[str, float]:
-    """Features that another one gives to a token from so many steps away."""
+    """Features that another token gives to a token ``steps`` away."""
     named = {f"way {step} {way}": value for way, value in ways(other.letter).items()}
     return named | {f"letter {step} {other.letter}": 1.0}
 
@@ -371,7 +371,7 @@ class ContextTables:
         places = [(int(step == "1"), self._ways[mine], self._ways[other]) for _, step, mine, other in crosses]
         crossed[*np.array(places, np.intp).reshape(-1, 3).T] = flat[[self._rows[" ".join(one)] for one in crosses]]
         self._crosses = crossed.reshape(2, len(self._ways), len(self._ways) * flat.shape[1])
-        """(steps, ways, ways x D): of a token's own ways times those of the one before, and of the one behind."""
+        """(steps, ways, ways x D): of a token's own ways times those of the one before, and of the one after."""
         self.silence = self.kind(())
         triples, kind = [name for name in model.features if name.startswith("triple ")], cache(self._kind_named)
         codes = [(self._code(*map(kind, name.split(" ")[1:])), self._rows[name]) for name in triples]
@@ -432,9 +432,9 @@ class ContextTables:
         Parameters
         ----------
         kinds : (N, steps) int
-            Of the tokens, in the middle, and of the three before and behind each.
+            Of the tokens, in the middle, and of the three before and after each.
         lengths : (N, 5) float64
-            Of two before, of the tokens and of two behind, as they count.
+            Of two before, of the tokens and of two after, as they count.
 
         Returns
         -------

@@ -510,8 +510,7 @@ def gesture_faps(levels: Array, waves: Array, since_s: Array) -> Array:
     eyes += levels[_LOOK]
     moves[_FOLLOW] = (1.0 - shut) * eyes[1]
     moves[_FOLLOW + 1 :] = levels[_TURN]
-    faps: Array = _SIZES @ moves
-    return faps
+    return _SIZES @ moves
 
 
 def varied_faps(levels: Array, waves: Array, since_s: Array) -> Array:

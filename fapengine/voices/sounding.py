@@ -10,8 +10,8 @@ the samples decide, in this order:
 1. Marks are put in order of time, and none lies outside the sound.
 2. A mark that only adds to the phone before (ʲ, a length) joins its label; its time is the next vowel's if one follows.
 3. A mark without a name is a pause where its samples are quiet, and only there: sound before the quiet belongs to the
-   phone before, sound after it to the phone after. A quiet shorter than :data:`MIN_PAUSE_S` is no pause, and before a
-   stop a quiet shorter than :data:`MAX_GAP_S` is the stop's closure.
+   phone before, sound after it to the phone after. A quiet shorter than :data:`MIN_PAUSE_S` is not a pause, and before
+   a stop a quiet shorter than :data:`MAX_GAP_S` is the stop's closure.
 4. A stop or affricate begins where the quiet begins that ends at its mark: there the lips or the tongue close.
 5. A vowel after a nasal or a liquid begins where the sound gets bright (:meth:`SoundLevel.brightens`): there it opens.
 6. No phone is lost: one without time of its own takes the quiet around it if it is a stop, else part of a neighbour.
@@ -322,7 +322,7 @@ def _heard_s(marks: Sequence[Mark], index: int, sound: SoundLevel) -> float:
 def _with_time(marks: Sequence[Mark], end_s: float) -> list[Mark]:
     """Step 6: a run of phones without time shares the time of its longer neighbour with it."""
     found: list[Mark] = []
-    for index, mark in enumerate(marks):  # pauses without time are none
+    for index, mark in enumerate(marks):  # a pause without time is left out
         if mark.label or (marks[index + 1].at_s if index + 1 < len(marks) else end_s) > mark.at_s:
             found.append(mark)
     onsets = [*(mark.at_s for mark in found), end_s]

@@ -81,7 +81,7 @@ SILENCES = frozenset(
      "{b_trans}", "{e_trans}", "br", "ap", "+breath+", "+noise+", "+cough+", "+um+", "+uh+", "++breath++", "[noise]",
      "[silence]", "[laughter]"}
 )  # fmt: skip
-"""Labels that tools write for silence and for sounds that are no speech, in small letters.
+"""Labels that tools write for silence and for sounds that are not speech, in small letters.
 
 Praat: empty; MFA: sil, sp, spn; Festival: pau; TIMIT: h#, epi; MAUS: <p:> <usb> <nib>; Julius: silB, silE; Kaldi: SIL,
 SPN, NSN; Buckeye: VOCNOISE, IVER (the other speaker), {B_TRANS}; singing: AP, SP, br; PocketSphinx: +BREATH+.

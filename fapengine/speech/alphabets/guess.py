@@ -22,7 +22,7 @@ WORD_LETTERS = 2.5
 FIRST_OTHER = "\u0400"
 """The first letter of Cyrillic; before it are Latin, IPA and Greek."""
 MIN_CAPITALS = 5
-"""Labels in capitals from which on a file without small consonants is no X-SAMPA."""
+"""Labels in capitals from which on a file without small consonants is not X-SAMPA."""
 _BASIC = frozenset("ptkbdgmnlrszfv")
 _NEAR = 0.2
 """Distance of places of articulation within which a stop and what follows are one affricate."""
@@ -152,7 +152,7 @@ def _same(one: str, other: str, labels: Sequence[str]) -> bool:
 
 
 def is_doubtful(label: str, alphabet: str, *, guessed: bool) -> bool:
-    """Whether a label is none of its alphabet although its letters can be read.
+    """Whether a label is not in its alphabet although its letters can be read.
 
     Of an alphabet that was named, IPA and X-SAMPA say themselves where a phone ends.
 

@@ -37,7 +37,7 @@ def _kana() -> dict[str, str]:
     for mora, sound in list(table.items()):
         for small, vowel in zip("ァィゥェォ", _VOWELS.values(), strict=True):
             if len(mora) == 1 and mora not in "ァィゥェォ" and sound.endswith(vowel):
-                table[mora + small] = sound + "ː"  # a small vowel behind its own only lengthens it
+                table[mora + small] = sound + "ː"  # a small vowel after the same vowel only lengthens it
     for mora in "クグ":
         table[mora + "ヮ"] = table[mora + "ァ"]
     table["ヲ"] = "o"  # a particle in all but songs
@@ -66,7 +66,7 @@ def plain_kana(label: str) -> str:
 
 
 def from_kana(label: str) -> str | None:
-    """IPA of one or more morae, empty for signs; None if it is no kana.
+    """IPA of one or more morae, empty for signs; None if the text is not kana.
 
     Examples
     --------

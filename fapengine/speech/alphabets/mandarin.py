@@ -61,7 +61,7 @@ def plain_pinyin(label: str) -> str:
 
 
 def from_pinyin(label: str) -> str | None:
-    """IPA of pinyin or Zhuyin, in any spelling; None if it is none.
+    """IPA of pinyin or Zhuyin, in any spelling; None if the text is neither.
 
     Examples
     --------
@@ -76,7 +76,7 @@ def from_pinyin(label: str) -> str | None:
     one = _unit(plain)
     if one is not None:
         return one
-    # digits part syllables where they stand behind them; else the longest syllables that fill the text
+    # digits after syllables separate them; else the longest syllables that fill the text
     pieces = [piece for piece in re.split(r"(?<=[0-5])(?=[^\W\d])|['’ -]", label.lower()) if piece]
     pieces = pieces if len(pieces) > 1 else [plain]
     sounds = [_in_a_row(plain_pinyin(piece)) for piece in pieces]
@@ -115,8 +115,8 @@ def _in_a_row(plain: str) -> str | None:
             piece = rest[:width]
             erhua = piece.endswith("r") and piece[:-1] in SYLLABLES and len(piece) > 2
             if (piece in SYLLABLES or erhua) and (first or piece[0] not in "aeo"):
-                for behind in split(rest[width:], False):
-                    yield [piece, *behind]
+                for others in split(rest[width:], False):
+                    yield [piece, *others]
 
     if len(plain) > 24:
         return None
@@ -125,7 +125,7 @@ def _in_a_row(plain: str) -> str | None:
 
 
 def from_zhuyin(label: str) -> str | None:
-    """IPA of one or more syllables in Zhuyin; None if it is none.
+    """IPA of one or more syllables in Zhuyin; None if the text is not Zhuyin.
 
     Examples
     --------

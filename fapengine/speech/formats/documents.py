@@ -128,7 +128,7 @@ def parse_document(data: bytes, what: str) -> Node:
     if len(data) > MAX_BYTES:
         raise DataError(f"{what}: must have at most {MAX_BYTES} bytes, got {len(data)}")
     text = decode_text(data, what)
-    if text.startswith(("data:", "event:", "id:", ":")):  # server-sent events: a JSON value behind each "data:"
+    if text.startswith(("data:", "event:", "id:", ":")):  # server-sent events: a JSON value after each "data:"
         text = "\n".join(line[5:] for line in text.splitlines() if line.startswith("data:") and "{" in line)
     try:
         return Node(json.loads(text))

@@ -143,7 +143,7 @@ def track_of(
     Raises
     ------
     DataError
-        If times are wrong, or nothing but silence has a length.
+        If times are wrong, or only silence has a length.
     """
     entries = list(entries)
     if not entries:

@@ -88,7 +88,7 @@ def cues_of_phones(track: PhoneTrack, *, duration_s: float | None = None) -> tup
 
 
 def cues_of_frames(shapes: Sequence[str], rate_hz: float) -> tuple[MouthCue, ...]:
-    """Join the shapes of frames, a letter a frame, to cues. Raises UsageError if there is no frame."""
+    """Join the shapes of frames, a letter a frame, into cues. Raises UsageError if there is no frame."""
     return _settled([(shape, _grid(n / rate_hz)) for n, shape in enumerate(shapes)], _grid(len(shapes) / rate_hz))
 
 
@@ -98,7 +98,7 @@ def _shapes_of(phone: Phone, following: Phone | None) -> list[str]:
         return ["X"]
     letters = ipa.letters(phone.label)
     if not letters:
-        return ["B"]  # a phone that nobody knows: the shape of most
+        return ["B"]  # an unknown phone: the most common shape
     if set(letters) <= set("hɦʔ"):
         return ["B"] if following is None or following.is_silence else _shapes_of(following, None)[:1]
     shapes = [shape_of(letter, phone.duration_s / len(letters)) for letter in letters]
@@ -106,7 +106,7 @@ def _shapes_of(phone: Phone, following: Phone | None) -> list[str]:
 
 
 def shape_of(letter: str, duration_s: float = 0.0) -> str:
-    """Shape of one IPA letter that lasts so long.
+    """Shape of one IPA letter of a duration in s.
 
     Examples
     --------
@@ -145,7 +145,7 @@ def _settled(starts: Sequence[tuple[str, int]], end_cs: int) -> tuple[MouthCue, 
 
 
 def _append(cues: list[MouthCue], cue: MouthCue) -> None:
-    """Add a cue, or make the one before longer if it has the same shape; a cue without length is none."""
+    """Add a cue, or make the one before longer if it has the same shape; a cue without length is left out."""
     if cues and cues[-1].shape == cue.shape:
         cues[-1] = replace(cues[-1], end_cs=max(cue.end_cs, cues[-1].end_cs))
     elif cue.length_cs > 0:

@@ -86,13 +86,13 @@ def plain_name(name: str) -> str:
 
 
 def unit_in(name: str) -> float | None:
-    """Length in s of the unit in a column's name, if any; the s of ``starts`` is none."""
+    """Length in s of the unit in a column's name, if any; the s of ``starts`` is not a unit."""
     match = _UNIT_AT_THE_END.search(name.strip())
     return UNITS[match[1].lower()] if match and match[0] != "s" else None
 
 
 def header_of(rows: Sequence[str]) -> list[str]:
-    """Names in the first row of a CSV or TSV that is no comment; empty if it has no start and label."""
+    """Names in the first row of a CSV or TSV that is not a comment; empty if it has no start and label."""
     first = next((row for row in rows if not row.startswith("#")), "")
     names = next(csv.reader([first], delimiter=_delimiter(first), skipinitialspace=True), [])
     return names if {"start", "label"} <= _found(names, Columns({})).keys() else []

@@ -139,7 +139,7 @@ class _Tokens:
         return self._next("flag") == "<exists>"
 
     def ended(self) -> bool:
-        """Return whether nothing but comments follows."""
+        """Return whether only comments follow."""
         rest = re.compile(r"(?:\s|![^\n]*)*").match(self._text, self._end)
         return rest is not None and rest.end() == len(self._text)
 

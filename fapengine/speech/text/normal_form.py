@@ -61,7 +61,7 @@ class SpeakableText:
     stops: tuple[int, ...]
     """Index after that stretch; never falls, and is greater than the start."""
     replaced: int = 0
-    """Halves of surrogate pairs that are U+FFFD now: bytes that were no text."""
+    """Halves of surrogate pairs that are U+FFFD now: bytes that were not text."""
 
 
 def speakable(text: str) -> SpeakableText:
