@@ -10,14 +10,13 @@ process again by itself; until then the last image stays.
 import asyncio
 import logging
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fapengine.errors import ResourceError
 from fapengine.mpeg4 import fap
-from fapengine.server.film.painter import FilmCounts
+from fapengine.server.film.painter import FilmCounts, Painter
 
 SMALL_FAPU = np.full(fap.FAP_COUNT, 30)
 """(68,) FAPU: about one pixel of a 512 x 512 image, the motion of a listening face from one frame to the next."""
@@ -27,13 +26,6 @@ WARN_AFTER = 100
 """Number of images from which on a warning may say that more than half were skipped: 4 s at 25 per second."""
 
 log = logging.getLogger("fapengine.agents")
-
-
-class Draws(Protocol):
-    """What draws: :class:`fapengine.server.film.painter.Painter`."""
-
-    async def picture(self, faps: NDArray[np.int32]) -> bytes:
-        """Render (68,) FAPU to RGB bytes; raises ``ResourceError`` if nothing more can be rendered."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,7 +61,7 @@ class Pictures:
         """The previous image; None if it was shown twice."""
         self._has_warned = False
 
-    def show(self, faps: NDArray[np.int32], due_s: float, painter: Draws, *, is_still: bool) -> None:
+    def show(self, faps: NDArray[np.int32], due_s: float, painter: Painter, *, is_still: bool) -> None:
         """Draw the (68,) FAPU of a frame, or skip those that wait.
 
         ``is_still`` is True in silence: then an image in which little would move is used twice.
@@ -101,7 +93,7 @@ class Pictures:
         if self._drawing is not None:
             self._drawing.cancel()
 
-    async def _draw(self, painter: Draws) -> None:
+    async def _draw(self, painter: Painter) -> None:
         while self._next is not None:
             (due_s, faps), self._next = self._next, None
             try:

@@ -6,7 +6,7 @@ Pipecat's ``SmallWebRTCTransport``.
 
 import json
 from collections.abc import Awaitable, Callable
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from aiohttp import web
 
@@ -15,29 +15,16 @@ from fapengine.server.web.access import Access
 from fapengine.server.web.app import KINDS
 from fapengine.server.web.site import harden
 
+if TYPE_CHECKING:
+    from fapengine.agents.bot import Bot  # which needs Pipecat
+
 PAGE = {"/": "agent.html", "/agent.js": "agent.js", "/call.css": "call.css", "/icon.svg": "icon.svg"}
 """Paths and files of the page."""
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
-class Visitors(Protocol):
-    """Those who talk to the agent: ``Bot`` of :mod:`fapengine.agents`, which needs Pipecat."""
-
-    def may_talk(self, connection: str | None) -> bool:
-        """Whether there is room for a visitor; there is for one who has a connection."""
-
-    async def offer(self, sdp: str, connection: str | None, *, restarts: bool) -> dict[str, str]:
-        """Answer an offer, of a new visitor or of a connection that is changed: ``sdp``, ``type`` and ``pc_id``.
-
-        Raises ``ValueError`` if it cannot be read.
-        """
-
-    async def candidate(self, connection: str, line: str, mid: str | None, index: int | None) -> None:
-        """Add a candidate; raises ``KeyError`` for an unknown connection, ``ValueError`` if it cannot be read."""
-
-
-def application(visitors: Visitors, access: Access) -> web.Application:
-    """Make the web application."""
+def application(visitors: "Bot", access: Access) -> web.Application:
+    """Make the web application of a bot, or of what answers the same requests."""
     files = _resources.page_files()
 
     def page(name: str) -> Handler:

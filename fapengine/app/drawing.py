@@ -1,6 +1,6 @@
 """Several faces in one image, and small changes to drawing options."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -92,7 +92,7 @@ def open_crowd(meshes: Sequence[FaceMesh], drawing: RenderOptions) -> "CrowdRend
 
 def draw_crowd(
     crowd: "CrowdRenderer | NativeCrowd",
-    rows: NDArray[np.int32] | Sequence[Sequence[Pose]],
+    rows: Iterable[NDArray[np.int32] | Sequence[Pose]],
     rate_hz: float,
     *,
     turn_s: float = 0.0,

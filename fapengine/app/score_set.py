@@ -174,7 +174,7 @@ class Summary:
     units: Mapping[str, str]
 
 
-def summarize(results: Sequence[Scored], *, seed: int = 1) -> Summary:
+def summarize(results: Sequence[Scored]) -> Summary:
     """Average each measure over the utterances of each system, and compare two systems."""
     measures = measures_of(results)
     values: dict[str, dict[str, dict[str, tuple[float, float]]]] = {}
@@ -185,7 +185,7 @@ def summarize(results: Sequence[Scored], *, seed: int = 1) -> Summary:
                 of_system = values.setdefault(result.job.system, {}).setdefault(measure.row.name, {})
                 of_system[result.job.id] = value, weight
     systems = {
-        system: {name: estimate(*zip(*each.values(), strict=True), seed=seed) for name, each in named.items()}
+        system: {name: estimate(*zip(*each.values(), strict=True)) for name, each in named.items()}
         for system, named in values.items()
     }
     tests = {}
@@ -194,7 +194,7 @@ def summarize(results: Sequence[Scored], *, seed: int = 1) -> Summary:
         for name in one:
             if both := [key for key in one[name] if key in other.get(name, {})]:
                 first, second = ([each[name][key][0] for key in both] for each in (one, other))
-                tests[name] = compare(first, second, [one[name][key][1] for key in both], seed=seed)
+                tests[name] = compare(first, second, [one[name][key][1] for key in both])
     return Summary(systems, tests, {measure.row.name: measure.row.unit for measure in measures})
 
 

@@ -9,11 +9,11 @@ from fapengine.app.manner import manner_of, voice_of
 from fapengine.app.outputs import OUTPUT_KINDS, SaveOptions, check_output, find_kind
 from fapengine.codec.encoder import EncoderOptions
 from fapengine.errors import UsageError
+from fapengine.files.heads.load import load_head_info
 from fapengine.files.outputs import files_in
 from fapengine.files.profiles import load_profile
 from fapengine.laboratory.fit import FitOptions
 from fapengine.models.via_points import STRAIGHT
-from fapengine.profiles import Profile
 from fapengine.render.drawing import RenderOptions
 from fapengine.speaking import DEFAULT_VOICE, PROVENANCE, SpeakingOptions
 from fapengine.speech.formats.registry import ParseOptions, check_options
@@ -102,24 +102,10 @@ class Options(SpeakingOptions):
             _known_head(self.head)
 
 
-@lru_cache(maxsize=8)
-def loaded_profile(name: str) -> Profile:
-    """Load a profile once per process."""
-    return load_profile(name)
-
-
-@lru_cache(maxsize=1024)
-def _known_head(name: str) -> object:
-    from fapengine.files.heads.load import load_head_info
-
-    return load_head_info(name)
-
-
-@lru_cache(maxsize=1024)
-def _known_voice(choice: VoiceChoice) -> object:
-    return choice.load()
-
-
+loaded_profile = lru_cache(maxsize=8)(load_profile)
+"""Loads a profile once per process."""
+_known_head = lru_cache(maxsize=1024)(load_head_info)
+_known_voice = lru_cache(maxsize=1024)(VoiceChoice.load)
 OPTION_NAMES = tuple(each.name for each in fields(Options))
 LISTS = tuple(each.name for each in fields(Options) if each.default == ())
 """Options that hold several values; in a table they are separated by ``;``."""

@@ -8,6 +8,8 @@ import typer
 from fapengine.cli import options as shared
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from fapengine.mesh.deform import Pose
@@ -105,8 +107,8 @@ def render(
     if way is None:
         raise UsageError(f"--reconstruction: unknown value {by!r}; use {' or '.join(WAYS)}")
     how = drawing.value(wire=wire)
-    rows: NDArray[np.int32] | list[list[Pose]]
-    done: tuple[dict[str, float], str]
+    rows: Sequence[NDArray[np.int32] | list[Pose]]
+    facts: dict[str, float]
     if any(is_take(path) for path in track):
         rate_hz, meshes, rows, notes = takes_on_heads(
             track, head, way=way, still_head=still_head, with_markers=with_markers
@@ -116,14 +118,14 @@ def render(
         moving = {path: load_motion(path, strict=strict) for path in track}
         remarks = [f"{path}: {remark}" for path, each in moving.items() for remark in each.remarks]
         rate_hz, faps = side_by_side([moving[path] for path in track])
-        rows = np.broadcast_to(faps, (len(faps), faces, faps.shape[2]))
+        rows = list(np.broadcast_to(faps, (len(faps), faces, faps.shape[2])))
         loaded = {name: load_head(name) for name in dict.fromkeys(head)}
         meshes = [loaded[name] for name in head] * (faces if len(head) == 1 else 1)
     print_remarks(remarks)
     if fps is not None:
         count = max(1, int((len(rows) - 1) / rate_hz * fps + 1e-6) + 1)
         chosen = shown_at(np.arange(count) / fps, len(rows), rate_hz)
-        rate_hz, rows = fps, [rows[index] for index in chosen] if isinstance(rows, list) else rows[chosen]
+        rate_hz, rows = fps, [rows[index] for index in chosen]
     if not is_one:
         check_moving(output, rate_hz=rate_hz, size=crowd_size(how, len(meshes)), alpha=how.components == 4)
     sound = load_sound(audio, spoken_s=len(rows) / rate_hz) if audio else None
@@ -131,21 +133,20 @@ def render(
     with open_crowd(meshes, how) as crowd:
         if is_one and sheet:
             moments = np.unique(np.linspace(0, len(rows) - 1, sheet).round().astype(int))
-            shown = [rows[moment] for moment in moments] if isinstance(rows, list) else rows[moments]
+            shown = [rows[moment] for moment in moments]
             pictures = list(draw_crowd(crowd, shown, rate_hz * len(moments) / len(rows)))
             labels = [(f"{moment / rate_hz:.2f} s", "") for moment in moments]
             save_png(output, contact_sheet(pictures, labels, title=", ".join(each.name for each in track)))
-            done = {"moments": len(pictures)}, f"{len(pictures)} moments"
+            facts, told = {"moments": len(pictures)}, f"{len(pictures)} moments"
         elif is_one:
             if not 0 <= at <= last_s:
                 raise UsageError(f"--at: {at} s is past the end; the track lasts {last_s:.2f} s")
             moment = int(np.ceil(round(at * rate_hz, 6)))
             save_png(output, next(draw_crowd(crowd, rows[moment : moment + 1], rate_hz)))
-            done = {"frames": 1, "at_s": moment / rate_hz}, "one frame"
+            facts, told = {"frames": 1, "at_s": moment / rate_hz}, "one frame"
         else:
             with progress("drawing", len(rows)) as advance:
                 frames = draw_crowd(crowd, rows, rate_hz, turn_s=turntable)
                 count = write_moving(output, frames, rate_hz=rate_hz, sound=sound, on_frame=advance)
-            done = {"frames": count, "rate_hz": rate_hz}, f"{count} frames at {rate_hz:g} Hz"
-    facts, told = done
+            facts, told = {"frames": count, "rate_hz": rate_hz}, f"{count} frames at {rate_hz:g} Hz"
     print_result({"output": str(output), **facts, "remarks": remarks}, f"{output}: {told}", as_json=as_json)

@@ -134,6 +134,4 @@ def page_of_workers(families: Iterable[Family], texts: Mapping[int, bytes]) -> b
             whole = joined_pages.setdefault(family.name, Metric(family.name, family.documentation, family.type))
             for sample in family.samples:
                 whole.add_sample(sample.name, {"worker": str(worker), **sample.labels}, sample.value)
-    registry = CollectorRegistry()
-    registry.register(_Page([*map(_metric, families), *joined_pages.values()]))
-    return generate_latest(registry)
+    return generate_latest(_Page([*map(_metric, families), *joined_pages.values()]))
