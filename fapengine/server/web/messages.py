@@ -11,7 +11,7 @@ import json
 import re
 import struct
 from collections.abc import Callable
-from functools import lru_cache
+from functools import cache
 from math import isfinite
 from typing import Annotated, Any, Literal, cast, get_args
 
@@ -142,19 +142,14 @@ Request = Say | Words | Phones | Pin | Perform | Release | Ping | Plays | Watch 
 _PAGE_MESSAGES: dict[str, type[Struct]] = {kind.__name__.lower(): kind for kind in get_args(Request)[:-1]}
 
 
+@cache
 def structs() -> dict[str, type[Struct]]:
-    """Return the messages that a page may send: ``type`` to the fields."""
-    return {**_PAGE_MESSAGES, **{kind: struct for kind, (_, struct) in _command_structs(commands.COMMANDS).items()}}
-
-
-@lru_cache(maxsize=4)
-def _command_structs(listed: tuple[type[Command], ...]) -> dict[str, tuple[type[Command], type[Struct]]]:
-    """Make the messages for commands."""
-    made = {}
-    for kind in listed:
-        if kind.SPEC.json:
-            made[kind.SPEC.json] = (kind, defstruct(kind.__name__, _json_fields(kind), forbid_unknown_fields=True))
-    return made
+    """Return the messages that a page may send, its own and those of commands: ``type`` to the fields."""
+    return _PAGE_MESSAGES | {
+        kind.SPEC.json: defstruct(kind.__name__, _json_fields(kind), forbid_unknown_fields=True)
+        for kind in commands.COMMANDS
+        if kind.SPEC.json
+    }
 
 
 def _json_fields(kind: type[Command]) -> list[tuple[str, Any] | tuple[str, Any, Any]]:
@@ -230,7 +225,7 @@ def parse_sound(data: bytes) -> tuple[int, NDArray[np.int16]]:
 
 
 def _command(kind: str, struct: Struct) -> Command:
-    command, _ = _command_structs(commands.COMMANDS)[kind]
+    command = next(each for each in commands.COMMANDS if each.SPEC.json == kind)
     specs = {name: spec for name, spec in fields_of(command).items() if spec.json}
     make: Callable[..., Command] = command
     return make(**{name: spec.from_json(getattr(struct, spec.json)) for name, spec in specs.items()})

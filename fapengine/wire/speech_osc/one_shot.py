@@ -19,11 +19,10 @@ import math
 from bisect import bisect_right, insort
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cache
 from math import inf
 
 from fapengine.engine import commands
-from fapengine.engine.command_table import Command
 from fapengine.engine.commands import Append, Begin, Cancel, End
 from fapengine.engine.engine import Engine
 from fapengine.engine.session import Event
@@ -65,14 +64,10 @@ LATEST_S = 600.0
 CANCEL_FADE_S = 0.15
 
 
+@cache
 def nameless() -> dict[str, schema.Kind]:
     """Return the messages of the robust mode that may come without their first argument, the session."""
-    return _nameless(commands.COMMANDS)
-
-
-@lru_cache(maxsize=4)
-def _nameless(listed: tuple[type[Command], ...]) -> dict[str, schema.Kind]:
-    return {TEXT: schema.SpeakText, **{kind.SPEC.one_shot: kind for kind in listed if kind.SPEC.one_shot}}
+    return {TEXT: schema.SpeakText, **{kind.SPEC.one_shot: kind for kind in commands.COMMANDS if kind.SPEC.one_shot}}
 
 
 def event_packet(event: Event) -> bytes:

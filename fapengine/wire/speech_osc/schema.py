@@ -12,7 +12,7 @@ import struct
 import zlib
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache
 from typing import ClassVar, Literal, NamedTuple, get_args
 
 from fapengine.engine import commands
@@ -339,17 +339,13 @@ Kind = type[Described] | type[FromEngine] | type[Command]
 """A class that describes a message."""
 
 FROM_ENGINE: dict[str, Kind] = {kind.ADDRESS: kind for kind in get_args(FromEngine)}
-_FROM_SENDER: dict[str, Kind] = {kind.ADDRESS: kind for kind in get_args(Described)}
 
 
+@cache
 def from_sender() -> dict[str, Kind]:
     """Return the class of each address that senders use."""
-    return _from_sender(commands.COMMANDS)
-
-
-@lru_cache(maxsize=4)
-def _from_sender(listed: tuple[type[Command], ...]) -> dict[str, Kind]:
-    return _FROM_SENDER | {kind.SPEC.osc: kind for kind in listed if kind.SPEC.is_direct}
+    described: dict[str, Kind] = {kind.ADDRESS: kind for kind in get_args(Described)}
+    return described | {kind.SPEC.osc: kind for kind in commands.COMMANDS if kind.SPEC.is_direct}
 
 
 def checksum(phones: Iterable[WirePhone]) -> int:

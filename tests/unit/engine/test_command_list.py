@@ -3,6 +3,7 @@
 import inspect
 import json
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from math import inf, isinf, nan
 from pathlib import Path
@@ -31,7 +32,7 @@ from fapengine.errors import DataError, UsageError
 from fapengine.files.profiles import load_profile
 from fapengine.server.web import messages
 from fapengine.wire import osc
-from fapengine.wire.speech_osc import codec, schema
+from fapengine.wire.speech_osc import codec, one_shot, schema
 from tests.unit.wire.protocol_double import Wire
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -49,13 +50,18 @@ class RaiseBrow(Command):
 
 
 @pytest.fixture
-def listed(monkeypatch: pytest.MonkeyPatch) -> list[object]:
+def listed(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[object]]:
     """The made-up command on the list, and the motion that answers it."""
     answered: list[object] = []
     monkeypatch.setattr(commands, "COMMANDS", (*commands.COMMANDS, RaiseBrow))
     answer = lambda gestures, row, command, now_s: answered.append((row, command, now_s))  # noqa: E731
     monkeypatch.setattr(BatchGestures, "make", answer)
-    return answered
+    made_of_the_list = (schema.from_sender, one_shot.nameless, messages.structs)
+    for made in made_of_the_list:
+        made.cache_clear()
+    yield answered
+    for made in made_of_the_list:
+        made.cache_clear()
 
 
 def test_a_new_command_comes_by_osc_with_and_without_a_session(listed: list[object]) -> None:
