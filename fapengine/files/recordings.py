@@ -238,7 +238,7 @@ def load_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64], Any]:
             warnings.simplefilter("ignore", RuntimeWarning)  # of NumPy, for a part without texture coordinates
             mesh: Any = trimesh.load(path, process=False, maintain_order=True)
             if isinstance(mesh, trimesh.Scene):
-                mesh = _one_mesh(mesh, trimesh) if path.suffix.lower() == ".obj" else mesh.to_mesh()
+                mesh = _one_mesh(mesh, path, trimesh) if path.suffix.lower() == ".obj" else mesh.to_mesh()
         vertices, triangles = np.array(mesh.vertices, np.float64), np.array(getattr(mesh, "faces", ()), np.int64)
     except Exception as error:  # whatever the library fails with, the file is at fault
         raise DataError(f"mesh: cannot be understood ({type(error).__name__}: {error})", where=str(path)) from error
@@ -249,22 +249,27 @@ def load_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64], Any]:
     return vertices, triangles, mesh.visual
 
 
-def _one_mesh(scene: Any, trimesh: Any) -> Any:
-    """Join the parts of an OBJ file, one a material; without texture coordinates each has the vertices of the file.
+def _one_mesh(scene: Any, path: Path, trimesh: Any) -> Any:
+    """Join the parts of an OBJ file, one a material; in the file's order each has the vertices of the file.
 
-    Those are kept once: else there would be as many copies as materials, and cuts between these.
+    Those are kept once: else there would be as many copies as materials, and cuts between these. A vertex gets the
+    colour of its material, or that of the image there: in the file's order trimesh drops many texture coordinates, in
+    its own it keeps all.
     """
     parts = list(scene.geometry.values())
     vertices = max((part.vertices for part in parts), key=len, default=np.zeros((0, 3)))
-    for part in parts:
-        if getattr(part.visual, "uv", None) is not None or not np.array_equal(
-            part.vertices, vertices[: len(part.vertices)]
-        ):
-            return scene.to_mesh()
+    if not all(np.array_equal(part.vertices, vertices[: len(part.vertices)]) for part in parts):
+        return scene.to_mesh()
     colours = np.full((len(vertices), 4), 255, np.uint8)
-    for part in parts:
-        used = np.unique(part.faces)
-        material = getattr(part.visual, "material", None)
+    materials = {name: getattr(part.visual, "material", None) for name, part in scene.geometry.items()}
+    images = {name for name, material in materials.items() if getattr(material, "image", None) is not None}
+    painted = trimesh.load(path, process=False).geometry if images else {}
+    for name, part in scene.geometry.items():
+        used, material = np.unique(part.faces), materials[name]
+        if name in images and getattr(painted[name].visual, "uv", None) is not None:
+            nearest = painted[name].kdtree.query(vertices[used])[1]
+            colours[used] = painted[name].visual.to_color().vertex_colors[nearest]
+            continue
         colours[used] = part.visual.vertex_colors[used] if material is None else material.main_color
     faces = np.concatenate([part.faces for part in parts])
     return trimesh.Trimesh(vertices, faces, vertex_colors=colours, process=False)

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from fapengine.capture.landmarks import Picture
 from fapengine.capture.marker_track import MarkerTrack
@@ -135,6 +136,16 @@ def test_an_obj_of_several_materials_has_its_vertices_once(tmp_path):
     assert surface.vertices_mm.shape == (5, 3)
     assert paint is not None
     assert paint.albedo[[0, 4]].tolist() == [[0, 0, 1], [0, 0, 1]]
+    coloured = TWO_MATERIALS.replace("v 0 2 0\n", "v 0 2 0\nvt 0.1 0.5\nvt 0.9 0.5\n")
+    for face, painted in (("2 3 4", "2/2 3/2 4/1"), ("1 2 4", "1/1 2/2 4/1"), ("4 3 5", "4/1 3/2 5/2")):
+        coloured = coloured.replace(f"f {face}", f"f {painted}")
+    (tmp_path / "scan.obj").write_text(coloured)
+    (tmp_path / "scan.mtl").write_text(MATERIALS.replace("Kd 0 0 1", "map_Kd halves.png"))
+    Image.fromarray(np.repeat(np.uint8([[[0, 255, 0], [0, 0, 255]]]), 2, axis=0)).save(tmp_path / "halves.png")
+    surface, paint = load_painted(tmp_path / "scan.obj")
+    assert surface.vertices_mm.shape == (5, 3)
+    assert paint is not None
+    assert paint.albedo[[0, 4]].tolist() == [[0, 1, 0], [0, 0, 1]]
     (tmp_path / "points.obj").write_text("v 1 2 3\nv 2 3 4\n")
     with pytest.raises(DataError, match="contains no triangles"):
         load_surface(tmp_path / "points.obj")
