@@ -3,7 +3,7 @@
 A message has the form *subject: what is wrong (at where; clause)* and shows the values.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 
@@ -55,6 +55,18 @@ def as_data_error(what: str = "", *, where: str = "", kind: type[DataError] = Da
         yield
     except UsageError as error:
         raise kind(f"{what}{error}", where=where) from error
+
+
+@contextmanager
+def any_error_as(kind: Callable[[str], FapEngineError], message: str) -> Iterator[None]:
+    """Turn whatever others' code raises into ``message (ValueError: its first line)``; errors of ours pass."""
+    try:
+        yield
+    except FapEngineError:
+        raise
+    except Exception as error:
+        first = f"{type(error).__name__}: {error}".splitlines()[0][:200]
+        raise kind(f"{message} ({first})") from error
 
 
 def _rebuild(kind: type[DataError], message: str, where: str, clause: str) -> DataError:

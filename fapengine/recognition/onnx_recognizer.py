@@ -29,7 +29,7 @@ from msgspec import Meta, Struct
 from numpy.typing import NDArray
 
 from fapengine._late import needed
-from fapengine.errors import DataError, UsageError
+from fapengine.errors import DataError, UsageError, any_error_as
 from fapengine.recognition.loudness import FRAME_HZ
 from fapengine.recognition.protocol import RATE_HZ, BlockRecognizer, Labelled, due
 from fapengine.speech import ipa
@@ -141,10 +141,8 @@ class PhoneModel:
         """Scores of a sound, (N,) float32 at the card's rate: (T, V)."""
         if self.card.normalized:
             sound = (sound - sound.mean()) / np.sqrt(sound.var() + 1e-7)
-        try:
+        with any_error_as(DataError, f"{self.path}: the model failed"):
             answer = self.session.run(None, {self.input_name: sound[None].astype(np.float32)})[0]
-        except Exception as error:  # onnxruntime raises a dozen kinds that share no base
-            raise DataError(f"{self.path}: the model failed ({_first_line(error)})") from error
         answer = np.asarray(answer)
         expected = f"(1, frames, {len(self.ipa)}) numbers, a score for each label"
         shape_fits = answer.ndim == 3 and len(answer) == 1 and answer.shape[2] == len(self.ipa)
@@ -164,10 +162,8 @@ def load_model(path: Path) -> PhoneModel:
         raise UsageError(f"recognizer: got {path}, expected an ONNX model")
     options = runtime.SessionOptions()
     options.intra_op_num_threads, options.log_severity_level = 1, 4
-    try:
+    with any_error_as(DataError, f"{path}: cannot be read as an ONNX model"):
         session = runtime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
-    except Exception as error:  # as above
-        raise DataError(f"{path}: cannot be read as an ONNX model ({_first_line(error)})") from error
     inputs = session.get_inputs()
     if len(inputs) != 1 or inputs[0].type != "tensor(float)" or len(inputs[0].shape) != 2:
         got = ", ".join(f"{each.name} {each.type} {each.shape}" for each in inputs)
@@ -302,7 +298,3 @@ def _label(label: str, card: ModelCard, blank: str | None) -> str | None:
         return SILENCE
     name, _ = spelled_out(label, card.alphabet)
     return name if name and ipa.letters(name) else None
-
-
-def _first_line(error: Exception) -> str:
-    return str(error).strip().splitlines()[0][:200] if str(error).strip() else type(error).__name__

@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fapengine.errors import DataError
+from fapengine.errors import DataError, any_error_as
 from fapengine.recognition.loudness import HOP
 from fapengine.recognition.protocol import RATE_HZ
 
@@ -166,13 +166,11 @@ def read_weights(data: bytes) -> Weights:
     data : bytes
         What ``bench/recognizer_train.py`` wrote.
     """
-    try:
+    with any_error_as(DataError, "recognizer: its weights cannot be read"):
         with np.load(io.BytesIO(data), allow_pickle=False) as found:
             arrays = {name: found[name] for name in found.files}
         about = json.loads(str(arrays.pop("about")))
         labels = tuple(str(label) for label in about["labels"])
-    except Exception as error:  # zipfile, zlib, NumPy and json raise a dozen kinds that share no base
-        raise DataError(f"recognizer: its weights cannot be read ({error})") from error
     classes = len(labels)
     channels = len(arrays["front.bias"]) if arrays.get("front.bias", np.zeros(())).ndim == 1 else 0
 

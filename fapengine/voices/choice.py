@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 from fapengine import speaking
 from fapengine._strict_toml import Checked
-from fapengine.errors import FapEngineError, ResourceError, UsageError
+from fapengine.errors import ResourceError, UsageError, any_error_as
 from fapengine.speaking import DEFAULT_RATE_WPM, DEFAULT_VOICE
 from fapengine.speech.marks import read_marks
 from fapengine.voices.protocol import Speech, Voice
@@ -130,7 +130,8 @@ class OwnVoice:
             If it raises an exception that is not fapengine's.
         """
         marked = read_marks(text, ssml=self.ssml)
-        speech = _run(self.name, lambda: self.voice.speak(text if self.ssml else marked.text))
+        with any_error_as(ResourceError, f"voice: {self.name} failed"):
+            speech = self.voice.speak(text if self.ssml else marked.text)
         if not isinstance(speech, Speech):
             raise UsageError(f"voice: {self.name}.speak returned {speech!r:.60}, expected a fapengine.Speech")
         is_marked = marked.marks or marked.unknown or marked.sounds or marked.remarks
@@ -153,30 +154,18 @@ def _imported(name: str) -> Any:
 
 def _made(name: str, find: Callable[[], Any], options: dict[str, object]) -> OwnVoice:
     """Find what makes a voice, and call it with those of the options that it takes."""
-    try:
+    with any_error_as(UsageError, f"voice: {name} cannot be imported"):
         maker = find()
-    except FapEngineError:
-        raise
-    except Exception as error:
-        raise UsageError(f"voice: {name} cannot be imported ({type(error).__name__}: {error})") from error
     if not callable(maker):
         raise UsageError(f"voice: {name} is {maker!r:.60}, expected a class or a function that returns a voice")
     taken: Iterable[str] = ()
     with suppress(TypeError, ValueError):  # a class without a signature
         taken = inspect.signature(maker).parameters
-    voice = _run(name, lambda: maker(**{key: value for key, value in options.items() if key in taken}))
+    with any_error_as(ResourceError, f"voice: {name} failed"):
+        voice = maker(**{key: value for key, value in options.items() if key in taken})
     if not isinstance(voice, Voice):
         raise UsageError(f"voice: {name} is {voice!r:.60}, expected an object with speak(text)")
     return OwnVoice(name, voice, bool(options["ssml"]) and "ssml" in taken)
-
-
-def _run(name: str, call: Callable[[], Any]) -> Any:
-    try:
-        return call()
-    except FapEngineError:
-        raise
-    except Exception as error:
-        raise ResourceError(f"voice: {name} failed ({type(error).__name__}: {error})") from error
 
 
 def language_voice(language: str) -> str:

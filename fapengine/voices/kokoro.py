@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from fapengine._late import Late
-from fapengine.errors import DataError, UsageError
+from fapengine.errors import DataError, UsageError, any_error_as
 from fapengine.speaking import DEFAULT_RATE_WPM
 from fapengine.speech.formats.synthesizers import kokoro_entries
 from fapengine.speech.marks import read_marks
@@ -81,7 +81,7 @@ class KokoroVoice:
         marked, model = read_marks(text, ssml=self.ssml), self._load()
         if not any(letter.isalnum() for letter in marked.text):
             raise UsageError(f"text: {text!r:.60} contains nothing to speak")
-        with model_speech.model_errors(f"{self.model}: the model failed"):
+        with any_error_as(DataError, f"{self.model}: the model failed"):
             sound, rate_hz, timings = model.create_timed(marked.text, self.voice, self.speed, self.language)
         model_speech.check_length(len(sound), rate_hz, self.most_s, text)
         times = ((each.phoneme, each.start, each.end) for each in timings)
@@ -119,7 +119,7 @@ def lengths_of(times: Iterable[tuple[str, float, float]], rate_hz: int) -> list[
 
 @lru_cache(model_speech.KEPT)
 def _loaded(path: Path, voices: Path, *_changed_ns: int) -> Any:
-    with model_speech.model_errors(f"{path}: cannot be read as a model of Kokoro"):
+    with any_error_as(DataError, f"{path}: cannot be read as a model of Kokoro"):
         model = kokoro_onnx.Kokoro(str(path), str(voices))
         known = [len(model.get_voice_style(name)) for name in model.get_voices()]
     if not known:

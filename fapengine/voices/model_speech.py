@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
@@ -12,7 +11,7 @@ from urllib.parse import parse_qsl
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fapengine.errors import DataError, FapEngineError, UsageError
+from fapengine.errors import DataError, UsageError
 from fapengine.speech.formats.entries import Entry, track_of, with_words
 from fapengine.speech.marks import MarkedText
 from fapengine.speech.phone_track import PhoneTrack
@@ -43,18 +42,6 @@ def changed_ns(files: Sequence[Path], hint: str) -> tuple[int, ...]:
         if not file.is_file():
             raise UsageError(f"voice: file not found: {file}; {hint}")
     return tuple(file.stat().st_mtime_ns for file in files)
-
-
-@contextmanager
-def model_errors(message: str) -> Iterator[None]:
-    """Raise DataError for what the libraries of a model raise: a dozen kinds of errors that share no base."""
-    try:
-        yield
-    except FapEngineError:
-        raise
-    except Exception as error:
-        first = f"{type(error).__name__}: {error}".splitlines()[0][:200]
-        raise DataError(f"{message} ({first})") from error
 
 
 def choices_of(name: str, keys: Sequence[str]) -> tuple[Path, dict[str, str]]:

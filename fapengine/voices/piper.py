@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fapengine._late import Late
-from fapengine.errors import DataError, ResourceError
+from fapengine.errors import DataError, ResourceError, any_error_as
 from fapengine.speaking import DEFAULT_RATE_WPM
 from fapengine.speech.formats.synthesizers import piper_entries
 from fapengine.speech.marks import read_marks
@@ -64,7 +64,7 @@ class PiperVoice:
         length_scale = config.length_scale * DEFAULT_RATE_WPM / self.rate_wpm
         options = piper.SynthesisConfig(speaker_id=self._speaker_number(config), length_scale=length_scale)
         pieces: list[model_speech.Spoken] = []
-        with model_speech.model_errors(f"{self.model}: the model failed"):
+        with any_error_as(DataError, f"{self.model}: the model failed"):
             try:
                 for chunk in model.synthesize(marked.text, options, include_alignments=True):
                     pieces.append(_spoken(chunk, config.phoneme_id_map, str(self.model)))
@@ -130,5 +130,5 @@ def _load(path: Path) -> Any:
 
 @lru_cache(model_speech.KEPT)
 def _loaded(path: Path, *_changed_ns: int) -> Any:
-    with model_speech.model_errors(f"{path}: cannot be read as a voice of Piper"):
+    with any_error_as(DataError, f"{path}: cannot be read as a voice of Piper"):
         return piper.PiperVoice.load(path, include_alignments=True)

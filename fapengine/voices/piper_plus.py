@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine._late import Late
-from fapengine.errors import DataError, ResourceError, UsageError
+from fapengine.errors import DataError, ResourceError, UsageError, any_error_as
 from fapengine.speaking import DEFAULT_RATE_WPM
 from fapengine.speech.alphabets.japanese import OPENJTALK
 from fapengine.speech.formats.synthesizers import piper_entries
@@ -99,7 +99,7 @@ class PiperPlusVoice:
             _check_english()
         pieces: list[model_speech.Spoken] = []
         unknown: dict[str, None] = {}
-        with model_speech.model_errors(f"{self.model}: the model failed"):
+        with any_error_as(DataError, f"{self.model}: the model failed"):
             for symbols in model.symbols(marked.text, self.language):
                 unknown |= dict.fromkeys(symbol for symbol in symbols if symbol not in (*model.numbers, *_ACCENTS))
                 sound, lengths = model.run(symbols, self.language, model.speaker(self.speaker), self.rate_wpm)
@@ -219,7 +219,7 @@ def _load(path: Path) -> _Model:
 
 @lru_cache(model_speech.KEPT)
 def _loaded(path: Path, description: Path, *_changed_ns: int) -> _Model:
-    with model_speech.model_errors(f"{path}: cannot be read as a voice of piper-plus"):
+    with any_error_as(DataError, f"{path}: cannot be read as a voice of piper-plus"):
         config = json.loads(description.read_text("utf-8"))
         inference, audio = config.get("inference", {}), config["audio"]
         session = onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])

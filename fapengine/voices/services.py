@@ -229,10 +229,6 @@ class Cartesia(Service):
             "add_phoneme_timestamps": True,
         })]  # fmt: skip
 
-    def cancel(self) -> str:
-        """Message that ends the context: an interruption."""
-        return json.dumps({"context_id": self.context, "cancel": True})
-
     def feed(self, message: str | bytes) -> Piece:
         """Read one message."""
         node = _json(message, "Cartesia")

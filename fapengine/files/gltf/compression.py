@@ -6,13 +6,14 @@ https://github.com/KhronosGroup/glTF/tree/main/extensions/2.0/Vendor/EXT_meshopt
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fapengine._late import Late
-from fapengine.errors import DataError, TruncatedError, UnsupportedError
+from fapengine.errors import DataError, TruncatedError, UnsupportedError, any_error_as
 
 ATTRIBUTES, TRIANGLES, INDICES = "ATTRIBUTES", "TRIANGLES", "INDICES"
 HEADERS = {ATTRIBUTES: 0xA0, TRIANGLES: 0xE1, INDICES: 0xD1}
@@ -291,13 +292,11 @@ def decode_draco(data: bytes, wanted: dict[str, int], where: str) -> tuple[dict[
     if data[KIND : KIND + 1] != MESH:  # a cloud of points takes memory for as many as its header names
         raise DataError("Draco: got no mesh, expected triangles", where=where)
     decode = DracoPy.decode  # raises ResourceError if it is not installed
-    try:
+    with any_error_as(partial(DataError, where=where), "Draco: cannot be decoded"):
         mesh = decode(data)
         corners = np.asarray(mesh.faces).astype(np.int64).reshape(-1)
         found = {row["unique_id"]: np.atleast_1d(row["data"]) for row in mesh.attributes}
         count = len(np.asarray(mesh.points))
-    except Exception as error:  # whatever the library fails with, the data are at fault
-        raise DataError(f"Draco: cannot be decoded ({type(error).__name__}: {error})", where=where) from error
     numbers: dict[str, NDArray[Any]] = {}
     for name, unique in wanted.items():
         if unique not in found:
