@@ -53,19 +53,24 @@ class Mutant:
         return source[: self.start] + self.new.encode() + source[self.stop :]
 
 
+def _slots(node: ast.AST) -> ast.expr | None:
+    """Flag of a data class that saves memory alone."""
+    return node.value if isinstance(node, ast.keyword) and node.arg == "slots" else None
+
+
 def mutants(path: Path, root: Path) -> Iterator[Mutant]:
-    """List every mutant of one file."""
+    """List every mutant of one file that a test could notice: none of annotations and slots."""
     source = path.read_bytes()
     starts = [0]
     for line in source.splitlines(keepends=True):
         starts.append(starts[-1] + len(line))
     tree = ast.parse(source)
-    annotations = {
+    unseen = {
         id(part)
         for node in ast.walk(tree)
-        for annotation in (getattr(node, "annotation", None), getattr(node, "returns", None))
-        if annotation is not None
-        for part in ast.walk(annotation)
+        for left in (getattr(node, "annotation", None), getattr(node, "returns", None), _slots(node))
+        if left is not None
+        for part in ast.walk(left)
     }
 
     def offset(line: int, column: int) -> int:
@@ -87,7 +92,7 @@ def mutants(path: Path, root: Path) -> Iterator[Mutant]:
 
     for node in ast.walk(tree):
         match node:
-            case _ if id(node) in annotations:
+            case _ if id(node) in unseen:
                 continue
             case ast.Compare(left=left, ops=[operator], comparators=[right]) if type(operator) in SYMBOLS:
                 sign = SYMBOLS[type(operator)]
@@ -150,7 +155,7 @@ class Coverage:
     def tests(self, mutant: Mutant) -> list[str]:
         """List the tests that execute a mutant's line; all of the package where that is not known."""
         names = self._data.contexts_by_lineno(str(self._copy / mutant.file)).get(mutant.line, [""])
-        return sorted({name.split("|")[0] for name in names}) if all(names) else [f"tests/unit/{self._package}"]
+        return sorted({name.rpartition("|")[0] for name in names}) if all(names) else [f"tests/unit/{self._package}"]
 
 
 def judge(copy: Path, mutant: Mutant, tests: list[str]) -> str:

@@ -133,7 +133,7 @@ class Utterance:
     taken: int = 0
     """Number of these that have been sent to the planner."""
     known: list[int] = field(default_factory=list)
-    """Indices of phones that have arrived or were bridged, rising."""
+    """Indices of phones that have arrived or were bridged, rising; first and last are those of phones."""
     from_s: float = 0.0
     """Stream time from which it is spoken; what was to be said before is left out."""
     phone_count: int | None = None
@@ -266,14 +266,11 @@ class Utterance:
     def gap(self) -> tuple[Phone, Phone, range] | None:
         """First gap that is not bridged: the phones on both sides, and the indices between them."""
         known, order = self.known, self.order
-        if not order:
+        if not known or known[-1] - known[0] == len(known) - 1:
             return None
-        first = bisect_left(known, order[0])
-        if known[-1] - known[first] == len(known) - 1 - first:
-            return None
-        between = bisect_right(range(first, len(known)), known[first] - first, key=lambda place: known[place] - place)
+        behind = bisect_right(range(len(known)), known[0], key=lambda place: known[place] - place)
         # beside it there may be others than phones, after a revision
-        place = bisect_left(order, known[first + between])
+        place = bisect_left(order, known[behind])
         before, after = order[place - 1], order[place]
         return self.phones[before], self.phones[after], range(before + 1, after)
 

@@ -51,7 +51,7 @@ def split_longest(text: str, known: Collection[str], ignored: str = "") -> list[
     longest = max(map(len, known))
     pieces: list[str] = []
     while text:
-        width = next((n for n in range(min(longest, len(text)), 0, -1) if text[:n] in known), 0)
+        width = next((n for n in range(longest, 0, -1) if text[:n] in known), 0)
         if not width and text[0] not in ignored:
             return None
         pieces.append(text[: max(width, 1)])

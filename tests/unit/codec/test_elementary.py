@@ -56,6 +56,13 @@ def test_levels_bound_the_bits_of_a_second_and_the_frame_rate() -> None:
     assert level_of(decode(encode(noise(10, 1, 100.0)))) is None
 
 
+@pytest.mark.conformance
+def test_levels_have_the_bytes_and_bounds_of_the_standard() -> None:
+    """Simple Face Animation of [FBA] section 1 and [MEM]."""
+    levels = [(one.number, one.profile, one.max_bit_s, one.max_rate_hz) for one in LEVELS]
+    assert levels == [(1, 0b0110_0001, 16_000, 72.0), (2, 0b0110_0010, 32_000, 72.0)]
+
+
 @pytest.mark.parametrize("number", range(3, 69))
 def test_the_error_of_a_fap_moves_its_point_by_its_lever(number: int) -> None:
     levers = {47: TONGUE_LEVER * FACE.mw0_mm} | dict.fromkeys(range(23, 27), EYE_LEVER_MM)

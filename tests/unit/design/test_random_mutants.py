@@ -9,7 +9,15 @@ import pytest
 
 from design import random_mutants
 
-SOURCE = """def double(x: int) -> int:
+SOURCE = """from dataclasses import dataclass
+
+
+@dataclass(slots=True)
+class Person:
+    age: int
+
+
+def double(x: int) -> int:
     return x + x
 
 
@@ -63,7 +71,7 @@ def test_a_mutant_is_killed_or_survives_and_known_survivors_do_not_count(
     monkeypatch.setattr("sys.argv", ["random_mutants", "--json", str(tree.parent / "rows.jsonl")])
     assert random_mutants.main() == 1
     out = capsys.readouterr().out
-    assert "survived: fapengine/tiny/sums.py:6: return age > 18\n" in out
+    assert "survived: fapengine/tiny/sums.py:14: return age > 18\n" in out
     assert "1 of 2 noticed; 1 are equivalent" in out
     rows = map(json.loads, (tree.parent / "rows.jsonl").read_text().splitlines())
     assert sorted(row["verdict"] for row in rows) == ["equivalent", "killed", "survived"]

@@ -963,9 +963,13 @@ def test_whatever_a_revision_takes_gaps_lie_between_phones(seed):
         if seed % 2 and (gap := told.gap()):
             told.bridge(gap[2])
         told.revise(Begin(1, revision=revision), chance.uniform(0.2, 0.9))
+        assert told.known[:1] + told.known[-1:] == told.order[:1] + told.order[-1:]
+        missing = sorted(set(range(told.order[0], told.size) if told.order else ()) - set(told.known))
         found = told.gap()
+        assert (found is None) == (not missing)
         if found is not None:
             before, after, between = found
+            assert missing[0] in between
             assert (before, after) == (told.phones[between.start - 1], told.phones[between.stop])
     while (gap := told.gap()) is not None:
         told.bridge(gap[2])

@@ -345,12 +345,16 @@ def test_what_is_no_number_or_text_is_no_cell_of_a_table() -> None:
         assert parse_timings(json.dumps(beside).encode(), file_format="table") == expected
 
 
-def test_words_of_a_chunk_are_later_by_its_offset() -> None:
+def test_words_of_a_chunk_are_later_by_its_offset_and_by_their_place_in_it() -> None:
     events = [json.loads(line.removeprefix("data: ")) for line in SAMPLES["fish"].split("\n\n")]
-    later = [event | {"chunk_audio_offset_sec": 1.5 + event["chunk_audio_offset_sec"]} for event in events]
+    later = json.loads(json.dumps(events))
+    for event in later:
+        event["chunk_audio_offset_sec"] += 1.5
+        for row in (event["alignment"] or {"segments": ()})["segments"]:
+            row["start"], row["end"] = row["start"] + 0.2, row["end"] + 0.2
     before, after = (parse_timings(lines(*each).encode(), file_format="fish") for each in (events, later))
     heard = [[phone for phone in track.phones if phone.label != SILENCE] for track in (before, after)]
-    assert [(one.label, one.start_s + 1.5, one.end_s + 1.5) for one in heard[0]] == [
+    assert [(one.label, one.start_s + 1.7, one.end_s + 1.7) for one in heard[0]] == [
         (one.label, pytest.approx(one.start_s), pytest.approx(one.end_s)) for one in heard[1]
     ]
 

@@ -5,6 +5,8 @@ import struct
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from fapengine.errors import DataError, UnsupportedError, UsageError
 from fapengine.files.timings import load_timings
@@ -12,7 +14,7 @@ from fapengine.speech.formats.documents import Node, walk
 from fapengine.speech.formats.entries import Entry
 from fapengine.speech.formats.registry import FORMATS, ParseOptions, parse_timings
 from fapengine.speech.formats.table import parse_columns
-from fapengine.speech.formats.word_lists import subtitle_text, timed_words
+from fapengine.speech.formats.word_lists import _cues, seconds, subtitle_text, timed_words
 from fapengine.speech.phone_track import PhoneTrack
 
 from .samples import SAMPLES, SHORT_TEXTGRID, lines
@@ -373,6 +375,24 @@ def test_lines_of_subtitles_that_are_numbers_or_stay_for_the_next_cue() -> None:
     cue = "{0}\n00:00:0{0},000 --> 00:00:0{1},000\n{2}\n\n"
     text = cue.format(1, 2, "Platform\n42") + cue.format(2, 3, "42\nleaves") + "3\n" + cue.format(3, 4, "now")[2:]
     assert subtitle_text(text) == "Platform\n42\nleaves\nnow"
+
+
+@given(st.integers(0, 36_000_000), st.integers(1, 5_000_000), st.sampled_from(",."), st.booleans())
+def test_a_clock_of_subtitles_counts_hours_minutes_and_seconds(start_ms: int, ms: int, point: str, short: bool) -> None:
+    def clock(at_ms: int) -> str:
+        minutes, seconds = divmod(at_ms // 1000, 60)
+        hours, minutes = divmod(minutes, 60)
+        return ("" if short and not hours else f"{hours}:") + f"{minutes:02}:{seconds:02}{point}{at_ms % 1000:03}"
+
+    (cue,) = _cues([f"{clock(start_ms)} --> {clock(start_ms + ms)}", "oh"])
+    assert (cue.start_s, cue.end_s) == pytest.approx((start_ms / 1000, (start_ms + ms) / 1000), abs=1e-6)
+
+
+@given(st.integers(0, 10**6), st.integers(0, 999_999_999))
+def test_seconds_are_the_same_however_they_are_written(whole: int, nanos: int) -> None:
+    text = f"{whole}.{nanos:09}"
+    for value in (float(text), text, f"{text}s", {"seconds": str(whole), "nanos": nanos}):
+        assert seconds(Node(value)) == pytest.approx(whole + 1e-9 * nanos, abs=1e-9)
 
 
 def test_frames_may_be_longer_than_a_second() -> None:

@@ -127,6 +127,7 @@ def test_tokens_share_a_strange_labels_time() -> None:
     tokens, strange = tokens_of(track("ɔɪ %"), english().phones)
     assert [token.name for token in tokens] == [SILENCE, "ɔ", "ɪ", "ə"]
     assert [token.start_s for token in tokens] == pytest.approx([0.0, 0.3, 0.35, 0.4])
+    assert [token.end_s for token in tokens[:-1]] == pytest.approx([token.start_s for token in tokens[1:]])
     assert strange == ["%"]
     assert tokens[1].heard == ("ɔ",)
 

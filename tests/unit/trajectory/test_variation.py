@@ -124,6 +124,14 @@ def test_directions_are_symmetric_or_asymmetric() -> None:
         np.testing.assert_array_equal(faps[TWINS][paired], sign * faps[paired])
 
 
+def test_the_outer_lips_go_with_the_inner_ones() -> None:
+    for direction in DIRECTIONS:
+        for inner, outer in zip(range(4, 14), range(51, 61), strict=True):
+            sizes = direction.get(inner, 0.0), direction.get(outer, 0.0)
+            if max(map(abs, sizes)) > 3.0:  # FAPU
+                assert 0.4 < sizes[1] / sizes[0] < 2.5
+
+
 def test_quantiles_rise_from_rest_to_half_the_frame_rate_of_video() -> None:
     for quantiles in QUANTILES_HZ:
         assert (quantiles[0], quantiles[-1]) == (0.0, 12.5)
