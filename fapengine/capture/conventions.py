@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine._arrays import Array
 from fapengine.capture.marker_track import MarkerTrack, RawTrack
 from fapengine.errors import DataError, UsageError, as_data_error
 
@@ -114,8 +115,6 @@ def rate_of(times_s: NDArray[np.float64]) -> float | None:
     return float(f"{1.0 / np.median(steps):.5g}") if len(steps) and np.median(steps) > 0 else None
 
 
-Array = NDArray[np.float64]
-
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "dm": 100.0, "m": 1000.0, "in": 25.4, "inch": 25.4}
 """Length of one unit in mm."""
 SENTINELS = (-16512.0, 16512.0, 9999.0, -9999.0, 99999.0, -99999.0, 999999.0, -999999.0, 9999999.0, -9999999.0)
@@ -174,7 +173,7 @@ def understand(
         raise DataError(f"recording: contains no frames or no markers, got shape {raw.positions.shape}")
     rate = rate_hz if rate_hz is not None else raw.rate_hz
     if rate is None:
-        raise DataError("recording: frame rate missing; give a rate, or rising times")
+        raise DataError("recording: frame rate missing; give rate_hz (in session.toml), or rising times")
     labels, kept = _names(raw.labels, notes)
     positions = raw.positions if len(kept) == len(raw.labels) else raw.positions[:, kept]
     if raw.height is None:  # the joints of a body are always seen, also one at the origin

@@ -126,10 +126,11 @@ def _wide(rows: Rows, line: int, axis_matches: list[re.Match[str] | None], words
             f"table: marker {partial!r} has {'/'.join(sorted(columns[partial]))} only; needs x, y and z",
             where=f"line {line + 1}",
         )
-    body = _body(rows, line + 1)
-    table = numbers(body, len(rows[line]), line + 2)
     order = [axes[axis] for axes in columns.values() for axis in "xyz"]
     time = _column(words, TIME_WORDS)
+    used = {*order, time}  # others may hold text, such as the name of a condition
+    body = [[cell if column in used else "" for column, cell in enumerate(row)] for row in _body(rows, line + 1)]
+    table = numbers(body, len(rows[line]), line + 2)
     return RawTrack(
         positions=whole(table[:, order].reshape(len(table), -1, 3)),
         labels=tuple(columns),

@@ -105,7 +105,7 @@ def test_trajectories_without_a_name_are_left_out(track, label):
     ("changes", "message"),
     [
         ({"positions": np.zeros((0, 6, 3))}, r"recording: contains no frames or no markers, got shape \(0, 6, 3\)"),
-        ({"rate_hz": None}, "recording: frame rate missing; give a rate, or rising times"),
+        ({"rate_hz": None}, r"recording: frame rate missing; give rate_hz \(in session.toml\), or rising times"),
         ({"labels": ("*1",) * 6}, "recording: none of 6 trajectories is labelled"),
         ({"rate_hz": -3.0}, "rate_hz"),
     ],

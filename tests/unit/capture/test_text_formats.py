@@ -33,6 +33,13 @@ def test_decimal_commas_and_old_encodings(track):
     assert parse_table("Ärmel_x,Ärmel_y,Ärmel_z\n1,2,3\n".encode("latin-1")).labels == ("Ärmel",)
 
 
+def test_a_column_of_a_wide_table_may_hold_text() -> None:
+    raw = parse_table(b"Frame;A_x;A_y;A_z;condition\n1;NA;NA;NA;\n2;1;2;3;posed_joy\n")
+    assert raw.labels == ("A",)
+    assert np.isnan(raw.positions[0]).all()
+    assert raw.positions[1].tolist() == [[1, 2, 3]]
+
+
 VICON = """Trajectories
 100
 ,,Bob:LLIP,,,Bob:RLIP,,
