@@ -4,8 +4,8 @@ import { closures, context } from "./constants.js";
 import { bump, clamp, smoothstep, softPositive } from "./path.js";
 
 const {
-  BITTEN_FAPU, BURST_S, CONTACTS, GLIDE_SHARE, HOLD, JOINED_SHARE, LOWER_SHARE, MIN_HOLD_S, NEAR_FAPU, NEAR_SHARE, OPEN_FAPU, PAIRS,
-  RAMP_S, RELEASE_S, SIBILANT_FAPU, SIDE_OPENING, SOFTNESS_FAPU, TEETH_FAPU, TOUCHES,
+  BITTEN_FAPU, BITTEN_SHARE, BURST_S, CONTACTS, GLIDE_SHARE, HOLD, JOINED_SHARE, LOWER_SHARE, MIN_HOLD_S, NEAR_FAPU, NEAR_SHARE, OPEN_FAPU,
+  PAIRS, RAMP_S, RELEASE_S, SIBILANT_FAPU, SIDE_OPENING, SOFTNESS_FAPU, TEETH_FAPU, TOUCHES,
 } = closures;
 const { MAX_DURATION_S } = context;
 
@@ -52,6 +52,7 @@ export function settle(faps, { lips, teeth, open: vowels, jaw, glide }, low, hig
     const parted = vowels * softPositive(scale * OPEN_FAPU + SOFTNESS_FAPU / 2 + upper + lower, SOFTNESS_FAPU);
     upper -= (1 - LOWER_SHARE) * parted;
     lower -= LOWER_SHARE * parted;
+    upper *= 1 - BITTEN_SHARE * teeth;
     const short = softPositive(TEETH_FAPU + SOFTNESS_FAPU / 2 - lower, SOFTNESS_FAPU);
     const beyond = softPositive(lower + SOFTNESS_FAPU / 2 - BITTEN_FAPU, SOFTNESS_FAPU);
     lower += teeth * (short - beyond);
