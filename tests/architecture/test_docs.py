@@ -153,7 +153,7 @@ def test_the_site_builds(tmp_path: Path) -> None:
         env={**os.environ, "PYTHONPATH": str(ROOT), "NO_MKDOCS_2_WARNING": "1"},
         capture_output=True,
         text=True,
-        timeout=240,
+        timeout=300,
     )
     assert done.returncode == 0, done.stdout + done.stderr
     command_line = (tmp_path / "site" / "reference" / "cli.html").read_text(encoding="utf-8")

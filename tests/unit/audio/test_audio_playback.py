@@ -5,6 +5,7 @@ import subprocess
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -365,15 +366,25 @@ def test_it_says_what_it_plays_on() -> None:
     assert (made.speaker.description, made.speaker.is_silent) == ("a card", True)
 
 
-def test_say_live_on_a_sound_card_of_software(null_sink: Mapping[str, str]) -> None:
-    """The real path: espeak-ng, PortAudio, the device's clock, the engine; the face is with its sound."""
+def said_live(environment: Mapping[str, str]) -> dict[str, Any]:
+    """Go the real path: espeak-ng, PortAudio, the device's clock, the engine."""
     command = [sys.executable, "-m", "fapengine", "say", "Hi there.", "--live", "--no-window", "--fps", "60", "--json"]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stderr
+    answer: dict[str, Any] = json.loads(done.stdout)
+    return answer
+
+
+def test_say_live_on_a_sound_card_of_software(null_sink: Mapping[str, str]) -> None:
+    answer = said_live(null_sink)
+    assert not answer["silent"]
+    assert answer["frames"] > 0
+
+
+@pytest.mark.nightly
+def test_the_face_is_with_its_sound(null_sink: Mapping[str, str]) -> None:
     for _ in range(TRIES):
-        done = subprocess.run(command, env=null_sink, capture_output=True, text=True, timeout=300, check=False)
-        assert done.returncode == 0, done.stderr
-        answer = json.loads(done.stdout)
-        assert not answer["silent"]
-        assert answer["frames"] > 0
+        answer = said_live(null_sink)
         if answer["off_ms"]["p50"] <= 20 and answer["frames"] > 60:  # measured 0.01, at 95 % 0.02
             return
     pytest.fail(f"the face was not with its sound: {answer}")

@@ -280,7 +280,7 @@ def test_vtube_studio_is_waited_for_asked_and_shown_the_face(
         await asyncio.sleep(0.03)
         studio = Studio()
         async with running(studio, port):
-            await asyncio.wait_for(studio.asked.wait(), 60)
+            await asyncio.wait_for(studio.asked.wait(), 300)
             stage.run(5)
             assert not studio.injected  # the user has not answered
             studio.may_answer.set()
