@@ -51,13 +51,7 @@ class Attention:
         self._later: list[tuple[float, Command]] = []
 
     def attend(self, state: State) -> None:
-        """Change the state.
-
-        Raises
-        ------
-        UsageError
-            If there is no such state.
-        """
+        """Change the state. Raises UsageError if there is no such state."""
         if state not in get_args(State):
             raise UsageError(f"state: got {state!r}, expected one of {', '.join(get_args(State))}")
         self._is_new = self._is_new or state != self.state

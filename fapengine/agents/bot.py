@@ -186,10 +186,7 @@ class Bot:
     async def offer(self, sdp: str, connection: str | None, *, restarts: bool) -> dict[str, str]:
         """Answer an offer of a new visitor, or of one whose connection is changed.
 
-        Raises
-        ------
-        ValueError
-            If it cannot be read.
+        Raises ValueError if it cannot be read.
         """
         known = self._connections.get(connection or "")
         is_new = known is None
@@ -217,12 +214,7 @@ class Bot:
     async def candidate(self, connection: str, line: str, mid: str | None, index: int | None) -> None:
         """Add a candidate of a visitor; an empty one is the last.
 
-        Raises
-        ------
-        KeyError
-            If there is no such connection.
-        ValueError
-            If it cannot be read.
+        Raises KeyError if there is no such connection; ValueError if it cannot be read.
         """
         known = self._connections[connection]
         try:
@@ -317,10 +309,7 @@ async def _without_marks(text: str, _: str, accumulated: str | None, remaining: 
 def recognizer_named(name: str) -> Any:
     """Import ``module:name``, a class or function that returns a recognizer of Pipecat.
 
-    Raises
-    ------
-    UsageError
-        If it cannot be imported or called.
+    Raises UsageError if it cannot be imported or called.
     """
     module, _, attribute = name.partition(":")
     try:

@@ -38,14 +38,8 @@ class Endpoint:
     async def checked(self) -> "Endpoint":
         """Ask the server for its models, and return this endpoint with one of them.
 
-        A server that answers but does not list its models is accepted if a model is given.
-
-        Raises
-        ------
-        ResourceError
-            If it does not answer, or refuses the key.
-        UsageError
-            If it has no such model.
+        A server that answers but does not list its models is accepted if a model is given. Raises ResourceError if it
+        does not answer, or refuses the key; UsageError if it has no such model.
         """
         url = f"{self.url.rstrip('/')}/models"
         headers = {"Authorization": f"Bearer {self.key}"} if self.key else {}

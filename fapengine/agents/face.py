@@ -115,12 +115,7 @@ class AgentFace:
     def open(cls, options: AgentOptions) -> "AgentFace":
         """Make a face with its processes, which are :meth:`ready` after a second or two.
 
-        Raises
-        ------
-        UsageError
-            If the profile or the voice is unknown.
-        ResourceError
-            If a process cannot be started.
+        Raises UsageError if the profile or the voice is unknown; ResourceError if a process cannot be started.
         """
         profile = load_profile(Path(options.profile) if "/" in options.profile else options.profile)
         pronounce = _pronouncer(options.voice)
@@ -163,6 +158,8 @@ class AgentFace:
     def sound(self, data: bytes | ArrayLike, rate_hz: int, channels: int = 1) -> None:
         """Add audio of the TTS.
 
+        Raises DataError if the number of channels is not 1 to 8; UsageError if the samples have another form.
+
         Parameters
         ----------
         data : bytes or array_like
@@ -171,13 +168,6 @@ class AgentFace:
         rate_hz : int
         channels : int
             Of bytes.
-
-        Raises
-        ------
-        DataError
-            If the number of channels is not 1 to 8.
-        UsageError
-            If the samples have another form.
         """
         if not isinstance(data, bytes | bytearray | memoryview):
             self.host.push(data, rate_hz)
@@ -206,16 +196,13 @@ class AgentFace:
     def attend(self, state: State, is_so: bool = True) -> None:
         """Look at the user who speaks (``"listening"``), or aside (``"thinking"``), until it speaks.
 
+        Raises UsageError if there is no such state.
+
         Parameters
         ----------
         state : str
         is_so : bool
             False ends the state, if it is the present one.
-
-        Raises
-        ------
-        UsageError
-            If there is no such state.
         """
         if not is_so:
             self.attention.end(state)

@@ -59,6 +59,8 @@ _SENTENCE = re.compile(r"[.!?…]+[\"')\]]*\s+|\n+")
 class AvatarSession(avatar.AvatarSession):  # type: ignore[misc, unused-ignore]
     """A face in the agent's process, published by the agent's own participant; or a remote one, a participant.
 
+    Raises UsageError if a remote face has options, or a credential of LiveKit is missing.
+
     Parameters
     ----------
     remote : bool or str
@@ -69,11 +71,6 @@ class AvatarSession(avatar.AvatarSession):  # type: ignore[misc, unused-ignore]
     **options
         Fields of :class:`fapengine.agents.face.AgentOptions`: ``head``, ``size``, ``frame_rate_hz``, ... Those of a
         remote face are options of the workers.
-
-    Raises
-    ------
-    UsageError
-        If a remote face has options, or a credential of LiveKit is missing.
     """
 
     def __init__(
@@ -121,10 +118,7 @@ class AvatarSession(avatar.AvatarSession):  # type: ignore[misc, unused-ignore]
     async def start(self, agent_session: voice.AgentSession, room: rtc.Room) -> None:
         """Begin to show the face in a room, and to receive the session's audio.
 
-        Raises
-        ------
-        ResourceError
-            If the face cannot be rendered, or no worker takes it.
+        Raises ResourceError if the face cannot be rendered, or no worker takes it.
         """
         await super().start(agent_session, room)
         if self._face is None:

@@ -50,18 +50,14 @@ async def work(url: str, token: str, options: AgentOptions) -> None:
     It reads ``lk.audio_stream``, answers its RPCs, and follows the agent's state and who speaks. It shows the
     expression of a transcription (``lk.expression``) that comes while it speaks; LiveKit sends it with the end of a
     segment, so before the audio has ended only with ``sync_transcription=False``. Its agent is the one that its token
-    names (``lk.publish_on_behalf``), else the first in the room.
+    names (``lk.publish_on_behalf``), else the first in the room. Raises ResourceError if the face cannot be rendered,
+    or the room cannot be joined.
 
     Parameters
     ----------
     url, token : str
         Address of the LiveKit server, and access token of the room.
     options : AgentOptions
-
-    Raises
-    ------
-    ResourceError
-        If the face cannot be rendered, or the room cannot be joined.
     """
     face, room = open_face(options), rtc.Room()
     left = asyncio.Event()

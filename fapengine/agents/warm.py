@@ -24,7 +24,8 @@ def prewarm(n: int = 1, **options: Any) -> None:
     """Start the processes of faces, and wait until they are ready; agents of this process take them.
 
     A face that was taken is replaced by another one. The first face of a head on a machine takes longer: heads are kept
-    in the cache (:mod:`fapengine.files.heads.built`).
+    in the cache (:mod:`fapengine.files.heads.built`). Raises UsageError if an option is wrong; ResourceError if nothing
+    can be rendered, or a process cannot be started.
 
     Parameters
     ----------
@@ -32,13 +33,6 @@ def prewarm(n: int = 1, **options: Any) -> None:
         Number of faces, 1 or more.
     **options
         Fields of :class:`fapengine.agents.face.AgentOptions`, the same as the agent's: ``head``, ``size``, ...
-
-    Raises
-    ------
-    UsageError
-        If an option is wrong.
-    ResourceError
-        If nothing can be rendered, or a process cannot be started.
     """
     if n < 1:
         raise UsageError(f"n: got {n}, expected 1 or more faces")

@@ -80,13 +80,7 @@ def application(visitors: "Bot", access: Access) -> web.Application:
 
 
 async def object_of(request: web.Request) -> dict[str, Any]:
-    """Return the JSON object of a request.
-
-    Raises
-    ------
-    HTTPBadRequest
-        If there is none.
-    """
+    """Return the JSON object of a request. Raises HTTPBadRequest if there is none."""
     try:
         given = json.loads(await request.read())
     except (ValueError, RecursionError) as error:

@@ -59,6 +59,9 @@ def takes_on_heads(
 ) -> tuple[float, list[FaceMesh], list[list[Pose]], list[str]]:
     """Apply takes to dense faces, side by side: at the highest rate, until the longest ends.
 
+    Raises UsageError if a take is not a marker recording, or a head has no modes; DataError if a take does not show the
+    face.
+
     Parameters
     ----------
     takes, heads : sequence
@@ -78,13 +81,6 @@ def takes_on_heads(
     rows : list of list of Pose
         By frame, then by mesh.
     notes : list of str
-
-    Raises
-    ------
-    UsageError
-        If a take is not a marker recording, or a head has no modes.
-    DataError
-        If a take does not show the face.
     """
     from fapengine.laboratory.dense_face import moved_by_modes, poses  # much of scipy, for takes alone
 

@@ -78,12 +78,7 @@ def crowd_size(drawing: RenderOptions, faces: int) -> tuple[int, int]:
 def open_crowd(meshes: Sequence[FaceMesh], drawing: RenderOptions) -> "CrowdRenderer | NativeCrowd":
     """Create the renderer for several faces; the size in ``drawing`` is that of one face.
 
-    Raises
-    ------
-    UsageError
-        If the image is too large.
-    ResourceError
-        If the renderer is not available.
+    Raises UsageError if the image is too large; ResourceError if the renderer is not available.
     """
     from fapengine.render.native import open_crowd_renderer
 

@@ -29,13 +29,7 @@ SHOWN, FAR = 8, 3.0
 
 
 def draw_faces(fitted: Fitted, adapted: FaceMesh | None = None) -> Mapping[str, Picture]:
-    """Draw the faces of a fit, by caption.
-
-    Raises
-    ------
-    ResourceError
-        If there is no renderer.
-    """
+    """Draw the faces of a fit, by caption. Raises ResourceError if there is no renderer."""
     pictures = {"The mean of all takes, and 3 standard deviations of each component to either side.": _sparse(fitted)}
     if fitted.dense is not None:
         head, dense = _dense(fitted.dense.face)

@@ -46,12 +46,7 @@ GAZE = {23: 25_000.0, 24: 25_000.0, 25: -10_000.0, 26: -10_000.0}
 def draw_check(mesh: FaceMesh, path: Path, *, title: str) -> int:
     """Draw every pose into a contact sheet (.png), and return how many there are.
 
-    Raises
-    ------
-    UsageError
-        If the name does not end with .png.
-    ResourceError
-        If it cannot be written, or there is no OpenGL.
+    Raises UsageError if the name does not end with .png; ResourceError if it cannot be written, or there is no OpenGL.
     """
     if path.suffix != ".png":
         raise UsageError(f"path: got {path}, expected a name that ends with .png")
@@ -78,10 +73,7 @@ class SelfTest:
 def draw_sheet(mesh: FaceMesh) -> Picture:
     """Draw a head at rest, on five phones, in a blink, in joy, and with its eyes aside.
 
-    Raises
-    ------
-    ResourceError
-        If there is no OpenGL.
+    Raises ResourceError if there is no OpenGL.
     """
     rows, labels = _tested()
     with open_renderer(mesh, RenderOptions(size=(PICTURE_PX, PICTURE_PX), samples=0, rest=0.0)) as renderer:
@@ -109,12 +101,8 @@ def self_test(mesh: FaceMesh) -> SelfTest:
 def check_avatar(path: Path, mapping: Path | None = None) -> SelfTest:
     """Measure the same on an avatar file that its own shapes move, by the weights that an animation of it gets.
 
-    A file without a face that can be found has no gaps, and no remarks. The last files are remembered.
-
-    Raises
-    ------
-    OSError, UsageError
-        If a file cannot be read.
+    A file without a face that can be found has no gaps, and no remarks. The last files are remembered. Raises OSError
+    or UsageError if a file cannot be read.
     """
     states = [file.stat() for file in (path, mapping) if file is not None]
     return _check_avatar(path, mapping, tuple((state.st_mtime_ns, state.st_size) for state in states))

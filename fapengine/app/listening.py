@@ -44,6 +44,8 @@ def write_listening_test(
 ) -> ListeningTest:
     """Write the page of a listening test into a folder, which any web server can show, or a browser from the disk.
 
+    Raises UsageError if the folders have no utterance in common, or the same name.
+
     Parameters
     ----------
     one, other : Path
@@ -56,11 +58,6 @@ def write_listening_test(
         Seed of the orders.
     on_film : callable
         Called after each film.
-
-    Raises
-    ------
-    UsageError
-        If the folders have no utterance in common, or the same name.
     """
     systems = one.name, other.name
     if systems[0] == systems[1]:
@@ -110,17 +107,13 @@ def _put(source: Path, target: Path, audio: Path | None) -> None:
 def analyse_answers(paths: Iterable[Path], *, seed: int = 1) -> Preference:
     """Analyse the answers of a listening test.
 
+    Raises UsageError if a file cannot be read; DataError if one is no such table, or the answers are not about two
+    systems.
+
     Parameters
     ----------
     paths : iterable of Path
         CSV files of the page, of one listener each or of several; folders of them.
-
-    Raises
-    ------
-    UsageError
-        If a file cannot be read.
-    DataError
-        If one is no such table, or the answers are not about two systems.
     """
     answers = []
     for path in paths:

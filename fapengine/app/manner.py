@@ -71,10 +71,7 @@ def expression_of(name: str | Expression) -> Expression:
 def parse_expression(text: str) -> tuple[Expression, float, str]:
     """Split ``"joy:0.4@word"`` into expression, strength (1 if not stated), and when (empty: all the time).
 
-    Raises
-    ------
-    UsageError
-        For an unknown expression, or a strength that is not a number.
+    Raises UsageError for an unknown expression, or a strength that is not a number.
 
     Examples
     --------
@@ -93,17 +90,14 @@ def parse_expression(text: str) -> tuple[Expression, float, str]:
 def moods_of(expressions: Expressions, phones: PhoneTrack) -> list[Mood]:
     """Turn expressions into moods with their times.
 
+    Raises UsageError for an invalid expression or strength, and a word that is not spoken.
+
     Parameters
     ----------
     expressions : mapping or sequence
         ``{"joy": 0.4}``, or ``["joy:0.4", "surprise@1.5-3", "anger@word"]``, or moods.
     phones : PhoneTrack
         Phones in which words are looked up.
-
-    Raises
-    ------
-    UsageError
-        For an invalid expression or strength, and a word that is not spoken.
     """
     if isinstance(expressions, Mapping):
         return [Mood(expression_of(name), strength) for name, strength in expressions.items()]

@@ -144,13 +144,7 @@ class OutputKind:
 
 
 def find_kind(path: Path) -> OutputKind:
-    """Find the kind of a file name.
-
-    Raises
-    ------
-    UsageError
-        If the ending is unknown, or the path has no file name.
-    """
+    """Find the kind of a file name. Raises UsageError if the ending is unknown, or the path has no file name."""
     if not path.name:
         raise UsageError(f"path: got {path}, expected the name of a file or folder")
     ending = FOLDER_PATTERN if is_sequence(path) else path.suffix
@@ -165,12 +159,8 @@ def find_kind(path: Path) -> OutputKind:
 def check_output(path: Path, options: SaveOptions, *, rate_hz: float) -> OutputKind:
     """Find the kind of a file name, and reject options that it does not support, before any work is done.
 
-    Raises
-    ------
-    UsageError
-        For an unknown ending, or an option that the file cannot have.
-    ResourceError
-        If a library for writing is not installed.
+    Raises UsageError for an unknown ending, or an option that the file cannot have; ResourceError if a library for
+    writing is not installed.
     """
     kind = find_kind(path)
     if options.encoding is not None and kind.write is not _write_stream:
@@ -203,12 +193,7 @@ def check_output(path: Path, options: SaveOptions, *, rate_hz: float) -> OutputK
 def write_output(track: FapTrack, path: Path, options: SaveOptions) -> None:
     """Check the options, and write the kind of file that the name asks for.
 
-    Raises
-    ------
-    UsageError
-        As :func:`check_output`.
-    ResourceError
-        If the file cannot be written, or there is no OpenGL.
+    Raises UsageError as :func:`check_output`; ResourceError if the file cannot be written, or there is no OpenGL.
     """
     kind = check_output(path, options, rate_hz=track.rate_hz)
     with provenance(options.provenance):

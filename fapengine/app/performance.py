@@ -161,10 +161,7 @@ def perform(
 ) -> Performance:
     """Plan the motion of a face that speaks these phones.
 
-    Raises
-    ------
-    UsageError
-        For an invalid profile, expression or rate.
+    Raises UsageError for an invalid profile, expression or rate.
     """
     profile = manner.profile if isinstance(manner.profile, Profile) else load_profile(manner.profile)
     doubts = (*remarks_on(phones), *sound_remarks(sound, phones))
@@ -465,6 +462,9 @@ def pronounced(
 ) -> PhoneTrack:
     """Pronounce a track of words within their times; a track of phones is returned unchanged.
 
+    Raises DataError if the voice was not chosen by the user, and it does not read the script of the words; UsageError
+    if there is no voice for ``language``.
+
     Parameters
     ----------
     phones : PhoneTrack
@@ -472,13 +472,6 @@ def pronounced(
         By default that of ``language``, else of the language that the file names, else American English.
     language : str, optional
         Language of the words, a code or an English name.
-
-    Raises
-    ------
-    DataError
-        If the voice was not chosen by the user, and it does not read the script of the words.
-    UsageError
-        If there is no voice for ``language``.
     """
     if not phones.spelled:
         return phones

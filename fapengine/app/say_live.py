@@ -47,6 +47,9 @@ def say_live(
 ) -> dict[str, object]:
     """Speak now, and return when the face is at rest.
 
+    Raises UsageError for an invalid profile, expression, sink or rate; ResourceError if a named sound device is
+    missing, or the screen cannot be opened.
+
     Parameters
     ----------
     speech : Speech
@@ -62,13 +65,6 @@ def say_live(
     -------
     dict
         Plain values: frames, device, distance of the face from its sound in ms.
-
-    Raises
-    ------
-    UsageError
-        For an invalid profile, expression, sink or rate.
-    ResourceError
-        If a named sound device is missing, or the screen cannot be opened.
     """
     moods = moods_of(manner.expressions, speech.phones)
     with open_face() as face, open_screen() as screen:
@@ -120,6 +116,9 @@ def listen_live(
 ) -> dict[str, object]:
     """Drive a face from a microphone until the viewer closes the screen, or presses Ctrl-C.
 
+    Raises UsageError for an invalid profile, expression, sink or rate; ResourceError if there is no microphone, no
+    recognizer, or the screen cannot be opened.
+
     Parameters
     ----------
     manner : Manner
@@ -136,13 +135,6 @@ def listen_live(
     -------
     dict
         Plain values: microphone, seconds of input, phones, frames.
-
-    Raises
-    ------
-    UsageError
-        For an invalid profile, expression, sink or rate.
-    ResourceError
-        If there is no microphone, no recognizer, or the screen cannot be opened.
     """
     if any(isinstance(entry, str) and "@" in entry for entry in manner.expressions):
         raise UsageError("expressions: cannot have times or words with a microphone")
@@ -183,6 +175,8 @@ def _listen(face: Face, hearing: Hearing, source: Microphone, screen: Screen, ti
 class WindowScreen:
     """A window that shows the face while it speaks. Stateful.
 
+    Raises ResourceError if there is no display.
+
     Parameters
     ----------
     head : str
@@ -191,11 +185,6 @@ class WindowScreen:
         Size and camera.
     rate_hz : float
         Frame rate to keep.
-
-    Raises
-    ------
-    ResourceError
-        If there is no display.
     """
 
     def __init__(self, head: str = DEFAULT_HEAD, *, drawing: RenderOptions, rate_hz: float) -> None:

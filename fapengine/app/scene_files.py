@@ -65,6 +65,9 @@ def _is_usd(path: Path) -> bool:
 def save_scene(path: Path, track: FapTrack, into: Into | None, *, shapes: str | None = None, name: str = "face") -> str:
     """Write an avatar with a motion inside, otherwise unchanged; or the motion as a VRM animation.
 
+    Raises UsageError if the avatar or its mapping cannot be read; DataError if they are invalid, or the avatar has
+    nothing that can be moved (``where`` is the file); ResourceError if it cannot be written.
+
     Parameters
     ----------
     path : Path
@@ -81,15 +84,6 @@ def save_scene(path: Path, track: FapTrack, into: Into | None, *, shapes: str | 
     -------
     str
         What moves, in words.
-
-    Raises
-    ------
-    UsageError
-        If the avatar or its mapping cannot be read.
-    DataError
-        If they are invalid, or the avatar has nothing that can be moved; ``where`` is the file.
-    ResourceError
-        If it cannot be written.
     """
     if into is None:
         chosen = shapes or PRESETS
@@ -136,6 +130,9 @@ VRM_RIG = Rig(True, mood_shapes)
 def export_head(name: str, path: Path, rig: str | None = None) -> None:
     """Write a head without a motion, as GLB, VRM 1.0 or USD by the ending of the name.
 
+    Raises UsageError, ProfileError as :func:`fapengine.files.heads.load.load_head` does, or for another ending or rig;
+    ResourceError if it cannot be written, or usd-core is not installed.
+
     Parameters
     ----------
     name : str
@@ -143,13 +140,6 @@ def export_head(name: str, path: Path, rig: str | None = None) -> None:
         Ends with .glb, .vrm, .usda, .usdc or .usd.
     rig : str, optional
         One of :data:`RIGS`, for a GLB; by default ``head``. A VRM always has Mixamo's joints.
-
-    Raises
-    ------
-    UsageError, ProfileError
-        As :func:`fapengine.files.heads.load.load_head` does, or for another ending or rig.
-    ResourceError
-        If it cannot be written, or usd-core is not installed.
     """
     ending = path.suffix.lower()
     if ending not in (".glb", ".vrm", *USD):
@@ -170,10 +160,7 @@ def export_head(name: str, path: Path, rig: str | None = None) -> None:
 def exported_head(name: str, rig: Rig = RIGS["head"], *, vrm: str = "") -> bytes:
     """Return a head as GLB; with a name in ``vrm`` and :data:`VRM_RIG`, as VRM.
 
-    Raises
-    ------
-    UsageError, ProfileError
-        As :func:`fapengine.files.heads.load.load_head` does.
+    Raises UsageError, ProfileError as :func:`fapengine.files.heads.load.load_head` does.
     """
     info, (mesh, modes_rig) = load_head_info(name), load_head_and_modes(name)
     modes = None if modes_rig is None else dict(zip(modes_rig.names, modes_rig.modes_mm, strict=True))
@@ -183,6 +170,9 @@ def exported_head(name: str, rig: Rig = RIGS["head"], *, vrm: str = "") -> bytes
 
 def save_take_scene(path: Path, take: Path, into: Into | None) -> str:
     """Write a dense face with a recorded take inside, as weights of its modes and motion of its head.
+
+    Raises UsageError if there is no such head, or the name has another ending; DataError if the recording does not show
+    this face (``where`` is the file); ResourceError if it cannot be written.
 
     Parameters
     ----------
@@ -197,15 +187,6 @@ def save_take_scene(path: Path, take: Path, into: Into | None) -> str:
     -------
     str
         How long it is and what moves, in words.
-
-    Raises
-    ------
-    UsageError
-        If there is no such head, or the name has another ending.
-    DataError
-        If the recording does not show this face; ``where`` is the file.
-    ResourceError
-        If it cannot be written.
     """
     if into is None or path.suffix.lower() != ".glb" or into.is_foreign:
         raise UsageError(

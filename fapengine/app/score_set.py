@@ -48,6 +48,9 @@ def _is_table(path: Path) -> bool:
 def jobs_of(made: Sequence[Path], options: ScoreJob) -> list[ScoreJob]:
     """List the recordings of a set.
 
+    Raises UsageError if there is no recording, or its file in a folder is missing or ambiguous; DataError if the table
+    is wrong, or a file that it names is missing (``where`` is its line).
+
     Parameters
     ----------
     made : sequence of Path
@@ -56,13 +59,6 @@ def jobs_of(made: Sequence[Path], options: ScoreJob) -> list[ScoreJob]:
     options : ScoreJob
         What holds for all. Where ``against``, ``phones``, ``audio``, ``text`` or ``neutral`` is a folder, each
         recording has the file of its name there.
-
-    Raises
-    ------
-    UsageError
-        If there is no recording, or its file in a folder is missing or ambiguous.
-    DataError
-        If the table is wrong, or a file that it names is missing; ``where`` is its line.
     """
     if len(made) == 1 and _is_table(made[0]):
         with naming(made[0]):
@@ -201,10 +197,7 @@ def summarize(results: Sequence[Scored]) -> Summary:
 def measures_of(results: Sequence[Scored]) -> Sequence[Measure[Any]]:
     """Return the measures of a set, without ``lead``, the negative of ``lag``.
 
-    Raises
-    ------
-    UsageError
-        If it mixes meshes and other recordings.
+    Raises UsageError if it mixes meshes and other recordings.
     """
     kinds = {isinstance(result.score, VertexErrors) for result in results if result.score is not None}
     if len(kinds) > 1:

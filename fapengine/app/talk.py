@@ -54,6 +54,8 @@ def _companions(path: Path, kind: OutputKind, *, sound: bool, inputs: Collection
 def write_talk(performance: Performance, path: Path, options: SaveOptions, *, inputs: Collection[Path] = ()) -> None:
     """Write every file, and fill in the report of the options.
 
+    Raises UsageError if an option is not supported; ResourceError if a file cannot be written, or there is no OpenGL.
+
     Parameters
     ----------
     performance : Performance
@@ -63,13 +65,6 @@ def write_talk(performance: Performance, path: Path, options: SaveOptions, *, in
         Its ``recording`` is the file that the sound came from, if any.
     inputs : collection of Path
         The user's own files: a recording where the sound would be written stays as it is.
-
-    Raises
-    ------
-    UsageError
-        If an option is not supported.
-    ResourceError
-        If a file cannot be written, or there is no OpenGL.
     """
     kind, report, track = find_kind(path), options.report, performance.track
     spoken = performance.phones

@@ -71,6 +71,8 @@ def run_window(
 ) -> dict[str, object]:
     """Show a source until the window is closed.
 
+    Raises ResourceError if there is no display, or nothing was ever shown; UsageError if the window is too small.
+
     Parameters
     ----------
     head : FaceMesh
@@ -90,13 +92,6 @@ def run_window(
     -------
     dict
         Plain values: frames, frames that came too late, seconds, rate, median time to draw a frame at the end.
-
-    Raises
-    ------
-    ResourceError
-        If there is no display, or nothing was ever shown.
-    UsageError
-        If the window is too small.
     """
     with FaceWindow(head, drawing, coarser=coarser, hold_hz=rate_hz) as window:
         source = open_source()
@@ -373,14 +368,8 @@ class ServerSource(Source):
 def open_file(path: Path, audio: Path | None = None, *, device: str | None = None, silent: bool = False) -> TrackSource:
     """Open a file of face motion, and its sound.
 
-    Raises
-    ------
-    UsageError
-        If a file cannot be read.
-    DataError
-        If a file's content is wrong, or there is no frame.
-    ResourceError
-        If a sound device that was named is not there.
+    Raises UsageError if a file cannot be read; DataError if a file's content is wrong, or there is no frame;
+    ResourceError if a sound device that was named is not there.
     """
     track = load_motion(path)
     if not len(track):
@@ -404,6 +393,8 @@ def open_url(
 ) -> Source:
     """Connect to a server (``http://HOST:PORT/``), or listen for frames (``osc://HOST:PORT``).
 
+    Raises UsageError if the URL cannot be read; ResourceError if the port is taken.
+
     Parameters
     ----------
     url : str
@@ -417,13 +408,6 @@ def open_url(
         Where a server's sound is played.
     silent : bool
         Play no sound.
-
-    Raises
-    ------
-    UsageError
-        If the URL cannot be read.
-    ResourceError
-        If the port is taken.
     """
     if not url.startswith("osc://"):
         link = WebSocketViewer(url, session=session, plays=not silent)

@@ -181,6 +181,9 @@ def watch_live(
 ) -> dict[str, object]:
     """Drive a face from a camera until the viewer closes the screen or presses Ctrl-C, or the video ends.
 
+    Raises UsageError if the source is not a camera or a video, or for an invalid sink or rate; DataError if the video
+    is damaged; ResourceError if there is no camera, no detector or no server, or the screen cannot be opened.
+
     Parameters
     ----------
     source : str
@@ -206,15 +209,6 @@ def watch_live(
     -------
     dict
         Plain values: shown frames, processed images, latency.
-
-    Raises
-    ------
-    UsageError
-        If the source is not a camera or a video, or for an invalid sink or rate.
-    DataError
-        If the video is damaged.
-    ResourceError
-        If there is no camera, no detector or no server, or the screen cannot be opened.
     """
     pictures = _pictures(source, clock, sleep)
     rows: list[NDArray[np.int32]] | None = None if output is None else []
@@ -280,12 +274,7 @@ def _run(
 def _linked(url: str, clock: Callable[[], float]) -> "WebSocketViewer":
     """Connect to a session of a server, without its frames.
 
-    Raises
-    ------
-    UsageError
-        If the URL is invalid.
-    ResourceError
-        If the server does not answer, or aiohttp is missing.
+    Raises UsageError if the URL is invalid; ResourceError if the server does not answer, or aiohttp is missing.
     """
     from fapengine.clients.websocket_viewer import WebSocketViewer
 

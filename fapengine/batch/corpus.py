@@ -94,6 +94,8 @@ def rows_of_pattern(
 ) -> tuple[Row, ...]:  # fmt: skip
     """Make a row of each file (a recording or timings), or for profiles of each folder; its stem is the id.
 
+    Raises UsageError if two files have one stem; DataError if transcripts are missing.
+
     Parameters
     ----------
     paths : list of Path
@@ -101,13 +103,6 @@ def rows_of_pattern(
         Transcript of each recording; ``{stem}`` is replaced by its stem.
     bad : dict of str to str, optional
         As of :func:`parse_manifest`.
-
-    Raises
-    ------
-    UsageError
-        If two files have one stem.
-    DataError
-        If transcripts are missing.
     """
     from fapengine.app.hearing import is_sound, read_text
 
@@ -231,17 +226,13 @@ class Corpus:
     def rows(self, bad: dict[str, str] | None = None) -> tuple[Row, ...]:
         """Read the manifest, or find the files.
 
+        Raises UsageError if it cannot be read, or no file is found; DataError if rows are invalid, unless they are left
+        out (the message lists all of them).
+
         Parameters
         ----------
         bad : dict of str to str, optional
             Gets the error of each row that is left out, by its line.
-
-        Raises
-        ------
-        UsageError
-            If it cannot be read, or no file is found.
-        DataError
-            If rows are invalid, unless they are left out; the message lists all of them.
         """
         left_out = (bad if bad is not None else {}) if self.skip_bad else None
         if self.kind not in KINDS:
@@ -280,15 +271,7 @@ def keep(folder: Path, corpus: Corpus) -> None:
 
 
 def load_corpus(folder: Path) -> Corpus:
-    """Read the record of a run.
-
-    Raises
-    ------
-    UsageError
-        If the folder contains no run.
-    DataError
-        If the record is damaged.
-    """
+    """Read the record of a run. Raises UsageError if the folder contains no run; DataError if the record is damaged."""
     path = folder / RECORD
     if not path.is_file():
         raise UsageError(f"manifest: got {folder}, expected the folder of a run, with {RECORD}")
@@ -313,10 +296,7 @@ class State:
 def state_of(folder: Path, *, verify: bool = False) -> State:
     """Return the progress of a run according to its journals; ``verify`` checks every file and every input.
 
-    Raises
-    ------
-    UsageError, DataError
-        As :func:`load_corpus` and :meth:`Corpus.rows` do.
+    Raises UsageError, DataError as :func:`load_corpus` and :meth:`Corpus.rows` do.
     """
     corpus, digests = load_corpus(folder), Digests()
     rows, known = corpus.rows(), load_journals(folder)

@@ -81,12 +81,7 @@ def load_journals(folder: Path) -> dict[str, Done]:
 class Journal:
     """A journal open for appending; an incomplete last line is removed first.
 
-    Stateful.
-
-    Raises
-    ------
-    ResourceError
-        If it cannot be written.
+    Stateful. Raises ResourceError if it cannot be written.
     """
 
     def __init__(self, path: Path) -> None:

@@ -108,10 +108,7 @@ def run(
 ) -> dict[str, Done]:
     """Process the remaining rows, and return the results of all rows by id.
 
-    Raises
-    ------
-    ResourceError
-        If the journal cannot be written, or no worker can be started.
+    Raises ResourceError if the journal cannot be written, or no worker can be started.
     """
     done = dict(plan.done)
     with Journal(journal) as book:
@@ -182,10 +179,7 @@ def main(parent: Parent) -> None:
 def on_dask(address: str) -> Engine:
     """Make an engine of a Dask scheduler's workers.
 
-    Raises
-    ------
-    ResourceError
-        If distributed is not installed, or no scheduler answers at the address.
+    Raises ResourceError if distributed is not installed, or no scheduler answers at the address.
     """
     distributed = needed("distributed", "distributed", "scheduler")
 

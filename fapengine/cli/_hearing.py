@@ -73,10 +73,7 @@ class RecognitionOptions:
     def channels(self, path: Path | None, output: Path) -> list[tuple[int | None, Path]]:
         """List the channels to read, and the output of each; None is the mean of all.
 
-        Raises
-        ------
-        UsageError
-            If it is not a number, or ``each`` is combined with one transcript.
+        Raises UsageError if it is not a number, or ``each`` is combined with one transcript.
         """
         from fapengine.errors import UsageError
         from fapengine.files.sound import inspect_sound
@@ -99,10 +96,7 @@ class RecognitionOptions:
     def value(self) -> "Recognition":
         """Return the recognition that the options describe, of the mean of all channels.
 
-        Raises
-        ------
-        UsageError
-            If there are two transcripts, or the file cannot be read.
+        Raises UsageError if there are two transcripts, or the file cannot be read.
         """
         from fapengine.app.hearing import Recognition, read_text
         from fapengine.errors import UsageError

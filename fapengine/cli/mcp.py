@@ -201,13 +201,7 @@ class _Tools:
 
 
 def make_server(folder: Path, voice: str = speaking.DEFAULT_VOICE) -> "mcpserver.MCPServer[Any]":
-    """Return a server whose files are in a folder.
-
-    Raises
-    ------
-    ResourceError
-        If the package mcp is not installed.
-    """
+    """Return a server whose files are in a folder. Raises ResourceError if the package mcp is not installed."""
     server: mcpserver.MCPServer[Any] = mcpserver.MCPServer("fapengine", instructions=INSTRUCTIONS)
     tools = _Tools(folder, voice)
     for tool in (tools.say, tools.animate, tools.convert, tools.score, tools.inspect):

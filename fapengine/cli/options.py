@@ -155,12 +155,7 @@ class DrawingOptions:
     def value(self, *, wire: bool = False) -> "RenderOptions":
         """Return the drawing that the options describe.
 
-        Raises
-        ------
-        UsageError
-            If one is out of range or unknown.
-        DataError
-            If the background file is not an image.
+        Raises UsageError if one is out of range or unknown; DataError if the background file is not an image.
         """
         from fapengine.files.pictures import load_picture
         from fapengine.render.drawing import RenderOptions
@@ -186,6 +181,8 @@ class WriteOptions:
     ) -> None:
         """Check the output names; when the command has finished, report which files were replaced.
 
+        Raises UsageError, ResourceError as :func:`fapengine.files.outputs.check_outputs` and ``refuse_foreign`` do.
+
         Parameters
         ----------
         outputs : iterable of Path
@@ -193,11 +190,6 @@ class WriteOptions:
             Files and folders that are read; None, and names of other things, are ignored.
         beside : iterable of Path
             Further outputs, which the user did not name: existing ones are replaced only if fapengine wrote them.
-
-        Raises
-        ------
-        UsageError, ResourceError
-            As :func:`fapengine.files.outputs.check_outputs` and ``refuse_foreign`` do.
         """
         from fapengine.cli._command import running
         from fapengine.files.outputs import check_outputs, listed, marks_of, refuse_foreign
@@ -269,10 +261,7 @@ class AvatarOptions:
     def value(self) -> "Into | None":
         """Return the avatar and its options; None without an avatar.
 
-        Raises
-        ------
-        UsageError
-            If there are options for an avatar but no avatar.
+        Raises UsageError if there are options for an avatar but no avatar.
         """
         from fapengine.errors import UsageError
 

@@ -50,15 +50,12 @@ class Pipe:
 class Datagrams(Pipe):
     """A UDP socket for one address. Stateful.
 
+    Raises ResourceError if the host is unknown.
+
     Parameters
     ----------
     host : str
     port : int
-
-    Raises
-    ------
-    ResourceError
-        If the host is unknown.
     """
 
     def __init__(self, host: str, port: int) -> None:
@@ -95,19 +92,14 @@ class Datagrams(Pipe):
 class Stream(Pipe):
     """A TCP connection. Stateful.
 
+    Raises ResourceError if no program listens there; UsageError for another framing.
+
     Parameters
     ----------
     host : str
     port : int
     framing : ``"slip"`` or ``"length"``
         How packets are separated: SLIP (OSC 1.1), or lengths before them (OSC 1.0).
-
-    Raises
-    ------
-    ResourceError
-        If no program listens there.
-    UsageError
-        For another framing.
     """
 
     def __init__(self, host: str, port: int, framing: TcpFraming) -> None:

@@ -41,7 +41,7 @@ class ViewerCounts:
 class OscViewer:
     """Receiver of ``/fap/1/frame`` on a UDP port. Close it.
 
-    Stateful.
+    Stateful. Raises ResourceError if the port is taken.
 
     Parameters
     ----------
@@ -51,11 +51,6 @@ class OscViewer:
         Session of the frames; by default that of the first frame.
     clock : callable
         The monotonic clock.
-
-    Raises
-    ------
-    ResourceError
-        If the port is taken.
     """
 
     def __init__(

@@ -56,10 +56,7 @@ class AnnouncedSound:
 def web_socket_of(url: str, session: str | None = None) -> str:
     """Return the address of the WebSocket, given that of a server's page.
 
-    Raises
-    ------
-    UsageError
-        If it is not such an address.
+    Raises UsageError if it is not such an address.
 
     Examples
     --------
@@ -82,7 +79,7 @@ def web_socket_of(url: str, session: str | None = None) -> str:
 class WebSocketViewer:
     """A session of ``fapengine serve``, reconnected whenever the connection breaks. Close it.
 
-    Stateful.
+    Stateful. Raises UsageError if the address is invalid; ResourceError if aiohttp is missing.
 
     Parameters
     ----------
@@ -94,13 +91,6 @@ class WebSocketViewer:
         Whether the caller plays the sounds and reports their positions (:class:`ViewerSound`): the face waits for that.
     clock : callable
         The monotonic clock.
-
-    Raises
-    ------
-    UsageError
-        If the address is invalid.
-    ResourceError
-        If aiohttp is missing.
     """
 
     def __init__(
@@ -315,10 +305,7 @@ class WebSocketViewer:
 async def _body(answer: Any) -> bytes:
     """Read an answer to its end; aiohttp's ``read(n)`` may return less.
 
-    Raises
-    ------
-    DataError
-        If it is longer than :data:`MAX_SOUND`.
+    Raises DataError if it is longer than :data:`MAX_SOUND`.
     """
     data = bytearray()
     async for piece in answer.content.iter_any():
@@ -331,10 +318,7 @@ async def _body(answer: Any) -> bytes:
 def parse_wav(data: bytes) -> tuple[NDArray[np.int16], int]:
     """Decode a WAV of 16 bits: samples (N,) of the first channel, and the rate in Hz.
 
-    Raises
-    ------
-    DataError
-        If it is not one.
+    Raises DataError if it is not one.
     """
     try:
         with wave.open(io.BytesIO(data), "rb") as sound:

@@ -58,13 +58,7 @@ class FieldSpec:
         return value
 
     def from_osc(self, value: Any) -> Any:
-        """Convert from the OSC argument.
-
-        Raises
-        ------
-        DataError
-            If the value has no meaning.
-        """
+        """Convert from the OSC argument. Raises DataError if the value has no meaning."""
         return value
 
     def to_json(self, value: Any) -> Any:
@@ -76,13 +70,7 @@ class FieldSpec:
         return value
 
     def checked(self, value: Any) -> Any:
-        """Return a Python value that is in range.
-
-        Raises
-        ------
-        UsageError
-            If it does not.
-        """
+        """Return a Python value within its range. Raises UsageError for one that is out of range."""
         if not self.low <= value <= self.high:
             name = self.json or self.osc or "value"
             raise UsageError(f"{name}: got {value}, expected {self.low:g} to {self.high:g}")

@@ -236,13 +236,7 @@ def without_neutral(command: Command) -> tuple[Command, ...]:
 
 
 def expression_named(name: str) -> Expression:
-    """Find an expression by one of its names.
-
-    Raises
-    ------
-    DataError
-        If there is no such expression.
-    """
+    """Find an expression by one of its names. Raises DataError if there is no such expression."""
     expression: Expression = _EXPRESSION.from_osc(name)
     return expression
 

@@ -124,11 +124,8 @@ class Engine:
     def open(self, session: str, now_s: float) -> None:
         """Begin a session: a face at rest.
 
-        Raises
-        ------
-        UsageError
-            If the limit is reached, there is no time for one more, it is open already, or its name cannot be sent on
-            every wire: ``Limits.name_bytes`` of UTF-8 at most, printable.
+        Raises UsageError if the limit is reached, there is no time for one more, it is open already, or its name cannot
+        be sent on every wire: ``Limits.name_bytes`` of UTF-8 at most, printable.
         """
         if session in self._by_name:
             raise UsageError(f"session: got {session!r}, which is open already")
@@ -158,13 +155,7 @@ class Engine:
             listener()
 
     def close(self, session: str, now_s: float) -> None:
-        """End a session, and cancel what it was saying.
-
-        Raises
-        ------
-        UsageError
-            If it is not open.
-        """
+        """End a session, and cancel what it was saying. Raises UsageError if it is not open."""
         self._session(session).cancel(Cancel(), max(now_s, self._shown_s))
         self._remove(session)
 
@@ -183,25 +174,19 @@ class Engine:
     def rest(self, session: str, at_s: float, now_s: float) -> None:
         """End a session's gestures by a time, as those of a file end; none follows.
 
-        Raises
-        ------
-        UsageError
-            If the session is not open.
+        Raises UsageError if the session is not open.
         """
         self._gestures.end(self._batch.row(self._session(session).number), at_s, max(now_s, self._shown_s))
 
     def apply(self, session: str, command: Command, now_s: float) -> str:
         """Apply a command to a session. One that is out of range or cannot be used is counted (:meth:`counters`).
 
+        Raises UsageError if the session is not open.
+
         Returns
         -------
         str
             Why it was refused; empty if it was not.
-
-        Raises
-        ------
-        UsageError
-            If the session is not open.
         """
         target = self._session(session)
         target.wake_s = -inf
@@ -219,15 +204,12 @@ class Engine:
     def frame(self, now_s: float) -> EngineFrame:
         """Make one frame of every session. A session that fails is ended (:meth:`faults`); the others continue.
 
+        Raises UsageError if time goes back, or is not finite.
+
         Parameters
         ----------
         now_s : float
             Engine time, not earlier than that of the last frame.
-
-        Raises
-        ------
-        UsageError
-            If time goes back, or is not finite.
         """
         if not self._shown_s <= now_s < inf:
             raise UsageError(f"time_s: got {now_s:g} s, expected rising times from {self._shown_s:g} s")
@@ -318,13 +300,7 @@ class Engine:
                 listener(event)
 
     def counters(self, session: str) -> Counters:
-        """Return the counters of a session.
-
-        Raises
-        ------
-        UsageError
-            If it is not open.
-        """
+        """Return the counters of a session. Raises UsageError if it is not open."""
         return self._session(session).report()
 
     def totals(self) -> Counters:
@@ -332,33 +308,15 @@ class Engine:
         return self._closed.plus(*(session.report() for session in self._rows))
 
     def state(self, session: str) -> State:
-        """Return the state of a session.
-
-        Raises
-        ------
-        UsageError
-            If it is not open.
-        """
+        """Return the state of a session. Raises UsageError if it is not open."""
         return self._session(session).state
 
     def utterance(self, session: str, number: int) -> Utterance | None:
-        """Find an utterance that has not finished.
-
-        Raises
-        ------
-        UsageError
-            If the session is not open.
-        """
+        """Find an utterance that has not finished. Raises UsageError if the session is not open."""
         return self._session(session).find(number)
 
     def style(self, session: str) -> Style:
-        """Return the style of a session.
-
-        Raises
-        ------
-        UsageError
-            If it is not open.
-        """
+        """Return the style of a session. Raises UsageError if it is not open."""
         return self._session(session).style
 
     def _session(self, session: str) -> Session:

@@ -143,13 +143,7 @@ class BatchGestures:
         self._due_s, self._begun_s, self._waves = self._due_s[:-1], self._begun_s[:-1], self._waves[..., :-1]
 
     def make(self, row: int, command: Command, now_s: float) -> None:
-        """Make a gesture, or show an expression.
-
-        Raises
-        ------
-        UsageError
-            If the profile does not have the expression.
-        """
+        """Make a gesture, or show an expression. Raises UsageError if the profile does not have the expression."""
         at_s = now_s
         if isinstance(command, Express):
             if command.expression not in self._expressions:

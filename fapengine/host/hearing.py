@@ -151,6 +151,8 @@ class Hearing:
     ) -> None:
         """Add audio of an utterance; another utterance ends the one before.
 
+        Raises ResourceError if no recognizer is free.
+
         Parameters
         ----------
         session : str
@@ -166,11 +168,6 @@ class Hearing:
             Whether the engine knows when it begins; otherwise it begins :data:`DELAY_S` from now.
         is_last : bool
             Whether no more audio of it follows.
-
-        Raises
-        ------
-        ResourceError
-            If no recognizer is free.
         """
         one = self._session(session, len(samples) / rate_hz)
         if one.is_endless or one.utterance is None or one.utterance.number != utterance:
@@ -197,12 +194,8 @@ class Hearing:
     def listen(self, session: str, samples: NDArray[np.int16], rate_hz: int, *, source: Hashable = None) -> bool:
         """Add the next audio of a microphone, (N,) int16, as it comes; False if it was refused.
 
-        It is refused if too much waits, or while another source, or an utterance with audio, has the recognizer.
-
-        Raises
-        ------
-        ResourceError
-            If no recognizer is free.
+        It is refused if too much waits, or while another source, or an utterance with audio, has the recognizer. Raises
+        ResourceError if no recognizer is free.
         """
         before = self._sessions.get(session)
         if before is not None and not before.ends and before.rate_hz:

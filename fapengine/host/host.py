@@ -65,23 +65,14 @@ class Host:
     # Speech ----------------------------------------------------------------------------------------------------------
 
     def apply(self, command: Command, now_s: float) -> None:
-        """Apply a command now.
-
-        Raises
-        ------
-        UsageError
-            If the session is not open.
-        """
+        """Apply a command now. Raises UsageError if the session is not open."""
         for each in without_neutral(command):
             self.engine.apply(self.session, each, now_s)
 
     def begin(self, number: int, now_s: float, *, anchor: Anchor = "now", at_s: float = 0.0) -> None:
         """Begin an utterance, for an ``anchor`` of ``"at"`` at an engine time.
 
-        Raises
-        ------
-        UsageError
-            If the session is not open, or has too many utterances.
+        Raises UsageError if the session is not open, or has too many utterances.
         """
         self.engine.apply(self.session, Begin(number, anchor, at_s), now_s)
         if self.engine.utterance(self.session, number) is None:
@@ -91,6 +82,9 @@ class Host:
         self, number: int, phones: Sequence[Phone], now_s: float, *, is_last: bool = True, duration_s: float = 0.0
     ) -> None:
         """Add phones to an utterance; nothing happens if it has finished.
+
+        Raises UsageError if the session is not open, the utterance was ended, the phones are before those that came, or
+        more of them would wait than may.
 
         Parameters
         ----------
@@ -102,12 +96,6 @@ class Host:
             Whether no phone follows.
         duration_s : float
             With the last phones: the utterance's length, if longer than its phones.
-
-        Raises
-        ------
-        UsageError
-            If the session is not open, the utterance was ended, the phones are before those that came, or more of them
-            would wait than may.
         """
         utterance = self.engine.utterance(self.session, number)
         if utterance is None:
@@ -131,10 +119,7 @@ class Host:
     def say(self, number: int, speech: Speech, anchor: Anchor, now_s: float) -> None:
         """Say what a voice spoke, with its inline cues.
 
-        Raises
-        ------
-        UsageError
-            If the session is not open, or has too many utterances.
+        Raises UsageError if the session is not open, or has too many utterances.
         """
         self.begin(number, now_s, anchor=anchor)
         self.phones(number, speech.phones.phones, now_s, duration_s=speech.duration_s)
@@ -198,10 +183,7 @@ class Host:
     def pin(self, number: int, value: int | None) -> None:
         """Hold FAP ``number`` at a value in FAPU, whatever the engine shows; None releases it.
 
-        Raises
-        ------
-        UsageError
-            If the session is not open, or there is no such FAP.
+        Raises UsageError if the session is not open, or there is no such FAP.
         """
         self._check_open()
         column = fap.column(number)
@@ -214,11 +196,7 @@ class Host:
         """Move the face by FAPs from outside, such as a camera's: FAP number to FAPU, in place of the engine's.
 
         They last until the next call; when none comes for :data:`PERFORMED_S`, they fade within :data:`LET_GO_S`.
-
-        Raises
-        ------
-        UsageError
-            If the session is not open, or there is no such FAP.
+        Raises UsageError if the session is not open, or there is no such FAP.
         """
         self._check_open()
         columns = fap.columns(*values)

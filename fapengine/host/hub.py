@@ -54,12 +54,7 @@ class FramePacer:
 
     A frame whose successor is due already is skipped.
 
-    Stateful.
-
-    Raises
-    ------
-    UsageError
-        If the rate is not in 1..1000.
+    Stateful. Raises UsageError if the rate is not in 1..1000.
 
     Examples
     --------
@@ -170,13 +165,7 @@ class Hub:
         self._holders.clear()
 
     def apply(self, session: str, command: Command) -> None:
-        """Apply a command to a session now.
-
-        Raises
-        ------
-        UsageError
-            If the session is not open.
-        """
+        """Apply a command to a session now. Raises UsageError if the session is not open."""
         self.engine.apply(session, command, self.clock())
 
     def new_number(self) -> int:
@@ -192,6 +181,8 @@ class Hub:
     def say(self, session: str, speech: Speech, *, text: str = "", anchor: Anchor | None = None) -> Spoken:
         """Say what a voice spoke; the audio goes to its listeners.
 
+        Raises UsageError if the session is not open, or has too many utterances.
+
         Parameters
         ----------
         session : str
@@ -202,11 +193,6 @@ class Hub:
             Text for listeners that show it.
         anchor : Anchor, optional
             When the face begins; by default with the audio if a listener plays it, else now or after the queue.
-
-        Raises
-        ------
-        UsageError
-            If the session is not open, or has too many utterances.
         """
         if anchor is None:
             anchor = "audio" if self.listeners.plays(session) else "now"
@@ -226,13 +212,8 @@ class Hub:
     ) -> Spoken | None:
         """Speak a text, in turn with other sessions; then the session says it, unless it was cancelled.
 
-        Raises
-        ------
-        UsageError
-            If the session is not open or has too many texts waiting, the text is empty or too long, in characters or in
-            seconds, or the voice is unknown.
-        ResourceError
-            If the voice is not installed.
+        Raises UsageError if the session is not open or has too many texts waiting, the text is empty or too long, in
+        characters or in seconds, or the voice is unknown; ResourceError if the voice is not installed.
         """
         if len(text) > MAX_TEXT:
             raise UsageError(f"text: must have at most {MAX_TEXT} characters, got {len(text)}")
@@ -258,6 +239,9 @@ class Hub:
     ) -> int | None:
         """Say words with known times, as a TTS reports them; their audio is played elsewhere.
 
+        Raises UsageError if the session is not open or its queue is full, the times are out of order, or the voice is
+        unknown; ResourceError if the voice is not installed.
+
         Parameters
         ----------
         session : str
@@ -281,13 +265,6 @@ class Hub:
         -------
         int or None
             Number of the utterance; None if it has finished, or was cancelled in the meantime.
-
-        Raises
-        ------
-        UsageError
-            If the session is not open or its queue is full, the times are out of order, or the voice is unknown.
-        ResourceError
-            If the voice is not installed.
         """
         host = self.host(session)
         if utterance is not None:

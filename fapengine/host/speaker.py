@@ -41,12 +41,8 @@ class PieceVoice(Protocol):
     async def speak(self, text: str, choice: VoiceChoice, most_s: float) -> Speech:
         """Speak a piece.
 
-        Raises
-        ------
-        UsageError
-            If there is nothing to speak, or its audio exceeds ``most_s`` seconds.
-        ResourceError
-            If the voice is not installed, or was ended.
+        Raises UsageError if there is nothing to speak, or its audio exceeds ``most_s`` seconds; ResourceError if the
+        voice is not installed, or was ended.
         """
 
     def close(self) -> None:
@@ -116,12 +112,8 @@ class Speaker:
     async def speak(self, session: str, text: str, choice: VoiceChoice) -> Speech | None:
         """Speak a text; None if it was cancelled in the meantime.
 
-        Raises
-        ------
-        UsageError
-            If it is empty or too long, or the session has too many texts waiting.
-        ResourceError
-            If the voice is not installed, or was ended.
+        Raises UsageError if it is empty or too long, or the session has too many texts waiting; ResourceError if the
+        voice is not installed, or was ended.
         """
         line = self._lines.setdefault(session, _Line())
         if line.texts >= MAX_TEXTS:
@@ -141,12 +133,8 @@ class Speaker:
     async def pronounce(self, session: str, words: Words, voice: str) -> list[Phone] | None:
         """Pronounce words in a language; None if it was cancelled in the meantime.
 
-        Raises
-        ------
-        UsageError
-            If the times are out of order, or the voice is unknown.
-        ResourceError
-            If the voice is not installed.
+        Raises UsageError if the times are out of order, or the voice is unknown; ResourceError if the voice is not
+        installed.
         """
         asked = Asked(session)
         self._asked.append(asked)

@@ -183,17 +183,14 @@ class StreamHost(Host, GestureMethods):
     def push(self, samples: ArrayLike, rate_hz: int) -> None:
         """Add audio to the current utterance, or begin a new one.
 
+        Raises UsageError if the samples have another form, or the rate is out of range.
+
         Parameters
         ----------
         samples : (N,) or (N, channels) array_like
             int16, or float in -1..1. Channels are averaged.
         rate_hz : int
             Samples per second.
-
-        Raises
-        ------
-        UsageError
-            If the samples have another form, or the rate is out of range.
         """
         if not 4_000 <= rate_hz <= 192_000:
             raise UsageError(f"rate_hz: got {rate_hz}, expected 4000 to 192000")
@@ -267,15 +264,12 @@ class StreamHost(Host, GestureMethods):
     def next(self, dt_s: float) -> StreamFrame:
         """Show the next frame.
 
+        Raises UsageError if there is no such time.
+
         Parameters
         ----------
         dt_s : float
             Time for which it is shown, 0.001..1 s.
-
-        Raises
-        ------
-        UsageError
-            If there is no such time.
         """
         if not 1e-3 <= dt_s <= 1.0:
             raise UsageError(f"dt_s: got {dt_s:g} s, expected 0.001 to 1")

@@ -121,6 +121,8 @@ def edit(
 ) -> Array:
     """Scale or delay single driving markers, as experiments on perception do.
 
+    Raises UsageError if a marker does not drive the face.
+
     Parameters
     ----------
     driving_mm : (T, k, 3) mm
@@ -131,11 +133,6 @@ def edit(
         Factor of a marker's displacement; 0 removes its motion.
     delay_s : mapping of str to float, optional
         A marker repeats its motion so much later, negative: earlier; its first or last position fills the rest.
-
-    Raises
-    ------
-    UsageError
-        If a marker does not drive the face.
     """
     edited, frames = driving_mm.copy(), np.arange(len(driving_mm), dtype=np.float64)
     for option, values in (("scale", scale or {}), ("delay", delay_s or {})):

@@ -55,10 +55,7 @@ class Likeness:
 def likeness_of(mouth: Mouth, truth: Mouth) -> Likeness:
     """Compare a mouth with a reference.
 
-    Raises
-    ------
-    DataError
-        If the reference has no frame while the mouth is recorded.
+    Raises DataError if the reference has no frame while the mouth is recorded.
 
     Notes
     -----

@@ -213,10 +213,7 @@ class Preference:
 def parse_answers(data: bytes) -> list[Answer]:
     """Read the CSV of a listener, or of several one below the other.
 
-    Raises
-    ------
-    DataError
-        If it is not such a table; ``where`` is the line.
+    Raises DataError if it is not such a table (``where`` is the line).
     """
     try:
         rows = list(csv.reader(io.StringIO(data.decode("utf-8-sig")), strict=True))
@@ -241,10 +238,7 @@ def parse_answers(data: bytes) -> list[Answer]:
 def preference_of(answers: Iterable[Answer], *, seed: int = 1) -> Preference:
     """Analyse a listening test of two systems. The same row twice is one answer: people save and send files again.
 
-    Raises
-    ------
-    DataError
-        If there is no answer of a listener that counts, or the answers are not about two systems.
+    Raises DataError if there is no answer of a listener that counts, or the answers are not about two systems.
     """
     answers = list(dict.fromkeys(answers))
     checks = [answer for answer in answers if answer.is_check]

@@ -73,10 +73,8 @@ MESH_THRESHOLDS = (
 def parse_thresholds(text: str, rows: Iterable[Threshold]) -> dict[str, float]:
     """Read thresholds such as ``closures=95,lag=80ms``.
 
-    Raises
-    ------
-    UsageError
-        For an unknown name, another unit, or something that is not a number; the message lists names and units.
+    Raises UsageError for an unknown name, another unit, or something that is not a number (the message lists names and
+    units).
 
     Examples
     --------

@@ -240,17 +240,15 @@ class _Document(_Parts):
 def parse_config(data: bytes, name: str) -> ServerConfig:
     """Read a configuration.
 
+    Raises DataError if it is not TOML, or a key is unknown, of the wrong type or out of range (``where`` is file and
+    key).
+
     Parameters
     ----------
     data : bytes
         TOML.
     name : str
         Name of the file, for error messages.
-
-    Raises
-    ------
-    DataError
-        If it is not TOML, or a key is unknown, of the wrong type or out of range; ``where`` is file and key.
 
     Examples
     --------
@@ -271,12 +269,7 @@ Part = TypeVar("Part", Listen, Face, Style, VoiceChoice, SoundChoice, CallChoice
 def load_config(path: Path) -> ServerConfig:
     """Read a configuration file; see :func:`parse_config`.
 
-    Raises
-    ------
-    UsageError
-        If the file cannot be read.
-    DataError
-        If it is not a valid configuration.
+    Raises UsageError if the file cannot be read; DataError if it is not a valid configuration.
     """
     return parse_config(read_bytes(path, MAX_BYTES), str(path))
 
@@ -284,10 +277,7 @@ def load_config(path: Path) -> ServerConfig:
 def overridden(part: Part, **changes: Any) -> Part:
     """Replace fields of a dataclass by the changes that are not None; command-line options override the file.
 
-    Raises
-    ------
-    UsageError
-        If a change is of the wrong type or out of range.
+    Raises UsageError if a change is of the wrong type or out of range.
 
     Examples
     --------

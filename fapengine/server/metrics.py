@@ -65,13 +65,7 @@ class ServerMetrics(Collector):
 
 
 async def open_metrics(text: Callable[[], Awaitable[bytes]], listen: Listen, door: Door, access: Access) -> Site | None:
-    """Serve metrics on their own port, if one is configured.
-
-    Raises
-    ------
-    ResourceError
-        If the port is in use.
-    """
+    """Serve metrics on their own port, if one is configured. Raises ResourceError if the port is in use."""
     if listen.metrics_port is None:
         return None
 

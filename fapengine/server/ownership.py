@@ -45,15 +45,12 @@ WITH_SESSION = ("/ws", "/sound.wav", "/whep", "/whip")
 def session_of_request(target: str) -> str | None:
     """Return the session of an HTTP request, given its target, the second word of its first line.
 
+    Raises DataError if it has two sessions, an invalid one, or a path that two programs may read differently.
+
     Returns
     -------
     str or None
         None: any process may answer.
-
-    Raises
-    ------
-    DataError
-        If it has two sessions, an invalid one, or a path that two programs may read differently.
 
     Examples
     --------
@@ -77,10 +74,7 @@ def session_of_request(target: str) -> str | None:
 def check_name(session: str) -> str:
     """Check the name of a session, and return it.
 
-    Raises
-    ------
-    DataError
-        If it is empty, too long, or has unprintable characters.
+    Raises DataError if it is empty, too long, or has unprintable characters.
     """
     if not (session and session.isprintable() and len(session.encode("utf-8", "replace")) <= SESSION_BYTES):
         shown = repr(session) if len(repr(session)) <= 60 else f"{session!r:.57}..."

@@ -103,13 +103,7 @@ _Message = TypeVar("_Message", Machine, Record)
 
 
 def decode(data: bytes, kind: type[_Message]) -> _Message:
-    """Read a message about a machine or a record.
-
-    Raises
-    ------
-    DataError
-        If it is not such a message.
-    """
+    """Read a message about a machine or a record. Raises DataError if it is not such a message."""
     try:
         return msgspec.json.decode(data, type=kind)
     except (msgspec.DecodeError, UnicodeDecodeError) as error:

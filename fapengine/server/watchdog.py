@@ -79,17 +79,14 @@ class Watchdog:
 def start_watchdog(sinks: Sequence[str], rate_hz: float) -> Watchdog:
     """Fork the watchdog; call it before sockets are opened and threads started.
 
+    Raises UsageError if a sink's URL is not valid.
+
     Parameters
     ----------
     sinks : sequence of str
         URLs.
     rate_hz : float
         Frame rate.
-
-    Raises
-    ------
-    UsageError
-        If a sink's URL is not valid.
     """
     addresses = [parse_sink(url) for url in sinks]
     if not hasattr(os, "fork"):

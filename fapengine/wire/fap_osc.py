@@ -98,6 +98,8 @@ def encode_frame(frame: FapFrame) -> bytes:
 def encode_track(track: FapTrack, *, session: str, start_us: int = 0, first_number: int = 0) -> list[bytes]:
     """Encode each frame of a track as a ``/fap/1/frame`` message, numbered without gaps.
 
+    Raises UsageError if session, number or time cannot be sent.
+
     Parameters
     ----------
     track : FapTrack
@@ -108,11 +110,6 @@ def encode_track(track: FapTrack, *, session: str, start_us: int = 0, first_numb
         Time of the track's frame number 0 on the session's clock, microseconds.
     first_number : int
         Number of the first message.
-
-    Raises
-    ------
-    UsageError
-        If session, number or time cannot be sent.
     """
     times_us = np.rint(track.times_s * 1e6).astype(np.int64) + start_us
     frames = (
@@ -152,6 +149,8 @@ class SessionFrames:
     def encode(self, sessions: tuple[str, ...], faps: NDArray[np.int32], time_us: int) -> list[bytes]:
         """Encode one frame of every session.
 
+        Raises UsageError if a session's name cannot be sent.
+
         Parameters
         ----------
         sessions : tuple of str
@@ -160,11 +159,6 @@ class SessionFrames:
             FAPU.
         time_us : int
             Microseconds of the sessions' clock, >= 0.
-
-        Raises
-        ------
-        UsageError
-            If a session's name cannot be sent.
         """
         if sessions != self._sessions:
             numbers = dict(zip(self._sessions, self._next, strict=True))
@@ -188,13 +182,7 @@ class SessionFrames:
 
 
 def decode_frame(data: bytes) -> FapFrame:
-    """Decode a datagram with one ``/fap/1/frame`` message.
-
-    Raises
-    ------
-    DataError
-        If it contains anything else.
-    """
+    """Decode a datagram with one ``/fap/1/frame`` message. Raises DataError if it contains anything else."""
     messages = osc.parse_packet(data)
     if len(messages) != 1:
         raise DataError(f"{FRAME}: got {len(messages)} messages, expected 1")
@@ -204,12 +192,8 @@ def decode_frame(data: bytes) -> FapFrame:
 def parse_frame(message: osc.Message) -> FapFrame:
     """Decode a ``/fap/1/frame`` message.
 
-    Raises
-    ------
-    TruncatedError
-        If values of the mask are missing.
-    DataError
-        If address, types or ranges are not those of the schema.
+    Raises TruncatedError if values of the mask are missing; DataError if address, types or ranges are not those of the
+    schema.
     """
     if message.address != FRAME or not message.tags.startswith(_HEAD_TAGS):
         raise DataError(f"got {message.address:.40} ,{message.tags:.8}, expected {FRAME} ,{_HEAD_TAGS}...")

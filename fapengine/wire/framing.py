@@ -66,13 +66,7 @@ class SlipDecoder:
         return packets
 
     def close(self) -> None:
-        """End the stream.
-
-        Raises
-        ------
-        TruncatedError
-            If it ends inside a packet.
-        """
+        """End the stream. Raises TruncatedError if it ends inside a packet."""
         if self._packet or self._escaped or self._bad:
             raise TruncatedError(f"SLIP: ends {len(self._packet)} bytes into a packet, expected END", clause="RFC 1055")
 
@@ -110,10 +104,7 @@ class SlipDecoder:
 def encode_length(packet: bytes) -> bytes:
     """Prefix a packet with its length.
 
-    Raises
-    ------
-    UsageError
-        If the packet is empty: a receiver may take it for the end of the stream.
+    Raises UsageError if the packet is empty: a receiver may take it for the end of the stream.
     """
     if not packet:
         raise UsageError("packet: must not be empty")
@@ -166,15 +157,7 @@ class LengthDecoder:
         return packets
 
     def close(self) -> None:
-        """End the stream.
-
-        Raises
-        ------
-        TruncatedError
-            If it ends inside a packet.
-        DataError
-            If a length was wrong.
-        """
+        """End the stream. Raises TruncatedError if it ends inside a packet; DataError if a length was wrong."""
         if self._broken:
             raise DataError(self._broken, clause="OSC 1.0")
         if self._held:

@@ -63,6 +63,8 @@ def encode_face(
 ) -> bytes:
     """Encode one frame.
 
+    Raises UsageError if a number is out of range.
+
     Parameters
     ----------
     subject : Subject
@@ -74,11 +76,6 @@ def encode_face(
         0..1: time of capture after the start of the frame.
     rate : (int, int)
         Frames per second: numerator and denominator.
-
-    Raises
-    ------
-    UsageError
-        If a number is out of range.
     """
     row = frozen(values, "values", (WIDTH,), np.float32)
     if not (0 <= number < 2**31 and 0 <= fraction <= 1):

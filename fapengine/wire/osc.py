@@ -96,17 +96,14 @@ def head(address: str, tags: str, *arguments: Argument) -> bytes:
 def bundles(messages: Sequence[bytes], *, limit: int) -> list[bytes]:
     """Pack messages, in order, into as few immediate bundles as possible.
 
+    Raises UsageError if a single message does not fit.
+
     Parameters
     ----------
     messages : sequence of bytes
         Encoded messages.
     limit : int, bytes
         Largest datagram.
-
-    Raises
-    ------
-    UsageError
-        If a single message does not fit.
     """
     packed: list[bytes] = []
     parts, size = [BUNDLE_HEAD], len(BUNDLE_HEAD)
@@ -126,14 +123,8 @@ def bundles(messages: Sequence[bytes], *, limit: int) -> list[bytes]:
 def parse_packet(data: bytes) -> tuple[Message, ...]:
     """Decode one datagram or TCP frame: its messages, in order.
 
-    Raises
-    ------
-    TruncatedError
-        If it ends inside a value.
-    UnsupportedError
-        For a type tag that is not in the list above, or bundles nested deeper than 8.
-    DataError
-        If it is not OSC; ``where`` is the byte.
+    Raises TruncatedError if it ends inside a value; UnsupportedError for a type tag that is not in the list above, or
+    bundles nested deeper than 8; DataError if it is not OSC (``where`` is the byte).
     """
     messages: list[Message] = []
     _packet(data, 0, IMMEDIATELY, 0, messages)

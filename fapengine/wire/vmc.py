@@ -46,6 +46,8 @@ def encode_frame(
 ) -> list[bytes]:
     """Encode a frame for a Marionette: datagrams, to be sent in this order.
 
+    Raises UsageError if a number is not finite, or ``limit`` has no room for one message.
+
     Parameters
     ----------
     weights : sequence of (name, weight)
@@ -56,11 +58,6 @@ def encode_frame(
         Sent before the shapes.
     limit : int, bytes
         Largest datagram.
-
-    Raises
-    ------
-    UsageError
-        If a number is not finite, or ``limit`` has no room for one message.
     """
     if not math.isfinite(time_s):
         raise UsageError(f"time_s: got {time_s}, expected a finite number")

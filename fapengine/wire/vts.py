@@ -127,10 +127,7 @@ class VtsDialog:
     def take(self, text: str) -> str | None:
         """Process a message of VTube Studio; return the next request, if one follows.
 
-        Raises
-        ------
-        DataError
-            If it is not a message of the API, or an error that ends the connection.
+        Raises DataError if it is not a message of the API, or an error that ends the connection.
         """
         kind, data = _read(text)
         if kind == "APIError":

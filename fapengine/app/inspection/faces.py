@@ -234,12 +234,8 @@ def _avatar(source: Source) -> Report:
 def describe_avatar(source: Source) -> dict[str, Any]:
     """Make the values of an avatar (.glb, .gltf, .vrm), a motion for one (.vrma) or a scan.
 
-    Raises
-    ------
-    DataError
-        If it is damaged, or requires an extension that is not understood; ``where`` is file and place.
-    ResourceError
-        If a library that it needs is not installed.
+    Raises DataError if it is damaged, or requires an extension that is not understood (``where`` is file and place);
+    ResourceError if a library that it needs is not installed.
     """
     path = source.path
     if source.ending not in (*RIG_ENDINGS, CLIP_ENDING):

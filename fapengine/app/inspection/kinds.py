@@ -27,12 +27,7 @@ FILE_KINDS: tuple[FileKind, ...] = (
 def find_kind(source: Source) -> FileKind:
     """Find what a file is: by its content, and where that cannot tell by its ending.
 
-    Raises
-    ------
-    UsageError
-        If it cannot be read.
-    UnsupportedError
-        If it is none of them.
+    Raises UsageError if it cannot be read; UnsupportedError if it is none of them.
     """
     kind = next((kind for kind in FILE_KINDS if kind.fits(source)), None)
     if kind is not None:

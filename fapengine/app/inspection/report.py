@@ -30,13 +30,7 @@ class Source:
 
     @cached_property
     def data(self) -> bytes:
-        """Its bytes.
-
-        Raises
-        ------
-        UsageError
-            If it is not a file that can be read.
-        """
+        """Its bytes. Raises UsageError if it is not a file that can be read."""
         return read_bytes(self.path)
 
     @property
@@ -83,13 +77,7 @@ class Report:
     warnings: Sequence[str] = ()
 
     def draw(self, path: Path) -> Picture:
-        """Draw the plot.
-
-        Raises
-        ------
-        UnsupportedError
-            If there is nothing to draw.
-        """
+        """Draw the plot. Raises UnsupportedError if there is nothing to draw."""
         if isinstance(self.plot, str):
             raise UnsupportedError(f"{path}: {self.plot}")
         return self.plot()

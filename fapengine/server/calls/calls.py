@@ -114,6 +114,8 @@ class Call:
 class Calls:
     """All calls of a server. Stateful; close it.
 
+    Raises ResourceError if the library is not installed.
+
     Parameters
     ----------
     hub : Hub
@@ -126,11 +128,6 @@ class Calls:
         Maximum number of simultaneous calls.
     host : str, optional
         Address of this machine for calls; by default the one that the caller used.
-
-    Raises
-    ------
-    ResourceError
-        If the library is not installed.
     """
 
     def __init__(
@@ -163,6 +160,9 @@ class Calls:
     async def watch(self, session: str, offer: bytes, address: str, caller: str) -> tuple[str, str]:
         """Answer a caller that watches a session.
 
+        Raises DataError if the offer is not valid; UsageError if there is no room for another call or session;
+        ResourceError if no port can be opened.
+
         Parameters
         ----------
         session : str
@@ -177,29 +177,14 @@ class Calls:
         -------
         (str, str)
             Name of the call, and the answer, SDP.
-
-        Raises
-        ------
-        DataError
-            If the offer is not valid.
-        UsageError
-            If there is no room for another call or session.
-        ResourceError
-            If no port can be opened.
         """
         return await self._begin(session, offer, address, caller, self._show)
 
     async def speak(self, session: str, offer: bytes, address: str, caller: str) -> tuple[str, str]:
         """Answer a caller whose audio drives a session; see :meth:`watch`.
 
-        Raises
-        ------
-        DataError
-            If the offer is not valid, or has no audio.
-        UsageError
-            If there is no room for another call or session.
-        ResourceError
-            If there is no recognizer, or no port can be opened.
+        Raises DataError if the offer is not valid, or has no audio; UsageError if there is no room for another call or
+        session; ResourceError if there is no recognizer, or no port can be opened.
         """
         if self._hearing is None or not self._hearing.is_possible:
             raise missing("PocketSphinx", "calls")
@@ -395,13 +380,7 @@ class Calls:
 
 
 def need_aiortc() -> None:
-    """Check that the library is installed.
-
-    Raises
-    ------
-    ResourceError
-        If it is not.
-    """
+    """Check that the library is installed. Raises ResourceError if it is not."""
     needed("aiortc", "aiortc", "webrtc")
 
 

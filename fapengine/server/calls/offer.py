@@ -54,10 +54,7 @@ class Offer:
 def read_offer(data: bytes) -> Offer:
     """Read an offer, which may be any bytes.
 
-    Raises
-    ------
-    DataError
-        If it is too long, not SDP, or has other media than at most one audio and one video.
+    Raises DataError if it is too long, not SDP, or has other media than at most one audio and one video.
     """
     from aiortc.sdp import SessionDescription
 
@@ -143,6 +140,8 @@ def addresses_for(address: str) -> tuple[str, ...]:
 async def answer_offer(peer: "RTCPeerConnection", offer: Offer, address: str, prepare: Callable[[], None]) -> str:
     """Answer an offer.
 
+    Raises DataError if the library cannot answer; ResourceError if no port can be opened.
+
     Parameters
     ----------
     peer : RTCPeerConnection
@@ -156,13 +155,6 @@ async def answer_offer(peer: "RTCPeerConnection", offer: Offer, address: str, pr
     -------
     str
         The answer, SDP.
-
-    Raises
-    ------
-    DataError
-        If the library cannot answer.
-    ResourceError
-        If no port can be opened.
     """
     from aiortc import RTCSessionDescription
 

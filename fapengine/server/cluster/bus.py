@@ -85,15 +85,12 @@ class Bus:
     async def start(self, port: int, page_port: int) -> None:
         """Connect, and acquire a lease.
 
+        Raises ResourceError if NATS cannot be reached, or has no JetStream.
+
         Parameters
         ----------
         port, page_port : int
             Ports of OSC and of the web page.
-
-        Raises
-        ------
-        ResourceError
-            If NATS cannot be reached, or has no JetStream.
         """
         nats = needed("nats", "nats-py", "bus")
         url = self._choice.url or ""

@@ -114,10 +114,7 @@ class Relays:
 async def copied(accepted: socket.socket, there: Address) -> None:
     """Copy data between a connection and another machine until either side ends it.
 
-    Raises
-    ------
-    OSError
-        If the other machine cannot be reached.
+    Raises OSError if the other machine cannot be reached.
     """
     async with asyncio.timeout(CONNECT_S):
         theirs_in, theirs_out = await asyncio.open_connection(*there)
@@ -190,13 +187,7 @@ class Front:
         self.osc_address, self.page_address = ("", 0), ("", 0)
 
     def bind(self, host: str, port: int, page_port: int | None) -> None:
-        """Bind the ports; nothing is read before :meth:`open`.
-
-        Raises
-        ------
-        ResourceError
-            If one is in use.
-        """
+        """Bind the ports; nothing is read before :meth:`open`. Raises ResourceError if one is in use."""
         streams, self.datagrams = bound_pair(host, port)
         self.datagrams.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
         self._sockets = [self.datagrams, streams]

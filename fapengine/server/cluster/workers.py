@@ -85,15 +85,12 @@ class _Slot:
 class Workers:
     """The parent of a server's workers. Make, start and run it on one event loop, as a ``Server``. Stateful.
 
+    Raises UsageError if the configuration requires a single process (:func:`check_workers`).
+
     Parameters
     ----------
     config : ServerConfig
         Configuration; ``config.listen.workers`` is the number of workers.
-
-    Raises
-    ------
-    UsageError
-        If the configuration requires a single process (:func:`check_workers`).
     """
 
     def __init__(self, config: ServerConfig) -> None:
@@ -146,10 +143,7 @@ class Workers:
     async def start(self) -> None:
         """Bind the ports and start all workers.
 
-        Raises
-        ------
-        ResourceError
-            If a port is in use, or a worker does not start; then nothing stays open.
+        Raises ResourceError if a port is in use, or a worker does not start; then nothing stays open.
         """
         listen = self.config.listen
         try:
@@ -429,10 +423,7 @@ def _signal(process: Process | None, number: int) -> None:
 def check_workers(config: ServerConfig) -> None:
     """Refuse a configuration that requires a single process.
 
-    Raises
-    ------
-    UsageError
-        If it has an audio device, or a sink of one face without a session; or the system is not Linux.
+    Raises UsageError if it has an audio device, or a sink of one face without a session; or the system is not Linux.
     """
     if sys.platform != "linux":
         raise UsageError(f"workers: got {sys.platform}, expected Linux, whose sockets they share")

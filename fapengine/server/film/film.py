@@ -63,12 +63,7 @@ class Watcher(Protocol):
 class Film:
     """One session in one form; open while it has watchers (:class:`Studio`). Stateful.
 
-    Raises
-    ------
-    UsageError
-        If the server has no room for another session.
-    ResourceError
-        If no process can be started.
+    Raises UsageError if the server has no room for another session; ResourceError if no process can be started.
     """
 
     def __init__(self, hub: Hub, session: str, form: FilmForm, hearing: Hearing | None, counts: FilmCounts) -> None:
@@ -179,12 +174,7 @@ class Studio:
     def watch(self, session: str, form: FilmForm, watcher: Watcher) -> Callable[[], None]:
         """Show a session to a watcher until the returned function is called.
 
-        Raises
-        ------
-        UsageError
-            If the server has no room for one more session.
-        ResourceError
-            If no process can be started.
+        Raises UsageError if the server has no room for one more session; ResourceError if no process can be started.
         """
         film = self._films.get((session, form))
         if film is None:

@@ -46,6 +46,8 @@ class FilmCounts(Counts):
 class Painter:
     """A rendering process. Stateful; close it.
 
+    Raises ResourceError if no process can be started.
+
     Parameters
     ----------
     head : str
@@ -58,11 +60,6 @@ class Painter:
         Counts restarts.
     pixels : Pixels
         How images are stored: see :data:`fapengine.render.drawing.Pixels`.
-
-    Raises
-    ------
-    ResourceError
-        If no process can be started.
     """
 
     def __init__(
@@ -83,13 +80,7 @@ class Painter:
         return Child("painter", self._command, is_quiet=True)
 
     async def ready(self) -> None:
-        """Wait until it can render.
-
-        Raises
-        ------
-        ResourceError
-            If it cannot: unknown head, no OpenGL.
-        """
+        """Wait until it can render. Raises ResourceError if it cannot: unknown head, no OpenGL."""
         await self.picture(np.zeros(FAP_COUNT, np.int32))
 
     async def picture(self, faps: NDArray[np.int32]) -> bytes:
@@ -99,10 +90,8 @@ class Painter:
     def draw(self, faps: NDArray[np.int32]) -> bytes:
         """Render and wait: (68,) FAPU to the bytes of an image.
 
-        Raises
-        ------
-        ResourceError
-            If it cannot render: unknown head, no OpenGL; or its process has ended three times with few images.
+        Raises ResourceError if it cannot render: unknown head, no OpenGL; or its process has ended three times with few
+        images.
         """
         data = np.asarray(faps, np.int32).tobytes()
         while True:

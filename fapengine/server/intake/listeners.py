@@ -252,13 +252,7 @@ class TcpListener:
 
 
 def bound(host: str, port: int, kind: socket.SocketKind) -> socket.socket:
-    """Bind a socket.
-
-    Raises
-    ------
-    ResourceError
-        If the name is unknown or the port in use.
-    """
+    """Bind a socket. Raises ResourceError if the name is unknown or the port in use."""
     what = "UDP" if kind is socket.SOCK_DGRAM else "TCP"
     try:
         family, _, _, _, address = socket.getaddrinfo(host, port, type=kind, flags=socket.AI_PASSIVE)[0]

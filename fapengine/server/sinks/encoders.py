@@ -123,6 +123,8 @@ def vmc_face(
 ) -> SingleFaceEncoder:
     """Return an encoder of VMC: the shapes that changed, head and eyes; all shapes once per second.
 
+    Raises UsageError if the spelling is unknown.
+
     Parameters
     ----------
     session : str, optional
@@ -133,11 +135,6 @@ def vmc_face(
         Send shapes only, to a receiver that moves its model itself.
     rate_hz : float
         Frame rate.
-
-    Raises
-    ------
-    UsageError
-        If the spelling is unknown.
     """
     spellings = {
         "arkit": ARKIT_NAMES, "pascal": vmc.PASCAL_NAMES, "vrm0": vmc.VRM0_SHOWN, "vrm1": vmc.VRM1_SHOWN,
@@ -161,10 +158,7 @@ def vmc_face(
 def vrchat_face(session: str | None = None, *, prefix: str = "", rate_hz: float = 60.0) -> SingleFaceEncoder:
     """Return an encoder of VRChat's parameters: those that changed, and all once per second.
 
-    Raises
-    ------
-    UsageError
-        If no OSC address may contain the prefix.
+    Raises UsageError if no OSC address may contain the prefix.
     """
     osc.head(f"/{prefix}", "f")
     follower = ArkitFollower()

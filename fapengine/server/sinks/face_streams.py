@@ -33,12 +33,7 @@ class FaceStreams:
     async def open(cls, hub: Hub, address: SinkAddress) -> "FaceStreams":
         """Listen for connections.
 
-        Raises
-        ------
-        UsageError
-            If an option's value is wrong.
-        ResourceError
-            If the port is in use.
+        Raises UsageError if an option's value is wrong; ResourceError if the port is in use.
         """
         face = FbaFrameEncoder(address.session, rate_hz=hub.pacer.rate_hz, intra_s=address.intra_s)
         listening = bound(address.host, address.port, socket.SOCK_STREAM)

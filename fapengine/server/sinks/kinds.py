@@ -40,10 +40,7 @@ class SinkAddress:
     def intra_s(self) -> float:
         """Interval of I planes of a face stream, s.
 
-        Raises
-        ------
-        UsageError
-            If the option is not a number, or out of range.
+        Raises UsageError if the option is not a number, or out of range.
         """
         text = self.options.get("intra", "1")
         try:
@@ -55,13 +52,7 @@ class SinkAddress:
         return value
 
     def whole(self, name: str, default: int, low: int, high: int) -> int:
-        """Return an option that is a whole number.
-
-        Raises
-        ------
-        UsageError
-            If it is not a whole number, or out of range.
-        """
+        """Return an option that is a whole number. Raises UsageError if it is not a whole number, or out of range."""
         text = self.options.get(name, str(default))
         if not text.isdecimal() or not low <= int(text[:9]) <= high:
             raise UsageError(f"sink {self.kind}: {name}: got {text!r:.40}, expected a whole number {low} to {high}")
@@ -160,10 +151,7 @@ def kind_of(address: SinkAddress) -> SinkKind:
 def parse_sink(url: str) -> SinkAddress:
     """Read a sink's URL, ``KIND://HOST:PORT?session=NAME&OPTION=VALUE``.
 
-    Raises
-    ------
-    UsageError
-        If it is not a URL of a kind in :data:`SINK_KINDS`.
+    Raises UsageError if it is not a URL of a kind in :data:`SINK_KINDS`.
 
     Examples
     --------

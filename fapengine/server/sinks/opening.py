@@ -52,12 +52,8 @@ class Post:
     """A UDP socket that sends many datagrams to one address without blocking. Stateful.
 
     Runs of datagrams of equal length are passed to the system in one call (UDP segmentation, Linux 4.18), which takes a
-    seventh of the time. If the system or the network card does not support that, they are sent one by one.
-
-    Raises
-    ------
-    ResourceError
-        If the host is unknown.
+    seventh of the time. If the system or the network card does not support that, they are sent one by one. Raises
+    ResourceError if the host is unknown.
     """
 
     def __init__(self, host: str, port: int) -> None:
@@ -179,10 +175,7 @@ def opener(kind: SinkKind) -> Any:
 def encoder_of(address: SinkAddress, rate_hz: float, epochs: Epochs = None) -> encoders.FrameEncoder:
     """Make the encoder of a sink that sends datagrams.
 
-    Raises
-    ------
-    UsageError
-        If the kind does not send datagrams, or an option's value is wrong.
+    Raises UsageError if the kind does not send datagrams, or an option's value is wrong.
     """
     kind = kind_of(address)
     if kind.medium != "datagrams":
@@ -200,12 +193,8 @@ def encoder_of(address: SinkAddress, rate_hz: float, epochs: Epochs = None) -> e
 def datagram_sink(hub: Hub, address: SinkAddress, epochs: Epochs = None) -> DatagramSink:
     """Open a sink that sends datagrams.
 
-    Raises
-    ------
-    UsageError
-        If the kind does not send datagrams, or an option's value is wrong.
-    ResourceError
-        If the host is unknown.
+    Raises UsageError if the kind does not send datagrams, or an option's value is wrong; ResourceError if the host is
+    unknown.
     """
     # Before a session is shown here, another worker may show it.
     waits_for = address.session if epochs is not None else None
@@ -217,12 +206,8 @@ async def open_sink(
 ) -> Sink:
     """Open a sink of any kind. A studio renders the images of a head.
 
-    Raises
-    ------
-    UsageError
-        If an option's value is wrong.
-    ResourceError
-        If the host is unknown, the port in use, or a library or a device is missing.
+    Raises UsageError if an option's value is wrong; ResourceError if the host is unknown, the port in use, or a library
+    or a device is missing.
     """
     kind = kind_of(address)
     if kind.medium == "datagrams":

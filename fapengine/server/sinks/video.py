@@ -54,12 +54,8 @@ def _form(address: SinkAddress, head: str) -> FilmForm:
 class CameraSink:
     """The face as a camera that other programs of this machine can select. Stateful.
 
-    Raises
-    ------
-    UsageError
-        If an option's value is wrong.
-    ResourceError
-        If the library, or the system's virtual camera, is missing.
+    Raises UsageError if an option's value is wrong; ResourceError if the library, or the system's virtual camera, is
+    missing.
     """
 
     def __init__(self, studio: Studio, address: SinkAddress, head: str) -> None:
@@ -138,12 +134,8 @@ class StreamSink:
     async def open(cls, studio: Studio, address: SinkAddress, head: str) -> "StreamSink":
         """Begin to send, and wait for the first attempt to connect.
 
-        Raises
-        ------
-        UsageError
-            If an option's value is wrong.
-        ResourceError
-            If FFmpeg does not support the protocol; after other failures it tries again.
+        Raises UsageError if an option's value is wrong; ResourceError if FFmpeg does not support the protocol; after
+        other failures it tries again.
         """
         sink = cls(studio, address, head)
         await asyncio.to_thread(sink._tried.wait, TRIAL_S)

@@ -82,13 +82,7 @@ class WeightStreams:
 
     @classmethod
     async def open(cls, hub: Hub, address: SinkAddress) -> "WeightStreams":
-        """Listen for connections.
-
-        Raises
-        ------
-        ResourceError
-            If the port is in use.
-        """
+        """Listen for connections. Raises ResourceError if the port is in use."""
         sink = cls(hub, address)
         app = web.Application()
         app.router.add_get("/", sink._answer)

@@ -57,12 +57,8 @@ class Access:
     def admit(self, request: web.Request, counts: _CountsRefused | None = None) -> None:
         """Refuse a request that is not allowed, and count it.
 
-        Raises
-        ------
-        HTTPForbidden
-            If its page, its host or its token is not allowed.
-        HTTPTooManyRequests
-            If its address has tried too many tokens.
+        Raises HTTPForbidden if its page, its host or its token is not allowed; HTTPTooManyRequests if its address has
+        tried too many tokens.
         """
         origin, host = request.headers.get("Origin"), request.host
         try:

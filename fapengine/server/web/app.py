@@ -182,6 +182,8 @@ def make_app(
 ) -> web.Application:
     """Build the web application. The caller ticks the hub.
 
+    Raises UsageError if the head has more channels than the shaders have room for.
+
     Parameters
     ----------
     hub : Hub
@@ -203,11 +205,6 @@ def make_app(
     -------
     Application
         ``app[COUNTS]`` has its counters.
-
-    Raises
-    ------
-    UsageError
-        If the head has more channels than the shaders have room for.
     """
     try:
         voices = espeak.voices()

@@ -170,10 +170,7 @@ def _json_type(spec: FieldSpec) -> Any:
 def parse_request(text: str) -> Request:
     """Read one message of a page.
 
-    Raises
-    ------
-    DataError
-        If it is not a message of :func:`structs` with exactly its fields; ``where`` names the message.
+    Raises DataError if it is not a message of :func:`structs` with exactly its fields (``where`` names the message).
     """
     if len(text) > MAX_MESSAGE:
         raise DataError(f"message: got {len(text)} characters, expected at most {MAX_MESSAGE}")
@@ -198,15 +195,12 @@ def parse_request(text: str) -> Request:
 def parse_sound(data: bytes) -> tuple[int, NDArray[np.int16]]:
     """Read a piece of audio.
 
+    Raises DataError if it is not valid.
+
     Returns
     -------
     rate_hz : int
     samples : (N,) int16
-
-    Raises
-    ------
-    DataError
-        If it is not valid.
 
     Examples
     --------

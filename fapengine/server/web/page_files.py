@@ -128,10 +128,7 @@ def _slider(row: FapSpec) -> dict[str, Any]:
 def head_binary(mesh: FaceMesh) -> bytes:
     """Write a head for the page. The result is deterministic.
 
-    Raises
-    ------
-    UsageError
-        If the mesh has more channels than the shaders have room for.
+    Raises UsageError if the mesh has more channels than the shaders have room for.
     """
     packed = packed_mesh(mesh)
     channels = [(channel.fap, channel.start, channel.stop) for channel in mesh.basis.channels]
@@ -189,10 +186,7 @@ class Heads:
     async def packed(self, name: str) -> bytes:
         """Return the file of a head (:mod:`.page_files`), compressed by gzip.
 
-        Raises
-        ------
-        ResourceError
-            If its process cannot be started, or has ended.
+        Raises ResourceError if its process cannot be started, or has ended.
         """
         async with self._turn:
             if self._is_closed:

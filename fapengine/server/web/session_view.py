@@ -44,6 +44,8 @@ class _Said:
 class SessionView:
     """The view of one session, shared by its pages; it exists as long as it has a page. Stateful.
 
+    Raises UsageError if the server has no room for one more session.
+
     Parameters
     ----------
     hub : Hub
@@ -51,11 +53,6 @@ class SessionView:
         Opened if it is not open yet.
     server_plays_audio : bool
         True if the server plays the audio, and pages do not.
-
-    Raises
-    ------
-    UsageError
-        If the server has no room for one more session.
     """
 
     def __init__(self, hub: Hub, session: str, *, server_plays_audio: bool = False) -> None:
@@ -125,10 +122,7 @@ class SessionView:
     def tell(self, member: Member, command: Command) -> None:
         """Apply a page's command. Of the pages that play the same audio, only the first reports its position.
 
-        Raises
-        ------
-        UsageError
-            If the session is closed.
+        Raises UsageError if the session is closed.
         """
         if isinstance(command, Audio):
             said = self._said.get(command.utterance)
@@ -140,23 +134,14 @@ class SessionView:
     def pin(self, values: Mapping[int, int | None]) -> None:
         """Hold FAPs of the session at values, for all its pages and sinks; None releases one.
 
-        Raises
-        ------
-        UsageError
-            If the session is closed.
+        Raises UsageError if the session is closed.
         """
         for number, value in values.items():
             self._hub.host(self.session).pin(number, value)
         self._tell_all(self._pins())
 
     def release(self) -> None:
-        """Release every FAP.
-
-        Raises
-        ------
-        UsageError
-            If the session is closed.
-        """
+        """Release every FAP. Raises UsageError if the session is closed."""
         self.pin(dict.fromkeys(self._hub.host(self.session).pins))
 
     def _pins(self) -> str:
@@ -260,10 +245,7 @@ def open_session_view(
 ) -> SessionView:
     """Return the view of a session, opened if necessary; see :class:`SessionView`.
 
-    Raises
-    ------
-    UsageError
-        If the server has no room for one more session.
+    Raises UsageError if the server has no room for one more session.
     """
     if session not in views or not len(views[session]):
         views[session] = SessionView(hub, session, server_plays_audio=server_plays_audio)

@@ -56,10 +56,7 @@ class _CountsMisdirected(Protocol):
 def asked_session(request: web.Request) -> str:
     """Return the session of a request that :func:`own_sessions` has checked.
 
-    Raises
-    ------
-    HTTPBadRequest
-        If its path does not tell a session.
+    Raises HTTPBadRequest if its path does not tell a session.
     """
     session = session_of_request(request.raw_path)
     if session is None:
@@ -237,6 +234,8 @@ async def _end_of_connection(_: web.Request, answer: web.StreamResponse) -> None
 async def open_site(app: web.Application, host: str, port: int | None, door: Door) -> Site:
     """Open a web application at a port.
 
+    Raises ResourceError if the port is in use.
+
     Parameters
     ----------
     app : Application
@@ -245,11 +244,6 @@ async def open_site(app: web.Application, host: str, port: int | None, door: Doo
         None: it does not listen, but gets connections by :meth:`Site.adopt`, one per request, because the next request
         may be for another process.
     door : Door
-
-    Raises
-    ------
-    ResourceError
-        If the port is in use.
     """
     app.middlewares.extend((_counted, _timed))
     if port is None:

@@ -52,13 +52,7 @@ def layout(kind: Kind) -> Layout:
 
 
 def encode(wire: Wire) -> bytes:
-    """Encode one message.
-
-    Raises
-    ------
-    UsageError
-        If a value does not fit its type.
-    """
+    """Encode one message. Raises UsageError if a value does not fit its type."""
     if isinstance(wire, schema.SessionCommand):
         kind, specs = type(wire.command), fields_of(type(wire.command)).items()
         values = [spec.to_osc(getattr(wire.command, name)) for name, spec in specs if spec.osc]

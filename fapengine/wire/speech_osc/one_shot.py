@@ -131,10 +131,7 @@ class SimpleMode:
     def obey(self, message: osc.Message, arrival: Arrival) -> bool:
         """Do what a message says; the session is open. True: the server's voice is to stop, too.
 
-        Raises
-        ------
-        DataError
-            If its arguments are wrong.
+        Raises DataError if its arguments are wrong.
         """
         match message.address:
             case "/phoneme":

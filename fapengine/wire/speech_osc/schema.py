@@ -380,13 +380,7 @@ def runs(indices: Iterable[int]) -> list[tuple[int, int]]:
 
 
 def check_session(session: str) -> str:
-    """Return the name of a session.
-
-    Raises
-    ------
-    UsageError
-        If it is empty or too long.
-    """
+    """Return the name of a session. Raises UsageError if it is empty or too long."""
     if not 1 <= len(session.encode()) <= SESSION_BYTES:
         raise UsageError(f"session: got {session!r:.50}, expected 1 to {SESSION_BYTES} bytes")
     return session

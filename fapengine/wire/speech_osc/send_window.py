@@ -257,10 +257,7 @@ class PendingCancel:
 def to_wire(phone: Phone | schema.WirePhone) -> schema.WirePhone:
     """Convert a phone to its form on the wire, and check it.
 
-    Raises
-    ------
-    UsageError
-        If it is later than half an hour, or its label is too long.
+    Raises UsageError if it is later than half an hour, or its label is too long.
     """
     if isinstance(phone, Phone):
         start_us, end_us = round(phone.start_s * 1e6), round(phone.end_s * 1e6)
