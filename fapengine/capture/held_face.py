@@ -13,11 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fapengine._arrays import frozen
+from fapengine._arrays import Array, frozen
 from fapengine.errors import DataError
 from fapengine.geometry.rigid import RigidMotion, fit_rigid, fit_template
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

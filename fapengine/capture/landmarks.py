@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine._arrays import Array
 from fapengine.capture.conventions import decode_text, numbers, parse_json, split_rows
 from fapengine.capture.marker_track import RawTrack
 from fapengine.errors import DataError, TruncatedError, UsageError
@@ -144,8 +145,6 @@ def _points(frame: Any, index: int) -> list[list[float]]:
     except (TypeError, ValueError, KeyError, OverflowError) as error:
         raise DataError(f"landmarks: not a list of x, y, z: {error}", where=f"frame {index}") from error
 
-
-Array = NDArray[np.float64]
 
 OPENFACE_POINTS = 68
 OPENFACE_HZ = 30.0

@@ -28,12 +28,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine._arrays import Array
 from fapengine.codec.decoder import Decoded
 from fapengine.errors import DataError, TruncatedError, UsageError
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack
 
-Array = NDArray[np.float64]
 MAX_NUMBER = 2**31 - 1
 FIRST_LOW_LEVEL = 3
 

@@ -18,6 +18,7 @@ from fapengine.errors import DataError, UnsupportedError, UsageError
 from fapengine.files.paths import read_bytes, replacing
 from fapengine.files.provenance import PNG_KEY, SYNTHETIC, sign, xmp
 from fapengine.speech import ipa
+from fapengine.speech.marks import words_of
 from fapengine.speech.phone_track import Phone, PhoneTrack
 
 if TYPE_CHECKING:
@@ -262,7 +263,6 @@ def font(size: int) -> ImageFont.FreeTypeFont:
 
 WIDTH, PX_PER_S, MAX_ROWS = 1400, 340.0, 40
 WORD_HEIGHT, PHONE_HEIGHT, AXIS_HEIGHT, ROW_GAP = 26, 62, 24, 14
-STRESS = {1: "ˈ", 2: "ˌ"}
 SILENT, WORD, UNKNOWN = (236, 235, 230), (224, 228, 234), (240, 204, 92)
 LIPS, VOWEL, ROUND, OTHER = (214, 98, 82), (240, 178, 122), (226, 146, 160), (142, 178, 204)
 LEGEND = ((LIPS, "lips close or meet the teeth"), (ROUND, "rounded"), (VOWEL, "vowel"), (OTHER, "other"))
@@ -319,12 +319,12 @@ def _row(pen: ImageDraw.ImageDraw, track: PhoneTrack, start_s: float, row_s: flo
         return MARGIN + (min(max(time_s, start_s), start_s + row_s) - start_s) * scale
 
     phones = [phone for phone in track.phones if phone.end_s > start_s and phone.start_s < start_s + row_s]
-    for begin_s, end_s, word in () if track.spelled else _words(phones):
+    for word, begin_s, end_s in () if track.spelled else words_of(phones):
         _box(pen, x(begin_s), x(end_s), top, WORD_HEIGHT - 3, WORD, word, 15)
     for phone in phones:
         label = ""
         if not phone.is_silence:
-            label = STRESS.get(phone.stress, "") + (phone.label if track.spelled else drawable(phone.label))
+            label = ipa.STRESS_MARKS[phone.stress] + (phone.label if track.spelled else drawable(phone.label))
         left, right = x(phone.start_s), x(phone.end_s)
         _box(pen, left, right, top + WORD_HEIGHT, PHONE_HEIGHT, colour(phone, spelled=track.spelled), label, 22)
     foot = top + WORD_HEIGHT + PHONE_HEIGHT
@@ -337,17 +337,6 @@ def _row(pen: ImageDraw.ImageDraw, track: PhoneTrack, start_s: float, row_s: flo
         if has_label:
             anchor = "ra" if at > WIDTH - MARGIN - 24 else "ma" if time_s > start_s + 0.05 else "la"
             pen.text((at, foot + 8), f"{time_s:.1f} s", FAINT, font=font(12), anchor=anchor)
-
-
-def _words(phones: list[Phone]) -> list[tuple[float, float, str]]:
-    """Merge neighbouring phones of one word; a repeated word without a gap is drawn once."""
-    joined: list[tuple[float, float, str]] = []
-    for phone in phones:
-        if joined and joined[-1][2] == phone.word and joined[-1][1] == phone.start_s:
-            joined[-1] = (joined[-1][0], phone.end_s, phone.word)
-        else:
-            joined.append((phone.start_s, phone.end_s, phone.word))
-    return [each for each in joined if each[2]]
 
 
 def _box(

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine._arrays import Array
 from fapengine._late import Late
 from fapengine.files.paths import replacing
 from fapengine.files.pictures import linear_rgb
@@ -26,7 +27,6 @@ Gf, Sdf, Usd, UsdGeom, UsdSkel, Vt = (
     Late(f"pxr.{name}", "usd-core", "USD") for name in ("Gf", "Sdf", "Usd", "UsdGeom", "UsdSkel", "Vt")
 )
 
-Array = NDArray[np.float64]
 
 ROOT = "/Head"
 

@@ -241,7 +241,7 @@ KEEP_HZ = 15.0
 BLEND_S = 1.0
 HOLD_S, EASE_S = 0.2, 0.5
 """Time for which a lost face keeps its pose, and in which it eases to neutral, and back."""
-GAZE = tuple(fap.columns(23, 24, 25, 26))
+GAZE = fap.columns(23, 24, 25, 26)
 PUPILS_MM = 62.0
 """Distance of an adult's pupils; no FAP depends on it."""
 
@@ -335,7 +335,5 @@ class WatchedFace:
         still, poses = head.hold(landmarks[None])
         points, gaze = points_of_face(still)
         faps: Array = faps_from_rest(rest, points, poses, gaze=gaze)[0]
-        columns = list(GAZE)
-        self._gaze = np.where(np.isnan(faps[columns]), self._gaze, faps[columns])
-        faps[columns] = self._gaze
+        faps[GAZE] = self._gaze = np.where(np.isnan(faps[GAZE]), self._gaze, faps[GAZE])
         return faps

@@ -56,6 +56,8 @@ def feature_distance(first: str, second: str) -> int:
 ROUNDED_MM = 5.0
 """Half of what u protrudes by."""
 STRESS = {"ˈ": 1, "ˌ": 2}
+STRESS_MARKS = ("", *STRESS)
+"""Mark of each stress: none, primary and secondary."""
 TIES = "\u0361\u035c"
 LENGTH = "ːˑ"
 _LIGATURES = {"ʣ": "dz", "ʤ": "dʒ", "ʦ": "ts", "ʧ": "tʃ", "ʨ": "tɕ", "ʥ": "dʑ"}

@@ -22,7 +22,8 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from html import escape, unescape
-from itertools import pairwise
+from itertools import groupby, pairwise
+from operator import attrgetter
 
 from fapengine._arrays import read_tables
 from fapengine.errors import UsageError
@@ -338,15 +339,8 @@ def words_of(phones: Iterable[Phone]) -> list[tuple[str, float, float]]:
     >>> words_of([Phone("h", 0.0, 0.1, word="hi"), Phone("aɪ", 0.1, 0.3, word="hi"), Phone("_", 0.3, 0.4)])
     [('hi', 0.0, 0.3)]
     """
-    words: list[tuple[str, float, float]] = []
-    last = ""
-    for phone in phones:
-        if phone.word and phone.word == last:
-            words[-1] = (phone.word, words[-1][1], phone.end_s)
-        elif phone.word:
-            words.append((phone.word, phone.start_s, phone.end_s))
-        last = phone.word
-    return words
+    grouped = ((word, list(group)) for word, group in groupby(phones, key=attrgetter("word")))
+    return [(word, group[0].start_s, group[-1].end_s) for word, group in grouped if word]
 
 
 def timed_marks(marked: MarkedText, words: Sequence[tuple[str, float, float]], end_s: float) -> list[TimedMark]:

@@ -19,6 +19,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine._arrays import Array
 from fapengine.errors import UsageError
 from fapengine.geometry.smooth import smoothstep
 from fapengine.mpeg4.track import to_codable
@@ -30,8 +31,6 @@ from fapengine.trajectory.faps import Composer, Overlay
 from fapengine.trajectory.phonetics import WIDTH
 from fapengine.trajectory.stream import Counts, StreamingPlanner, plan_together
 from fapengine.trajectory.style import Style
-
-Array = NDArray[np.float64]
 
 KNOTS = 16
 """Number of knots of a plan in a session's window; two or three fall to a phone, so they last for half a second and

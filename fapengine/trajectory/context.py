@@ -35,6 +35,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine._arrays import Array
 from fapengine.profiles import ContextModel
 from fapengine.speech import ipa
 from fapengine.speech.articulation import ARTICULATIONS, AXES, SIBILANTS
@@ -267,7 +268,6 @@ def log_length(duration_s: float) -> float:
     return float(np.log(min(max(duration_s, MIN_DURATION_S), MAX_DURATION_S) / TYPICAL_S))
 
 
-Array = NDArray[np.float64]
 UNLIKE_WAYS = (0.01, 0.06, 0.075, 0.125, 0.125, 0.075, 0.06, 0.01)
 """What squared differences in :func:`ways` of the letters of :func:`letters_around` count."""
 UNLIKE_LENGTHS = (0.19, 0.36, 0.19)

@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fapengine._arrays import Array
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import Fapu, faps_of_displacements
 from fapengine.profiles import Profile
@@ -22,10 +22,8 @@ from fapengine.trajectory.gestures import add_gestures
 from fapengine.trajectory.phonetics import ROUND, give_way, layer_faps, layer_gain
 from fapengine.trajectory.style import Style, jaw_share
 
-Array = NDArray[np.float64]
-
 DETERMINED = (*range(3, 19), *range(39, 43), *range(51, 61))
-UPPER_LIP = tuple(fap.columns(4, 8, 9, 51, 55, 56))
+UPPER_LIP = fap.columns(4, 8, 9, 51, 55, 56)
 UPPER_GAIN = 1.2
 """Size of the upper lip's share of what the context model plans, a mean that moves less than a person: so the upper lip
 has 0.95 of the captured standard deviation, 0.81 without, and 0.98 with natural variation. Chosen on three splits of
@@ -58,7 +56,7 @@ def speech_faps(profile: Profile, weights: Array, *, context: bool = True) -> Ar
     """(T, 68) FAPU that speech shows for (T, K) weights of the space, before contacts are made."""
     space = profile.space
     faps = displacements_to_faps(space.to_points_mm(weights), space.points, profile.fapu)
-    faps[:, list(UPPER_LIP)] *= UPPER_GAIN if context else 1.0
+    faps[:, UPPER_LIP] *= UPPER_GAIN if context else 1.0
     return faps
 
 

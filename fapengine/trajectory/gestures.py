@@ -37,8 +37,8 @@ from enum import IntEnum, auto
 from math import inf, log2
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fapengine._arrays import Array
 from fapengine.expressions import EXPRESSIONS
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD, STEPS
@@ -130,9 +130,6 @@ def strength_db(phone: Phone) -> float:
     """
     length_db = DB_PER_DOUBLE_LENGTH * log2(phone.duration_s / USUAL_S)
     return round((0.0 if phone.stress == 1 else -SECONDARY_DB) + phone.loudness_db + length_db, 6)
-
-
-Array = NDArray[np.float64]
 
 
 class Channel(IntEnum):

@@ -19,7 +19,8 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from fapengine._arrays import Array
+
 Number = TypeVar("Number", float, Array)
 Three = tuple[Number, ...]
 """Value, velocity and acceleration."""

@@ -22,6 +22,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine._arrays import Array
 from fapengine.errors import DataError
 from fapengine.expressions import EXPRESSIONS, Expression
 from fapengine.mpeg4 import fap
@@ -33,8 +34,6 @@ from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory.expression import expression_faps
 from fapengine.trajectory.planner import plan
 from fapengine.trajectory.style import Style
-
-Array = NDArray[np.float64]
 
 SPOKEN_S = (0.2, 0.7)
 """Start and end of a phone that is spoken alone; its face is that of the middle."""
@@ -144,11 +143,6 @@ def _check_selects(what: str, selects: tuple[int, int], count: int) -> None:
             raise DataError(f"{what}_select: got {select}, expected 0 to {count - 1}")
 
 
-def has_high_level(track: FapTrack) -> bool:
-    """Whether a track has visemes or expressions, FAP 1 or 2."""
-    return bool(track.mask[:, :HIGH_LEVEL].any())
-
-
 def expand(track: FapTrack, profile: Profile) -> FapTrack:
     """Replace FAP 1 and 2 by the low-level FAPs that show them.
 
@@ -168,7 +162,7 @@ def expand(track: FapTrack, profile: Profile) -> FapTrack:
     DataError
         If a frame names a viseme or an expression that does not exist.
     """
-    if not has_high_level(track):
+    if not track.mask[:, :HIGH_LEVEL].any():
         return track
     state = HighLevelFaps(profile)
     rows = [

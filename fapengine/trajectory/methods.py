@@ -19,8 +19,8 @@ from functools import lru_cache
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fapengine._arrays import Array
 from fapengine.geometry.smooth import soft_positive
 from fapengine.profiles import Profile
 from fapengine.speaking import Method
@@ -28,7 +28,6 @@ from fapengine.trajectory import hermite
 from fapengine.trajectory.phonetics import WIDTH
 from fapengine.trajectory.targets import Keyframes, SpeechKeys
 
-Array = NDArray[np.float64]
 RATE_HZ = 20.0
 """The better of 12 and 20 per second in ``bench/fidelity``."""
 PHONETIC_RATE_HZ = 30.0

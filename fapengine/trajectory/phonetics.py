@@ -25,14 +25,13 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine._arrays import Array
 from fapengine.geometry.smooth import smoothstep, soft_positive
 from fapengine.mpeg4 import fap
 from fapengine.profiles import Profile
 from fapengine.speech import ipa
 from fapengine.speech.articulation import ARTICULATIONS, AXES, PUCKERED, SPREAD
 from fapengine.trajectory.context import LABELS
-
-Array = NDArray[np.float64]
 
 LAYER = (*AXES, "hole")
 """Axes of the layer: those of the table, and by how much long puckered lips open in the middle alone, 0 to 1."""
@@ -77,9 +76,9 @@ HALF_GAIN = 0.4
 openings, shouted speech does not protrude for ever."""
 HELD = 0.7
 """``round`` from which on corners are held wholly."""
-CORNERS = tuple(fap.columns(6, 7, 53, 54))
+CORNERS = fap.columns(6, 7, 53, 54)
 """Columns of the FAPs that draw corners to the side; positive is wide."""
-PUSHED = tuple(fap.columns(16, 17))
+PUSHED = fap.columns(16, 17)
 _PULLED = [*CORNERS, *PUSHED]
 _ROUND_LOSE, _SPREAD_LOSE = np.array([[1.0, 1.0, 1.0, 1.0, -1.0, -1.0], [-1.0, -1.0, -1.0, -1.0, 0.0, 0.0]])[..., None]
 """Signs of what rounded and spread lips do not follow, for these columns."""

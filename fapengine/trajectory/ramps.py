@@ -16,11 +16,9 @@ from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fapengine._arrays import Array
 from fapengine.trajectory import hermite
-
-Array = NDArray[np.float64]
 
 FIRST_ROWS = 16
 MOMENTUM_S = 0.15

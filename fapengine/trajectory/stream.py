@@ -24,8 +24,8 @@ from math import isfinite, sqrt
 from operator import attrgetter
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fapengine._arrays import Array
 from fapengine.errors import UsageError
 from fapengine.profiles import Profile
 from fapengine.speech import ipa
@@ -37,7 +37,6 @@ from fapengine.trajectory.phonetics import WIDTH
 from fapengine.trajectory.style import Style
 from fapengine.trajectory.targets import speech_keys, spelled_of
 
-Array = NDArray[np.float64]
 _Timed = tuple[float, float, str]
 """Start and end of a phone, and its label."""
 

@@ -30,6 +30,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine._arrays import Array
 from fapengine.errors import UsageError
 from fapengine.geometry.smooth import smoothstep
 from fapengine.profiles import Profile
@@ -49,7 +50,6 @@ from fapengine.trajectory.context import (
 )
 from fapengine.trajectory.style import DB_PER_DOUBLE_DROP, DB_PER_DOUBLE_LIPS, jaw_share
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 NEAR_OPEN = 0.85

@@ -14,11 +14,9 @@ an expression does.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fapengine._arrays import Array
 from fapengine.mpeg4 import fap
-
-Array = NDArray[np.float64]
 
 PARTS = 16
 """Number of equal parts of a spectrum's power."""

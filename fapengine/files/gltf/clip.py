@@ -22,8 +22,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fapengine._arrays import Array
 from fapengine.errors import DataError, ResourceError, UnsupportedError
 from fapengine.files.gltf import scene
 from fapengine.files.gltf.document import (
@@ -44,8 +44,6 @@ from fapengine.retarget.arkit import approximate_arkit
 from fapengine.retarget.blend import ARKIT_NAMES
 from fapengine.retarget.rig_weights import Meanings, by_role, is_arkit, plain, rig_weights, viseme
 from fapengine.retarget.visemes import SHOWN, VRM1_NAMES, approximate_presets, gaze_of
-
-Array = NDArray[np.float64]
 
 EYES = ("left eye", "right eye")
 MOVED, MOVED_SHARE = 1e-5, 0.2

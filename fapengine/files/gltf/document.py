@@ -18,6 +18,7 @@ from urllib.parse import unquote
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine._arrays import Array
 from fapengine.errors import DataError, TruncatedError, UnsupportedError
 from fapengine.files.gltf.compression import DRACO, decode_draco, decode_meshopt
 
@@ -188,7 +189,6 @@ HARMLESS = ("KHR_materials_", "KHR_lights_", "VRMC_", "KHR_xmp", "KHR_animation_
 """Prefixes of extensions that change nothing that is read here."""
 MESHOPT = "EXT_meshopt_compression"
 
-Array = NDArray[np.float64]
 Fetch = Callable[[str], bytes]
 """Reads a file named in the document, relative to it; raises DataError."""
 

@@ -12,15 +12,12 @@ from collections import deque
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fapengine._arrays import Array, Indices
 from fapengine.errors import DataError
 from fapengine.files.gltf.document import MAX_NUMBER, Gltf, Item
 from fapengine.files.gltf.textures import Atlas, Look
 from fapengine.mesh.rig.blendshape_mesh import Blendshape, BlendshapeMesh, RigBone
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 BONES = {"head": "head", "jaw": "jaw", "leftEye": "left eye", "rightEye": "right eye"}
 UNKNOWN = "unknown"

@@ -9,13 +9,11 @@ import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fapengine._arrays import Array
 from fapengine.errors import DataError
 from fapengine.files.gltf.document import Budget, Gltf, Item, fetch_uri
 from fapengine.files.pictures import Picture, opened, shrink
-
-Array = NDArray[np.float64]
 
 MAX_TEXTURE_PX = 4096
 """Longest side of the packed texture, pixels."""

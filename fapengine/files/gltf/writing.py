@@ -5,8 +5,9 @@ import struct
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from fapengine._arrays import Array
 from fapengine.files.gltf.document import BINARY_CHUNK, COMPONENTS, HEADER, JSON_CHUNK, MAGIC, VERSION, WIDTHS
 from fapengine.files.provenance import mark
 from fapengine.models.via_points import KeyedCurve, key_curve
@@ -110,8 +111,6 @@ def _chunk(kind: int, content: bytes, padding: bytes) -> bytes:
     content += padding * (-len(content) % 4)
     return struct.pack("<II", len(content), kind) + content
 
-
-Array = NDArray[np.float64]
 
 WEIGHT_TOLERANCE, TURN_TOLERANCE = 0.01, 0.002
 """Largest error of cubic curves: of a weight, and of a quaternion's components (0.23 degrees)."""

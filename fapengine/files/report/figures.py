@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine._arrays import Array
 from fapengine.capture.marker_track import MarkerTrack
 from fapengine.files.report.parts import COOL, FAINT, GREEN, INK, WARM, name_phones, new_figure, to_picture, to_svg
 from fapengine.files.report.sliders import INNER, OUTER
@@ -17,7 +18,6 @@ from fapengine.laboratory.selection import Selection
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Array = NDArray[np.float64]
 COMPONENTS = 4
 """Components that figures over time show."""
 MAX_NAMED = 120

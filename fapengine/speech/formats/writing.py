@@ -9,7 +9,6 @@ from fapengine.speech import ipa
 from fapengine.speech.alphabets.convert import XSAMPA_LETTERS
 from fapengine.speech.phone_track import Phone, PhoneTrack
 
-_STRESS = ("", "ˈ", "ˌ")
 _XSAMPA = {label: spelling for spelling, label in reversed(XSAMPA_LETTERS.items()) if len(label) == 1}
 _ASCII_AS_THEY_ARE = frozenset("abcdefhijklmnoprstuvwxyz")
 
@@ -23,7 +22,7 @@ def format_textgrid(track: PhoneTrack) -> bytes:
     >>> 'text = "ˈa"' in text
     True
     """
-    phones = [(p.start_s, p.end_s, "" if p.is_silence else _STRESS[p.stress] + p.label) for p in track.phones]
+    phones = [(p.start_s, p.end_s, "" if p.is_silence else ipa.STRESS_MARKS[p.stress] + p.label) for p in track.phones]
     tiers = (("words", _words(track.phones)), ("phones", phones))
     lines = ['File type = "ooTextFile"', 'Object class = "TextGrid"', ""]
     lines += ["xmin = 0", f"xmax = {_seconds(track.duration_s)}", "tiers? <exists>", "size = 2", "item []:"]
@@ -55,7 +54,7 @@ def format_phone_json(track: PhoneTrack, extra: Sequence[Mapping[str, object]] =
     """List of phones in JSON, as :mod:`.synthesizers` reads it; ``extra`` adds keys to each phone."""
     rows = [
         {
-            "phone": _STRESS[phone.stress] + phone.label,
+            "phone": ipa.STRESS_MARKS[phone.stress] + phone.label,
             "start": round(phone.start_s, 4), "end": round(phone.end_s, 4),
             "word": phone.word, "confidence": phone.confidence,
         } | dict(more)
