@@ -74,7 +74,7 @@ def _is_word(row: Node, kind: WordList) -> bool:
     if kind.only is None:
         return True
     key, wanted = kind.only
-    said = value_of(row, (key, key.capitalize(), "boundary_type"))
+    said = value_of(row, (key, key.capitalize(), "boundary_type", "boundaryType", "privBoundaryType"))
     return said is None or said.value in (wanted, "Word", wanted.lower())
 
 
@@ -110,6 +110,8 @@ def rows_of(document: Node, kind: WordList) -> list[Node]:
         rows = list(walk(document, path if isinstance(document.value, list) else path.removeprefix("[].")))
         words = [row for row in rows if value_of(row, kind.label) is not None and _is_word(row, kind)]
         timed = [row for row in words[:40] if value_of(row, (*kind.end, *kind.length)) is not None]
+        if len(timed) > 1 and not any(value_of(row, kind.start) for row in timed):
+            continue  # their starts have another name; one alone may leave out its 0
         if timed and not any(timed[0].has(key) for key in kind.never):
             return words
     return []

@@ -157,6 +157,8 @@ SAMPLES: dict[str, str] = {
     "edge-tts metadata": json.dumps({"Metadata": [
         {"Type": "WordBoundary", "Data": {"Offset": 0, "Duration": 4_000_000, "text": {"Text": "my", "Length": 2}}},
         {"Type": "WordBoundary", "Data": {"Offset": 5_000_000, "Duration": 5_000_000, "text": {"Text": "oh"}}}]}),
+    "azure-batch": json.dumps([{"Text": "my", "AudioOffset": 0, "Duration": 400},
+                               {"Text": "oh", "AudioOffset": 500, "Duration": 500}]),
     "gentle": json.dumps({"transcript": "my", "words": [
         {"alignedWord": "my", "case": "success", "start": 0.0, "end": 1.0, "startOffset": 0, "endOffset": 2, "word": "my",
          "phones": [{"duration": 0.4, "phone": "m_B"}, {"duration": 0.6, "phone": "ay_E"}]},

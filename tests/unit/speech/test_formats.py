@@ -23,7 +23,8 @@ WORDS = (
     "whisper", "whisper timestamped", "openai-words", "whisper-cpp", "whisper-cpp words", "transformers", "vosk",
     "vosk stream", "deepgram", "assemblyai", "aws-transcribe", "google-speech", "google-speech v2", "soniox",
     "kokoro-fastapi", "edge-tts", "edge-tts metadata", "aeneas", "fish", "subtitles", "subtitles inside",
-    "subtitles underlined", "azure-speech", "azure-speech-ticks", "rev", "speechmatics", "gladia", "watson",
+    "subtitles underlined", "azure-batch", "azure-speech", "azure-speech-ticks", "rev", "speechmatics",
+    "gladia", "watson",
 )  # fmt: skip
 """Samples that time words."""
 NEEDS = {"moho": ParseOptions(columns="fps=10")}

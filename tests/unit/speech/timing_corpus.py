@@ -154,6 +154,15 @@ RECOGNIZERS = (
     Case("edge-tts", "rany2/edge-tts: WordBoundary", text(*(json.dumps(
         {"type": "WordBoundary", "offset": a * 1e7, "duration": (b - a) * 1e7, "text": label}) for label, a, b in EN)),
          EN),
+    Case("azure word boundaries", "Azure Speech SDK for Python, as programs store them", json.dumps([
+        {"audioOffset": a * 1e7, "duration": (b - a) * 1e7, "text": label, "boundaryType": "WordBoundary"}
+        for label, a, b in EN]), EN),
+    Case("azure word boundaries in JavaScript", "Azure Speech SDK for JavaScript: JSON.stringify(event)", json.dumps([
+        {"privAudioOffset": a * 1e7, "privDuration": (b - a) * 1e7, "privText": label, "privBoundaryType": kind}
+        for label, a, b, kind in [*((*row, "WordBoundary") for row in EN), ("a b", 0, 1, "SentenceBoundary")]]), EN),
+    Case("edge-tts, starts of another name", "attacks", json.dumps([
+        {"type": "WordBoundary", "begin_at": a * 1e7, "duration": (b - a) * 1e7, "text": label} for label, a, b in EN]),
+         "expected a known format"),
     # with the structure of usnistgov/SCTK, lvc_hypc.ctm
     Case("ctm, alternatives", "usnistgov/SCTK: doc/infmts.htm", text(
         f"talk B {EN[0][1]} {EN[0][2] - EN[0][1]:.2f} {EN[0][0]} 0.9", "talk B * * <ALT_BEGIN> 0.06",
