@@ -17,6 +17,7 @@ WORDS = [
         "1,234.50 $5 50% C++ #tag @me and/or a.m. U.S.",
         ["1,234.50", "$5", "50%", "C++", "#tag", "@me", "and/or", "a.m.", "U.S."],
     ),
+    ("yes--no là-bas--so-so", ["yes", "no", "là-bas", "so-so"]),
     ("The end. e.g. this", ["The", "end", "e.g.", "this"]),
     ("iPhoneを2026年に买了", ["iPhone", "を", "2026", "年に买了"]),
     ("ภาษาไทยABC ລາວ", ["ภาษาไทย", "ABC", "ລາວ"]),
@@ -29,6 +30,16 @@ WORDS = [
 @pytest.mark.parametrize(("text", "words"), WORDS)
 def test_words(text: str, words: list[str]) -> None:
     assert [text[word.start : word.stop] for word in words_of(text)] == words
+
+
+SPACED = st.text("ab1 -—'’.,/$é", max_size=12)
+
+
+@given(SPACED, SPACED)
+def test_a_space_parts_words_whatever_stands_before_and_behind_it(before: str, behind: str) -> None:
+    text = f"{before} {behind}"
+    parts = [part[word.start : word.stop] for part in (before, behind) for word in words_of(part)]
+    assert [text[word.start : word.stop] for word in words_of(text)] == parts
 
 
 @pytest.mark.parametrize("outer", ["({})", "«{}»", "{}!", "“{}”,", "¿{}?!", "[({})]…", "{}"])
