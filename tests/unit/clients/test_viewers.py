@@ -151,8 +151,7 @@ def play_here(port: int) -> None:
 
         assert until(lambda: shown(wide=True))
         source.press(PAUSE)
-        time.sleep(0.5)
-        assert all(shown(wide=False) for _ in range(20))
+        assert until(lambda: all(shown(wide=False) for _ in range(20)))
         assert source.is_paused
         assert sound.playing
         place_s = opened[0].position_s(2, time.monotonic())
