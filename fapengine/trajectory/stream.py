@@ -40,8 +40,9 @@ from fapengine.trajectory.targets import speech_keys, spelled_of
 _Timed = tuple[float, float, str]
 """Start and end of a phone, and its label."""
 
-FADE_S = 0.15
-"""Time over which a change of plan is blended in."""
+FADE_S = 0.08
+"""Time over which a change of plan is blended in. Live lips of 40 filmed sentences, 0.25 s late, while speaking: r .606
+with 0.05 s, .604 with 0.08, .599 with 0.11, .585 with 0.15; their speeds and accelerations are the same with all."""
 MIN_FADE_S = 0.05
 """Shortest time for what is left of an earlier change when the plan changes again."""
 MOMENTUM_S = 0.15
