@@ -135,7 +135,7 @@ def _misplaced(aligned: Sequence[Aligned], likely: NDArray[np.float32]) -> float
 
 
 def _unlike(aligned: Sequence[Aligned], likely: NDArray[np.float32]) -> float:
-    """Misfit of a word or two: 0 for the best phones of each frame, 1 for other words.
+    """Misfit of a word or two: 0 for the best phones of each frame, 1 for other words or where all fit alike.
 
     The others are the text with its vowels, and its consonants, moved on by one, two, ... through those of the network.
     """
@@ -148,9 +148,9 @@ def _unlike(aligned: Sequence[Aligned], likely: NDArray[np.float32]) -> float:
         for step in range(len(consonants))
     ]
     bounded = np.maximum(likely, MIN_LOG_LIKELIHOOD)
-    own, *others = _path_scores(np.array(words), bounded)
-    best = float(bounded.max(axis=1).sum())
-    return float((best - own) / (best - np.mean(others)))
+    own, *rest = _path_scores(np.array(words), bounded)
+    best, others = float(bounded.max(axis=1).sum()), float(np.mean(rest))
+    return float((best - own) / (best - others)) if -np.inf < others < best else 1.0
 
 
 def _path_scores(words: NDArray[np.int64], likely: NDArray[np.float32]) -> NDArray[np.float32]:
