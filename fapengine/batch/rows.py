@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field, fields
 from functools import lru_cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from fapengine.app.fit import OWNED
 from fapengine.app.manner import manner_of, voice_of
 from fapengine.app.outputs import OUTPUT_KINDS, SaveOptions, check_output, find_kind
 from fapengine.codec.encoder import EncoderOptions
@@ -12,12 +12,14 @@ from fapengine.errors import UsageError
 from fapengine.files.heads.load import load_head_info
 from fapengine.files.outputs import files_in
 from fapengine.files.profiles import load_profile
-from fapengine.laboratory.fit import FitOptions
 from fapengine.models.via_points import STRAIGHT
 from fapengine.render.drawing import RenderOptions
 from fapengine.speaking import DEFAULT_VOICE, PROVENANCE, SpeakingOptions
 from fapengine.speech.formats.registry import ParseOptions, check_options
 from fapengine.voices.choice import VoiceChoice, language_voice
+
+if TYPE_CHECKING:
+    from fapengine.laboratory.fit import FitOptions
 
 PROFILE = "profile"
 KINDS = (*(row.ending[1:] for row in OUTPUT_KINDS if row.ending.startswith(".")), PROFILE)
@@ -86,8 +88,10 @@ class Options(SpeakingOptions):
             provenance=PROVENANCE not in self.without,
         )
 
-    def fitting(self) -> FitOptions:
+    def fitting(self) -> "FitOptions":
         """Return how a profile is learned from a session. Raises UsageError for invalid options."""
+        from fapengine.laboratory.fit import FitOptions  # much of scipy, for profiles alone
+
         return FitOptions(modes=self.modes, k=self.subset, tolerance_mm=self.tolerance, held_out=self.held_out)
 
     def check(self, kind: str) -> None:
@@ -175,4 +179,8 @@ class Row:
     def outputs(self, folder: Path, kind: str) -> list[Path]:
         """Names of all output files."""
         output = self.output(folder, kind)
-        return files_in(output, OWNED) if kind == PROFILE else [output]
+        if kind != PROFILE:
+            return [output]
+        from fapengine.app.fit import OWNED  # much of scipy, for profiles alone
+
+        return files_in(output, OWNED)

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import fapengine
-from fapengine.app.fit import run_fit
 from fapengine.app.hearing import Recognition
 from fapengine.app.manner import manner_of, voice_of
 from fapengine.app.outputs import find_kind, write_output
@@ -67,6 +66,8 @@ def _save(row: Row, job: Job) -> dict[str, Any]:
 
 def _fit(row: Row, session: Path, job: Job) -> dict[str, Any]:
     """Learn a profile as ``fit`` does."""
+    from fapengine.app.fit import run_fit  # much of scipy, for profiles alone
+
     options = row.options
     fitted, _ = run_fit(
         session, row.output(job.folder, job.kind), options.fitting(), units=options.units, up=options.up,

@@ -44,8 +44,9 @@ def test_a_picture_of_faps_needs_no_scipy() -> None:
     assert "scipy" not in loaded
 
 
-def test_inspecting_a_file_starts_without_scipy() -> None:
-    assert "scipy" not in modules_after("import fapengine.app.inspection.kinds")
+@pytest.mark.parametrize("module", ["app.inspection.kinds", "batch.run"])
+def test_inspecting_a_file_and_a_batch_start_without_scipy(module: str) -> None:
+    assert "scipy" not in modules_after(f"import fapengine.{module}")
 
 
 def test_the_list_of_commands_needs_neither_numpy_nor_asyncio() -> None:
