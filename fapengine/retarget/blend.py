@@ -39,7 +39,6 @@ the planner shapes them in clear speech, and full expressions, both sides made s
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from functools import cache
 
 import numpy as np
@@ -81,62 +80,69 @@ FULL = 1e7
 """How much the square of what fractions add up to beyond their bounds counts."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class BlendMap:
-    """Blendshapes of a rig, by their FAPs. Arrays are read-only."""
+    """Blendshapes of a rig, by their FAPs. Arrays are read-only.
 
-    names: tuple[str, ...]
-    """(B,) names of the blendshapes."""
-    faps: Array
-    """(B, 68) FAPU at full weight."""
-    limit: float = 1.0
-    """Largest weight."""
-    reluctance_mm: Array | None = None
-    """(B,), optional: a blendshape is used only if it brings the face this much closer to the target."""
-    ignored: tuple[int, ...] = ()
-    """FAPs that do not count when solving for weights."""
-    stiffness_mm: Array | None = None
-    """(B,), optional: a blendshape at full weight counts as this error, so that others share its work."""
-    lengths_mm: Array | None = None
-    """(68, L) mm per FAPU, optional: the quantities that count when solving for weights; by default :func:`weights_mm`.
+    Parameters
+    ----------
+    names : (B,) tuple of str
+        Names of the blendshapes.
+    faps : (B, 68) array_like, FAPU
+        At full weight.
+    limit : float
+        Largest weight.
+    reluctance_mm : (B,) array_like, optional
+        A blendshape is used only if it brings the face this much closer to the target.
+    ignored : tuple of int
+        FAPs that do not count when solving for weights.
+    stiffness_mm : (B,) array_like, optional
+        A blendshape at full weight counts as this error, so that others share its work.
+    lengths_mm : (68, L) array_like, mm per FAPU, optional
+        The quantities that count when solving for weights; by default :func:`weights_mm`.
+    change_mm : float
+        A weight that changes by 1 in 1/60 s counts as this error; above 0, lips that meet count too.
+    is_fractions : bool
+        Whether weights are fractions: they add up to 1 at most, and the change of their sum counts too.
     """
-    change_mm: float = 0.0
-    """A weight that changes by 1 in 1/60 s counts as this error; above 0, lips that meet count too."""
-    is_fractions: bool = False
-    """Whether weights are fractions: they add up to 1 at most, and the change of their sum counts too."""
-    _goals: Array = field(init=False, repr=False)
-    _gram: Array = field(init=False, repr=False)
-    _lengths: Array = field(init=False, repr=False)
-    _rate: float = field(init=False, repr=False)
-    _reluctance: Array = field(init=False, repr=False)
-    _opening: Array = field(init=False, repr=False)
-    _change: Array = field(init=False, repr=False)
 
-    def __post_init__(self) -> None:
-        shapes = frozen(self.faps, "faps", (len(self.names), fap.FAP_COUNT), np.float64)
-        object.__setattr__(self, "faps", shapes)
-        if not self.limit > 0:
-            raise UsageError(f"limit: got {self.limit}, expected a positive weight")
-        checked = np.zeros(len(shapes)) if self.reluctance_mm is None else self.reluctance_mm
-        object.__setattr__(self, "_reluctance", frozen(checked, "reluctance_mm", (len(shapes),), np.float64))
-        stiff = np.zeros(len(shapes)) if self.stiffness_mm is None else self.stiffness_mm
-        stiff = frozen(stiff, "stiffness_mm", (len(shapes),), np.float64)
-        given = np.diag(weights_mm()) if self.lengths_mm is None else self.lengths_mm
+    def __init__(
+        self,
+        names: tuple[str, ...],
+        faps: ArrayLike,
+        *,
+        limit: float = 1.0,
+        reluctance_mm: ArrayLike | None = None,
+        ignored: tuple[int, ...] = (),
+        stiffness_mm: ArrayLike | None = None,
+        lengths_mm: ArrayLike | None = None,
+        change_mm: float = 0.0,
+        is_fractions: bool = False,
+    ) -> None:
+        if not limit > 0:
+            raise UsageError(f"limit: got {limit}, expected a positive weight")
+        count = len(names)
+        self.names, self.limit, self.change_mm, self.is_fractions = names, limit, change_mm, is_fractions
+        self.faps: Array = frozen(faps, "faps", (count, fap.FAP_COUNT), np.float64)
+        none = np.zeros(count)
+        reluctance = none if reluctance_mm is None else reluctance_mm
+        self._reluctance = frozen(reluctance, "reluctance_mm", (count,), np.float64)
+        stiff = frozen(none if stiffness_mm is None else stiffness_mm, "stiffness_mm", (count,), np.float64)
+        given = np.diag(weights_mm()) if lengths_mm is None else lengths_mm
         counted = frozen(given, "lengths_mm", (fap.FAP_COUNT, "L"), np.float64).copy()
-        counted[fap.columns(*self.ignored)] = 0.0
-        scaled = shapes @ counted
+        counted[fap.columns(*ignored)] = 0.0
+        scaled = self.faps @ counted
         square = scaled @ scaled.T
         if not np.trace(square) > 0:
             raise UsageError("faps: no shape moves anything")
-        square[np.diag_indices_from(square)] += RIDGE * np.trace(square) / len(square) + stiff**2
+        square[np.diag_indices_from(square)] += RIDGE * np.trace(square) / count + stiff**2
         lengths = np.sqrt(np.diag(square))  # shapes of one length make the problem round, and gradients quick
-        object.__setattr__(self, "_goals", counted @ (scaled / lengths[:, None]).T)
-        object.__setattr__(self, "_gram", square / lengths / lengths[:, None])
-        object.__setattr__(self, "_lengths", lengths)
-        object.__setattr__(self, "_rate", 1.0 / float(np.linalg.eigvalsh(self._gram)[-1]))
-        object.__setattr__(self, "_opening", opening_mm(shapes) / lengths)
-        apart = np.eye(len(shapes)) + (1.0 if self.is_fractions else 0.0)
-        object.__setattr__(self, "_change", self.change_mm**2 * apart / lengths / lengths[:, None])
+        self._lengths = lengths
+        self._goals = counted @ (scaled / lengths[:, None]).T
+        self._gram = square / lengths / lengths[:, None]
+        self._rate = 1.0 / float(np.linalg.eigvalsh(self._gram)[-1])
+        self._opening = opening_mm(self.faps) / lengths
+        apart = np.eye(count) + (1.0 if is_fractions else 0.0)
+        self._change = change_mm**2 * apart / lengths / lengths[:, None]
 
     def to_faps(self, weights: ArrayLike) -> Array:
         """(..., B) weights -> (..., 68) FAPU."""
