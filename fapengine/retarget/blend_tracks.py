@@ -20,7 +20,7 @@ import codecs
 import csv
 import io
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -96,6 +96,8 @@ SCORE_KEYS = ("blendshapes", "faceBlendshapes", "face_blendshapes", "categories"
 """Keys of a frame's scores in MediaPipe's results, which depend on the programming language."""
 TIME_KEYS = {"time": 1.0, "time_s": 1.0, "timestamp": 1e3, "timestamp_ms": 1e3, "timestampMs": 1e3}
 """Keys of a frame's time, and their units per second."""
+CSV_TIMES = {"time": 1.0, "times": 1.0, "timestampms": 1e3, "timems": 1e3, "timestamp": 0.0}
+"""Bare names of columns with times, and their units per second; 0 for seconds or milliseconds, by their steps."""
 HEAD = {"headyaw": 49, "headpitch": 48, "headroll": 50}
 """Columns of head rotation that Live Link adds, in rad, and the FAP of each."""
 MAX_FRAMES = 10_000_000
@@ -122,7 +124,11 @@ def parse_blend_track(data: bytes) -> FapTrack:
     if not len(weights):
         raise TruncatedError("blend shapes: contains no frame")
     largest, remarks = float(weights.max(initial=0.0)), []
-    if isinstance(clock, float):
+    if clock is None:
+        rate_hz = RATE_HZ
+        if len(weights) > 1:
+            remarks.append(f"blend shapes: no times say the rate; read at {RATE_HZ:g} frames per second")
+    elif isinstance(clock, float):
         rate_hz = clock
     else:
         table, rate_hz = _evened(np.column_stack([weights, *head.values()]), clock)
@@ -150,7 +156,8 @@ def is_blend_table(data: bytes) -> bool:
     """Whether data are a CSV table whose columns are blendshapes of one set."""
     first, _, _ = data.removeprefix(codecs.BOM_UTF8).lstrip().partition(b"\n")
     try:
-        find_set([_bare(cell) for cell in next(csv.reader([first.decode()]), [])], where="line 1")
+        header = first.decode()
+        find_set([_bare(cell) for cell in next(_cells(header), [])], where="line 1")
     except (DataError, csv.Error, UnicodeDecodeError):
         return False
     return True
@@ -163,8 +170,8 @@ def _decode(data: bytes) -> str:
         raise DataError(f"blend shapes: is not UTF-8 text: {error.reason}", where=f"byte {error.start}") from error
 
 
-Found = tuple[ShapeSet, Array, dict[int, Array], float | Array]
-"""Set, weights (T, B), rotations of the head in rad by FAP, and frame rate, or the time of each frame in s."""
+Found = tuple[ShapeSet, Array, dict[int, Array], float | Array | None]
+"""Set, weights (T, B), rotations of the head in rad by FAP, and frame rate, or each frame's time in s, or neither."""
 
 
 def _json(text: str) -> Found:
@@ -299,9 +306,16 @@ def _bare(name: str) -> str:
     return "".join(character for character in low if character.isalnum())
 
 
+def _cells(text: str) -> Iterator[list[str]]:
+    """Rows of a table; between semicolons or tabs numbers may have decimal commas."""
+    delimiter = max(",;\t", key=text.partition("\n")[0].count)
+    rows = csv.reader(io.StringIO(text), delimiter=delimiter)
+    return rows if delimiter == "," else ([cell.replace(",", ".") for cell in row] for row in rows)
+
+
 def _csv(text: str) -> Found:
     try:
-        rows = [row for row in csv.reader(io.StringIO(text)) if any(cell.strip() for cell in row)]
+        rows = [row for row in _cells(text) if any(cell.strip() for cell in row)]
     except csv.Error as error:
         raise DataError(f"blend shapes: is not a table: {error}") from error
     header = [_bare(cell) for cell in rows[0]] if rows else []
@@ -323,25 +337,26 @@ def _csv(text: str) -> Found:
     weights = np.zeros((len(table), len(shapes.names)))
     weights[:, [shapes.names.index(name) for name in columns]] = table[:, : len(columns)]
     turns = {HEAD[name]: table[:, len(columns) + n] for n, name in enumerate(list(wanted)[len(columns) :])}
-    clock: float | Array = RATE_HZ
-    if "time" in header and len(rows) > 2:
-        column = header.index("time")
-        where = f"column {column + 1}"
+    clock: float | Array | None = None
+    timed = next((header.index(name) for name in CSV_TIMES if name in header), None)
+    if timed is not None and len(rows) > 2:
+        where = f"column {timed + 1}"
         try:
-            times_s = np.array([float(row[column]) for row in rows[1:]])
+            times_s = np.array([float(row[timed]) for row in rows[1:]])
         except (IndexError, ValueError) as error:
-            raise DataError("time: is not a number of seconds", where=where) from error
+            raise DataError(f"{header[timed]}: is not a number", where=where) from error
         if not (np.isfinite(times_s).all() and times_s[-1] > times_s[0]):
             raise DataError(f"time: got {times_s[0]:g} to {times_s[-1]:g} s, expected rising times", where=where)
-        clock = _clock(times_s, where)
+        per_s = CSV_TIMES[header[timed]] or (1e3 if np.median(np.diff(times_s)) >= 1 else 1.0)
+        clock = _clock(times_s / per_s, where)
     elif "timecode" in header:
         column = header.index("timecode")
         clock = _timecodes([row[column] if column < len(row) else "" for row in rows[1:]])
     return shapes, weights, turns, clock
 
 
-def _timecodes(cells: Sequence[str]) -> float | Array:
-    """Rate or times by Live Link Face's timecodes, ``HH:MM:SS:FF.fraction``; :data:`RATE_HZ` if they do not tell.
+def _timecodes(cells: Sequence[str]) -> float | Array | None:
+    """Rate or times by Live Link Face's timecodes, ``HH:MM:SS:FF.fraction``; None if they do not tell.
 
     FF counts at a rate that the file does not state: the lowest usual one above its largest value, once a second is
     complete.
@@ -349,14 +364,14 @@ def _timecodes(cells: Sequence[str]) -> float | Array:
     found = [re.fullmatch(r"(\d+):(\d+):(\d+):(\d+(?:\.\d+)?)", cell.strip()) for cell in cells]
     parts = np.array([[float(part) for part in match.groups()] for match in found if match])
     if len(parts) != len(cells) or len(parts) < 2:
-        return RATE_HZ
+        return None
     seconds_s, frames = parts[:, :3] @ (3600.0, 60.0, 1.0), parts[:, 3]
     base_hz = next((rate for rate in TIMECODE_RATES_HZ if int(frames.max()) < rate), None)
     if base_hz is None or np.ptp(seconds_s) < 1:
-        return RATE_HZ
+        return None
     times_s = np.unwrap(seconds_s + frames / base_hz, period=86_400.0)
     if times_s[-1] <= times_s[0]:
-        return RATE_HZ
+        return None
     if not np.ptp(frames):
         raise DataError("Timecode: got whole seconds, expected the frame in the last field; rename it to Time if it is")
     return _clock(times_s, "Timecode")

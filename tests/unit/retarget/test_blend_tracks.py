@@ -149,6 +149,23 @@ def test_names_may_be_listed_once() -> None:
         parse_blend_track(json.dumps({"names": names, "frames": frames}).encode())
 
 
+@pytest.mark.parametrize(
+    ("column", "times", "rate_hz"),
+    [
+        ("time_s", (0.0, 0.04, 0.08), 25.0), ("timestamp_ms", (0, 40, 80), 25.0), ("timestampMs", (0, 40, 80), 25.0),
+        ("timestamp", (0, 40, 80), 25.0), ("timestamp", (9.0, 9.04, 9.08), 25.0), ("frame", (0, 1, 2), 60.0),
+    ],
+)  # fmt: skip
+def test_the_rate_is_that_of_the_times(column: str, times: tuple[float, ...], rate_hz: float) -> None:
+    text = "\n".join([HEADER.replace("time,", f"{column},"), *(f"{time},{ROW}" for time in times)])
+    track = parse_blend_track(text.encode())
+    assert track.rate_hz == pytest.approx(rate_hz)
+    guessed = ("blend shapes: no times say the rate; read at 60 frames per second",)
+    assert track.remarks == (guessed if column == "frame" else ())
+    excel = parse_blend_track(text.replace(",", ";").replace(".", ",").encode())
+    assert excel.equals(track)
+
+
 def test_lost_frames_are_filled_so_that_the_others_keep_their_times() -> None:
     """A phone that is hot sends 30 frames a second instead of 60, and loses some."""
     ticks = [*range(120), *range(120, 400, 2), *range(410, 500)]
@@ -181,7 +198,7 @@ def test_lost_frames_are_filled_so_that_the_others_keep_their_times() -> None:
         (f"{HEADER}\n0,{ROW[:-1]}x\n", DataError, "got 'x', expected a number .at line 2, column 53"),
         (f"{HEADER}\n0,1\n", DataError, "got 'nothing', expected a number"),
         (f"{HEADER}\n0,{ROW[:-1]}nan\n", DataError, "not finite .at line 2, TongueOut"),
-        (f"{HEADER}\nzero,{ROW}\n1,{ROW}\n", DataError, "is not a number of seconds"),
+        (f"{HEADER}\nzero,{ROW}\n1,{ROW}\n", DataError, "time: is not a number"),
         (f"{HEADER}\n1,{ROW}\n1,{ROW}\n", DataError, "rising times"),
         (f"{HEADER}\n0,{ROW}\n1e-9,{ROW}\n", DataError, "must be 1 to 1000"),
         (
