@@ -73,29 +73,19 @@ ARTICULATIONS: dict[str, Articulation] = {
     for letter in letters
 }
 """The articulation of every symbol of :data:`.ipa.SOUNDS`."""
-OPENINGS = {
-    letter: opening_mm
-    for letters, opening_mm in (
-        ("i", 7.0), ("ɨɯ", 7.5), ("ɪeəɘɤʌ", 8.5), ("ɜ", 9.0), ("ɛ", 10.5), ("ɐ", 11.0), ("æ", 11.5), ("a", 12.0),
-        ("ɑ", 13.0),
-        ("ɹ", 4.0), ("l", 6.5),
-    )
+_OPENINGS = [
+    (letter, float(in_words), float(alone))
+    for letters, in_words, alone in read_rows("fapengine.speech", "openings.csv")
     for letter in letters
-}  # fmt: skip
+]
+OPENINGS = {letter: in_words for letter, in_words, _ in _OPENINGS}
 """Millimetres by which lips are apart in unrounded vowels, ɹ and l, for a speaker whose vowels open as far as the
 recorded one's. Uncertainty 2 mm. JD3 has 9.3 for i, 8.5 ɪ, 8.4 e, 8.6 ə, 9.8 ɛ, 9.9 a, 10.2 ɐ, the jaw lower than for
 i by 2.6, 1.3, 4.3, 4.5, 4.0, 4.3 mm; the recorded lips open by 1.45 times the chin's way. The table is about the mean
 of JD3's lips and of what his jaw would make of the recorded ones (i 7.2, ɪ 8.6, e 7.7, ɛ 10.7, ɐ 10.8), drawn to the
 chart's order; a, ɑ and æ are what the recorded aɪ begins with (11 to 14); ɨ ɯ ɤ ɘ ə ɜ ʌ by chart; l between JD3's 9.3
 to 9.9 and the recorded 4.8, ɹ our own judgement: the recorded one, labial as in "green", is nearly shut alone."""
-OPENINGS_ALONE = {
-    letter: opening_mm
-    for letters, opening_mm in (
-        ("i", 6.7), ("ɨɯ", 7.3), ("ɪ", 7.6), ("e", 8.5), ("əɘɤʌ", 8.6), ("ɜ", 9.2), ("ɛ", 10.2),
-        ("ɐ", 11.0), ("æ", 11.1), ("a", 12.2), ("ɑ", 13.3), ("ɹ", 5.5), ("l", 6.5),
-    )
-    for letter in letters
-}  # fmt: skip
+OPENINGS_ALONE = {letter: alone for letter, _, alone in _OPENINGS}
 """The same of letters said alone, where a difference must be seen without a word to help: the order of :data:`OPENINGS`
 in steps of about 1 mm, none of them farther from it than 1.5 mm, which is within its uncertainty. In words these values
 made new words harder to read (21.3 % misread in place of 19.7 %)."""

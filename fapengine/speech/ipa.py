@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 
-from fapengine._arrays import read_rows
+from fapengine._arrays import read_rows, read_tables
 from fapengine.speech.articulation import ARTICULATIONS
 
 FEATURES = (
@@ -83,59 +83,21 @@ class Sound:
 
 
 _MANNERS = {"stop": 0.0, "fricative": 0.3, "approximant": 0.6, "nasal": 0.8}
-
-# fmt: off
-_PLACES = {  # place of articulation: (lips, rounding, place)
-    "bilabial": (1.0, 0.0, 0.0),     "labiodental": (0.5, 0.0, 0.0), "dental": (0.0, 0.0, 0.05),
-    "alveolar": (0.0, 0.0, 0.15),    "postalveolar": (0.0, 0.6, 0.3), "retroflex": (0.0, 0.4, 0.35),
-    "palatal": (0.0, 0.0, 0.5),      "labiovelar": (0.1, 1.0, 0.7),  "velar": (0.0, 0.0, 0.7),
-    "uvular": (0.0, 0.0, 0.8),       "pharyngeal": (0.0, 0.0, 0.9),  "glottal": (0.0, 0.0, 1.0),
-}
-_CONSONANTS = {  # (place, manner): voiceless letters, voiced letters
-    ("bilabial", "stop"): ("pʘ", "bɓ"),       ("bilabial", "nasal"): ("", "m"),
-    ("bilabial", "fricative"): ("ɸ", "β"),    ("bilabial", "approximant"): ("", "ʙ"),
-    ("labiodental", "fricative"): ("f", "v"), ("labiodental", "nasal"): ("", "ɱ"),
-    ("labiodental", "approximant"): ("", "ʋⱱ"),
-    ("dental", "fricative"): ("θ", "ð"),
-    ("alveolar", "stop"): ("tǀǃǁ", "dɗ"),     ("alveolar", "nasal"): ("", "n"),
-    ("alveolar", "fricative"): ("sɬ", "zɮ"),  ("alveolar", "approximant"): ("", "lɫrɾɺ"),
-    ("postalveolar", "fricative"): ("ʃɕ", "ʒʑ"), ("postalveolar", "approximant"): ("", "ɹ"),
-    ("retroflex", "stop"): ("ʈ", "ɖ"),        ("retroflex", "nasal"): ("", "ɳ"),
-    ("retroflex", "fricative"): ("ʂ", "ʐ"),   ("retroflex", "approximant"): ("", "ɻɭɽ"),
-    ("palatal", "stop"): ("cǂ", "ɟʄ"),        ("palatal", "nasal"): ("", "ɲ"),
-    ("palatal", "fricative"): ("ç", "ʝ"),     ("palatal", "approximant"): ("", "jʎ"),
-    ("labiovelar", "approximant"): ("ʍ", "wɥ"),
-    ("velar", "stop"): ("k", "ɡɠ"),           ("velar", "nasal"): ("", "ŋ"),
-    ("velar", "fricative"): ("xɧ", "ɣ"),      ("velar", "approximant"): ("", "ɰʟ"),
-    ("uvular", "stop"): ("q", "ɢʛ"),          ("uvular", "nasal"): ("", "ɴ"),
-    ("uvular", "fricative"): ("χ", "ʁ"),      ("uvular", "approximant"): ("", "ʀ"),
-    ("pharyngeal", "fricative"): ("ħʜ", "ʕʢ"),
-    ("glottal", "stop"): ("ʔʡ", ""),          ("glottal", "fricative"): ("h", "ɦ"),
-}
-_VOWELS = {  # opening, 0 close to 1 open: (front, central, back) letters, unrounded then rounded
-    0.0:  ("iy", "ɨʉ", "ɯu"),
-    0.15: ("ɪʏ", "",   " ʊ"),
-    0.35: ("eø", "ɘɵ", "ɤo"),
-    0.5:  ("",   "ə",  ""),
-    0.6:  ("ɛœ", "ɜɞ", "ʌɔ"),
-    0.85: ("æ",  "ɐ",  ""),
-    1.0:  ("aɶ", "",   "ɑɒ"),
-}
-# fmt: on
+_CHART = read_tables("fapengine.speech", "ipa_chart.toml")
 
 
 def _table() -> dict[str, Sound]:
     sounds: dict[str, Sound] = {}
-    for (place, manner), letters in _CONSONANTS.items():
-        lips, rounding, back = _PLACES[place]
-        for voiced, group in zip((False, True), letters, strict=True):
-            for letter in group:
-                sounds[letter] = Sound(lips, rounding, 0.1, back, False, voiced, _MANNERS[manner])
-    for opening, columns in _VOWELS.items():
+    for place, manners in _CHART["consonants"].items():
+        lips, rounding, back = _CHART["places"][place]
+        for manner, (voiceless, voiced) in manners.items():
+            for letter in voiceless + voiced:
+                sounds[letter] = Sound(lips, rounding, 0.1, back, False, letter in voiced, _MANNERS[manner])
+    for opening, columns in _CHART["vowels"].items():
         for place_of, pair in zip((0.0, 0.5, 1.0), columns, strict=True):
             for rounding, letter in enumerate(pair):
                 if letter != " ":
-                    sounds[letter] = Sound(0.0, float(rounding), opening, place_of, True, True, 1.0)
+                    sounds[letter] = Sound(0.0, float(rounding), float(opening), place_of, True, True, 1.0)
     sounds["ɚ"] = Sound(0.0, 0.4, 0.5, 0.5, True, True, 1.0)
     sounds["ɝ"] = Sound(0.0, 0.4, 0.6, 0.5, True, True, 1.0)
     return sounds
