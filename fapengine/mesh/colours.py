@@ -40,9 +40,9 @@ EYE_COLOURS: dict[str, tuple[float, float, float]] = {
 LIP = LIPS[1]
 DARK_BROWS = 0.06
 """Mean linear RGB of hair above which brows are darker than the hair."""
-MOUTH = np.array([0.28, 0.092, 0.081])
+MOUTH = np.array([0.27, 0.074, 0.054])
 GUM = np.array([0.50, 0.16, 0.15])
-TONGUE = np.array([0.475, 0.151, 0.140])
+TONGUE = np.array([0.52, 0.160, 0.125])
 TEETH = np.array([0.795, 0.62, 0.545])
 """Warmer than ivory: light on teeth has been reflected by lips and tongue, and the renderer's light is that of the sky.
 """

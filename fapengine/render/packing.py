@@ -45,7 +45,7 @@ SURFACES: dict[Material, tuple[float, float, float]] = {
     Material.EYE: (1.30, 420.0, 0.20),
     Material.TEETH: (0.50, 60.0, 0.30),
     Material.GUM: (0.50, 40.0, 0.40),
-    Material.TONGUE: (0.35, 30.0, 0.45),
+    Material.TONGUE: (0.16, 30.0, 0.45),
     Material.HAIR: (0.06, 22.0, 0.15),
     Material.LASH: (0.05, 10.0, 0.10),
     Material.MOUTH: (0.02, 10.0, 0.10),

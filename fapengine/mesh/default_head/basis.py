@@ -42,6 +42,12 @@ WIDE_FAPU, WIDE_MM = (-140.0, -380.0), 2.4
 """FAPU of a lower lip, lowered half way to a corner, over which it becomes rounder near the corner, and a measure of
 how much: open vowels have round corners, a smile has pointed ones.
 """
+WIDE_CORNER_MM = 1.2
+"""How far that corner comes in meanwhile, so that the opening is rounder."""
+ARCH_FAPU, ARCH_MM = (300.0, 440.0), 1.2
+"""FAPU of the jaw over which the upper lip is arched between its middle and its corners, and how far: by the FAPs of
+open vowels it runs straight from one to the other, like a tent.
+"""
 OUTER_WITH_INNER = 0.6
 """Fraction by which the outer contour beside a corner is lifted by the FAP of the inner corner instead of its own, so
 that neither corner, lifted alone, is a hook; at the outer corner it is 0.
@@ -60,7 +66,7 @@ ROLL_OUT = 0.28
 """Pushed lips roll out: their outer edge and the skin around it move this fraction less than the inner edge. If all
 moved alike, u would look like a beak.
 """
-PURSE_FAPU, PURSE_MM, PURSE_OUT_MM, PURSE_FORWARD_MM = (200.0, 550.0), 4.2, 2.4, 4.8
+PURSE_FAPU, PURSE_MM, PURSE_OUT_MM, PURSE_FORWARD_MM = (200.0, 550.0), 3.0, 2.4, 4.8
 """FAPU of a lower lip pushed forward over which lips purse, as in u: how far their corners come in, how much thicker
 lips become near them, and how far lips come forward, the corners 1.5 times as far.
 So the outline is round, and closed lips stay closed.
@@ -73,6 +79,8 @@ PURSED_LEVEL_MM = 3.0
 """How far the skin beside their corners comes forward; that above it moves back by half of that."""
 PURSED_TEETH_MM = np.array([0.0, 4.5, -3.0])
 """How far the upper teeth move out of the opening of pursed lips, so that it is dark; the lower ones move down."""
+PURSED_TONGUE_MM = np.array([0.0, -20.0, -4.0])
+"""The same for the tongue, which FAP 46 of u lifts into it."""
 JAW_FAP = 3
 JAW_PIVOT = np.array([0.0, 2.0, 18.0])
 """Midpoint of the axis through the jaw joints, mm."""
@@ -83,7 +91,7 @@ PUFF_MM, PUFF_FORWARD, PUFF_CORNER_MM = 40.0, 0.35, 36.0
 """A puffed cheek: its radius; its way forwards per millimetre outwards; and the distance from the corner of the lips
 within which it is held, long, or the cheek would have a crease there.
 """
-SWELLING_MM = 0.0015
+SWELLING_MM = 0.003
 """Swelling of a lower lid per FAPU of its rise."""
 BROW_ABOVE_MM, BROW_TO_LID_MM, BROW_TO_NOSE_MM, SQUEEZE_ABOVE_MM = 36.0, 14.5, 14.0, 14.0
 """How far above a brow, which moves as one piece, the skin follows; how far below its middle; how much farther between
@@ -246,17 +254,24 @@ def _lips(head: HeadParts, linear: Linear, collector: BasisCollector) -> None:
     add(16, both * forward * on_lower)
     rounder = (to_corner - to_corner**4) * both * on_lower * WIDE_MM / (WIDE_FAPU[1] - WIDE_FAPU[0])
     for number, end in ((10, 1), (11, -1)):
-        moves = (rounder * (end * t > 0))[..., None] * [0.0, 1.0, 0.0]
+        come_in = -end * WIDE_CORNER_MM * smoothstep(to_corner) * both / (WIDE_FAPU[0] - WIDE_FAPU[1])
+        moves = np.stack([come_in, rounder, 0.0 * t], axis=-1) * (end * t > 0)[..., None]
         collector.add(Channel(number, *WIDE_FAPU), vertices, moves.reshape(-1, 3)[unique])
+    bent = np.abs(t) ** 1.6
+    arch = (ARCH_MM / (ARCH_FAPU[1] - ARCH_FAPU[0]) * 4 * bent * (1 - bent) * both * on_upper)[..., None]
+    collector.add(Channel(JAW_FAP, *ARCH_FAPU), vertices, (arch * [0.0, 1.0, 0.0]).reshape(-1, 3)[unique])
     pursed = _pursed(t) * both[..., None]
     pursed[..., 1] = PURSE_OUT_MM * 4 * t**4 * (1 - t**4) * np.where(upper, outer, -outer)
     beside = np.clip(np.abs(t) / HALF_WAY, 0, 1)
     pursed[..., 1] -= PURSED_BOW_MM * 16 * (beside * (1 - beside)) ** 2 * outer * upper
     whole = PURSE_FAPU[1] - PURSE_FAPU[0]
     collector.add(Channel(PUSH_LOWER_LIP, *PURSE_FAPU), vertices, pursed.reshape(-1, 3)[unique] / whole)
-    for teeth, way in ((head.upper_teeth, PURSED_TEETH_MM), (head.lower_teeth, PURSED_TEETH_MM * [1, -1, 1])):
-        crowns = teeth[CROWNS].ravel()
-        collector.add(Channel(PUSH_LOWER_LIP, *PURSE_FAPU), crowns, np.broadcast_to(way / whole, (len(crowns), 3)))
+    for part, way in (
+        (head.upper_teeth[CROWNS].ravel(), PURSED_TEETH_MM),
+        (head.lower_teeth[CROWNS].ravel(), PURSED_TEETH_MM * [1, -1, 1]),
+        (head.tongue, PURSED_TONGUE_MM),
+    ):
+        collector.add(Channel(PUSH_LOWER_LIP, *PURSE_FAPU), part, np.broadcast_to(way / whole, (len(part), 3)))
 
 
 def _pursed(t: Array) -> Array:

@@ -30,9 +30,9 @@ BOW_MM = PchipInterpolator((0.0, 0.06, 0.21, 0.34, 0.55, 0.8, 0.93, 1.0), (8.3, 
 INSIDE = (  # level, away from the mouth line, backwards, share of the width, light
     (-0.08, 0.5, 1.2, 1.0, 1.0),
     (-0.2, 1.6, 3.2, 1.03, 1.0),
-    (-0.4, 9.0, 5.0, 1.14, 1.0),
-    (-0.7, 13.0, 22.0, 1.36, 0.75),
-    (-1.0, 13.0, 42.0, 1.3, 0.45),
+    (-0.4, 9.0, 5.0, 1.14, 0.9),
+    (-0.7, 13.0, 22.0, 1.36, 0.5),
+    (-1.0, 13.0, 42.0, 1.3, 0.22),
 )
 """The oral cavity. It widens behind the lips, so that the dental arch is in front of its wall."""
 
@@ -124,7 +124,7 @@ def build_mouth(builder: MeshBuilder, border: Indices, block: Block, style: Head
     rings = np.stack(grids)
     builder.quads(rings, closed=True)
     end = builder.add(
-        points.mean(axis=0) - [0, 0, 14.0], albedo=0.6 * colours.MOUTH, material=Material.MOUTH, place=MIDDLE
+        points.mean(axis=0) - [0, 0, 14.0], albedo=0.15 * colours.MOUTH, material=Material.MOUTH, place=MIDDLE
     )
     builder.fan(rings[-1], int(end))
     return Rings(rings, np.array(levels), t, upper)

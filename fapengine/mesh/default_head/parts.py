@@ -83,7 +83,7 @@ def build_teeth(builder: MeshBuilder, detail: float, *, upper: bool) -> Indices:
         gap = 0.76 + 0.24 * round_off
         far = 1 - smoothstep((np.abs(along) - DARK_BACK_MM[0]) / np.ptp(DARK_BACK_MM))[:, None] * DARK_BACK
         # A smile shows the light half above the upper edges; the edges of lower teeth are in their shadow.
-        shade = np.interp(height, (0.0, 0.3, 0.7, 1.0), (1.17, 1.0, 0.76, 0.70) if upper else (0.7, 0.7, 0.64, 0.5))
+        shade = np.interp(height, (0.0, 0.3, 0.7, 1.0), (1.17, 1.0, 0.76, 0.70) if upper else (0.78, 0.78, 0.72, 0.58))
         colour = colours.GUM if is_gum else colours.TEETH * (shade * gap)[:, None] ** IN_SHADE
         looks.append(np.broadcast_to(colour, rows[-1].shape) * far)
     points, albedo = np.stack(rows), np.stack(looks)
@@ -125,7 +125,8 @@ def build_tongue(builder: MeshBuilder, detail: float) -> Indices:
         axis=-1,
     )
     # Darker towards its root and its sides, so that it has no hard outline.
-    shade = ((0.5 + 0.5 * share**1.3)[:, None] * (1 - 0.16 * np.abs(np.cos(around)) ** 1.5))[..., None]
+    grooved = 0.22 * np.exp(-((np.cos(around) / 0.22) ** 2)) * (1 - share[:, None] ** 4)
+    shade = ((0.15 + 0.85 * share**1.6)[:, None] * (1 - 0.35 * np.abs(np.cos(around)) ** 2) * (1 - grooved))[..., None]
 
     def add(where: Array, albedo: Array) -> Indices:
         weight = 1 - (1 - BACK_ON_JAW) * smoothstep((TONGUE_TIP[2] - where[..., 2] - 3.0) / 22.0)

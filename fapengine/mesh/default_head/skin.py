@@ -89,7 +89,7 @@ def skin_fields(places: ArrayLike) -> dict[int, Array]:
     return dict(zip(FAPS, np.moveaxis(fields, 1, 0), strict=True))
 
 
-ROUNDS = 8
+ROUNDS = 12
 """Rounds of averaging at level ``normal``; a finer mesh needs more, as its neighbours are closer."""
 LIPS_MM, POINT_MM = 3.0, 4.0
 """Distances from the lips and from a feature point beyond which skin is averaged."""

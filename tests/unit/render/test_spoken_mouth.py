@@ -140,7 +140,8 @@ def test_the_inside_of_the_mouth_is_as_grey_as_in_films_of_people() -> None:
     assert seen.sum() > 2000
     # Levels of real clips whose lips are 7 pixels apart, without the lips' edges; ours were 35 and 205 at the ends.
     low, middle, high = np.percentile(grey[seen], PERCENTILES)
-    assert [low, middle] == pytest.approx([81, 110], abs=15)
+    assert 35 < low < 66  # 81 in the films, which are blurred; as light as there, strangers saw a flat wall, no depth
+    assert middle == pytest.approx(110, abs=15)
     assert high == pytest.approx(135, abs=22)  # teeth as dark as in the films looked grey on a drawn face
 
 
@@ -198,8 +199,9 @@ def test_between_open_lips_lies_what_lies_there_in_films_of_people() -> None:
     upper, lower = VECTORS["components"][1][:3].mean(), VECTORS["components"][1][6:9].mean()
     assert lower - upper > 0.1
     middle, spread = against_films(head())
-    assert np.abs(middle).max() < 1.4  # upper teeth are lighter than in films, where they are grey
-    assert abs(middle[1]) < 1.0  # -2.0 while upper teeth were the lightest and lower teeth were not seen
+    # Upper teeth are lighter than in films, and what is behind the tongue darker, or a drawn mouth has no depth: -1.4
+    # of component 2; -2.0 while upper teeth were the lightest and lower teeth were not seen.
+    assert np.abs(middle).max() < 1.5
     assert (np.abs(np.log2(spread)) < 0.6).all()
 
 
@@ -207,4 +209,4 @@ def test_a_mouth_without_tongue_and_lower_teeth_is_told_from_those_of_films() ->
     bare = without(without(head(), Material.TONGUE), Material.TEETH, bones=[Bone.JAW])
     middle, spread = against_films(bare)
     assert middle[1] < against_films(head())[0][1] - 0.4
-    assert spread[:2].max() < 0.65  # hardly anything but the height of the upper teeth changes in it
+    assert spread[1] < 0.65  # tongue and lower teeth, which make it 1.2, do not change in it
