@@ -15,15 +15,20 @@ export function restShare(text) {
 }
 
 // FAPs within their limits, with the pose at rest added (fapengine/mesh/deform.py): (68,). Of /setup.json, rest is rows
-// of values, FAPs to which they yield, and the limit of these; limits is rows of a FAP and the most that is drawn; lids
+// of values, FAPs to which they yield, and the limit of these; smile is rows of the FAP of a lip corner, where it begins
+// and ends to act, and the values that it adds; limits is rows of a FAP and the most that is drawn; lids
 // is rows of the FAPs of an upper and a lower lid, and their sum at which they meet.
-export function withRest(faps, { rest, limits, lids }, share, rested = new Float64Array(faps.length)) {
+export function withRest(faps, { rest, smile, limits, lids }, share, rested = new Float64Array(faps.length)) {
   rested.set(faps);
   for (const [number, limit] of limits) rested[number - 1] = clamp(fapOf(faps, number), -limit, limit);
   for (const [values, yieldsTo, limit] of share ? rest : []) {
     const moved = Math.min(Math.max(...yieldsTo.map((number) => Math.abs(fapOf(faps, number)))) / limit, 1);
     const left = share * (1 - moved ** 3 * (10 + moved * (6 * moved - 15)));
     for (const [number, value] of values) rested[number - 1] += left * value;
+  }
+  for (const [corner, start, stop, values] of share ? smile : []) {
+    const smiling = share * clamp((fapOf(faps, corner) - start) / (stop - start), 0, 1);
+    for (const [number, value] of values) rested[number - 1] += smiling * value;
   }
   for (const [upper, lower, shut] of lids) {
     rested[lower - 1] = Math.min(rested[lower - 1], Math.max(shut - rested[upper - 1], 0));

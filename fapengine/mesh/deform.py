@@ -5,7 +5,7 @@ The renderer uses :func:`channel_weights` and :func:`bone_transforms` and does t
 The pose at rest, for display only (:func:`with_rest`): lids over the iris and a slight smile; and limits of what is
 drawn. The standard's neutral face shows the whole iris and a level mouth, which looks like a stare. This pose is added
 to FAPs before they are drawn, on any head, and never sent or written. Each value fades where the face does something
-itself: lids as they move, the smile as the mouth or the brows show an expression.
+itself: lids as they move, the smile as the mouth or the brows show an expression. Eyes smile with raised lip corners.
 """
 
 from dataclasses import dataclass
@@ -158,6 +158,15 @@ RESTING = (
     ),
     Resting({41: 60.0, 42: 60.0}, (41, 42, *CORNERS, *BROWS), 250.0),
 )
+SMILE_FAPU = (60.0, 380.0)
+"""FAPU of a lip corner over which its eye smiles, too."""
+SMILING = (
+    (12, {19: -60.0, 21: 85.0, 31: 20.0, 33: 40.0, 35: 60.0}),
+    (13, {20: -60.0, 22: 85.0, 32: 20.0, 34: 40.0, 36: 60.0}),
+)
+"""FAP of each lip corner, and what a whole smile adds to FAPs of its eye and brow: the lower lid rises, the upper lid
+yields a little, and the brow rises, most at its outer end. A smile of mouth and cheeks alone left the eyes cold.
+"""
 LIMITS = dict.fromkeys((27, 28), 20.0) | dict.fromkeys((39, 40, 65, 66), 200.0) | dict.fromkeys((67, 68), 150.0)
 LIMITS |= dict.fromkeys((61, 62), 120.0) | dict.fromkeys((63, 64), 100.0)
 """FAP number to the largest magnitude that is drawn, FAPU: beyond it an eyeball leaves its socket, a cheek or a nose
@@ -188,6 +197,10 @@ def with_rest(faps: ArrayLike, share: float) -> Array:
         columns = fap.columns(*values)
         left = share * (1 - smoothstep(moved / limit))
         rested[..., columns] += left[..., None] * np.array([*values.values()])
+    start, stop = SMILE_FAPU
+    for corner, values in SMILING if share else ():
+        smile = share * np.clip((given[..., fap.column(corner)] - start) / (stop - start), 0, 1)
+        rested[..., fap.columns(*values)] += smile[..., None] * np.array([*values.values()])
     for upper, lower, shut in LIDS:
         room = np.maximum(shut - rested[..., fap.column(upper)], 0.0)
         rested[..., fap.column(lower)] = np.minimum(rested[..., fap.column(lower)], room)

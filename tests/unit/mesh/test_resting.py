@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fapengine.mesh.default_head.head import build_head
-from fapengine.mesh.deform import LIMITS, RESTING, deform, with_rest
+from fapengine.mesh.deform import LIMITS, RESTING, SMILE_FAPU, deform, with_rest
 from fapengine.mpeg4 import fap
 
 
@@ -59,6 +59,17 @@ def test_a_raised_lower_lid_yields_to_a_blink() -> None:
     assert with_rest(blink, 0.0)[18:22] == pytest.approx([963, 500, 61, 176])
     assert with_rest(2 * blink, 0.0)[18:22] == pytest.approx([1926, 1000, 0, 24])
     assert with_rest(-blink, 0.0) == pytest.approx(-blink)
+
+
+def test_a_smile_reaches_the_eye_of_its_side() -> None:
+    half, whole = (with_rest(frame(f12=value), 1.0) - with_rest(frame(f13=value), 1.0) for value in (220.0, 500.0))
+    eye, other = ([fap.column(number + side) for number in (21, 31, 33, 35)] for side in (0, 1))
+    assert (whole[eye] > 15).all()
+    assert whole[other] == pytest.approx(-whole[eye])
+    assert half[eye] == pytest.approx(whole[eye] / 2)
+    assert with_rest(frame(f12=500.0), 0.0) == pytest.approx(frame(f12=500.0))
+    level = with_rest(frame(f12=SMILE_FAPU[0]), 1.0) - with_rest(frame(f12=-SMILE_FAPU[0]), 1.0)
+    assert level[eye] == pytest.approx(0.0)
 
 
 def test_lips_stay_shut() -> None:
