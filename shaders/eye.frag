@@ -52,11 +52,14 @@ void main() {
     vec2 lids = mix(vec2(CORNER_HEIGHT.x + CORNER_HEIGHT.y * outwards), margins, arch);
     float below_upper = lids.x - place.y;
     float above_lower = place.y - lids.y;
-    float occlusion = mix(0.22, 1.0, smoothstep(-0.05, 0.36, below_upper));
+    float opening = margins.x - margins.y;
+    // The upper lid's shadow is as deep as the eye is open, or half-shut lids would be dark slits.
+    float shade = mix(0.10, 0.36, smoothstep(0.1, 0.8, opening));
+    float occlusion = mix(0.22, 1.0, smoothstep(-0.05, shade, below_upper));
     occlusion *= mix(0.66, 1.0, smoothstep(-0.03, 0.18, above_lower)) * mix(1.0, 0.7, smoothstep(0.55, 1.0, aside));
     vec3 colour = albedo * irradiance(normal, v_surface.z, occlusion) * mix(0.62, 1.0, occlusion);
     // The upper lashes' line, thicker outside; it hides what is left of an eye that is nearly shut.
-    float lashes = mix(0.13, 0.015, smoothstep(0.0, 0.2, margins.x - margins.y)) + 0.04 * smoothstep(-0.1, 0.7, outwards);
+    float lashes = mix(0.13, 0.015, smoothstep(0.08, 0.28, opening)) + 0.04 * smoothstep(-0.1, 0.7, outwards);
     colour *= smoothstep(lashes - 0.05, lashes + 0.02, below_upper);
 
     // The cornea stands out of the ball, so one small highlight of the key lies within the iris.

@@ -824,10 +824,12 @@ static I eye_colour(const float *u, const EyePlace *p, V3 ball, F softness) {
     F corner = -0.13f + 0.11f * outwards;
     F upper = mix(corner, upper_margin, arch), lower_lid = mix(corner, lower_margin, arch);
     F below_upper = upper - place_y, above_lower = place_y - lower_lid;
-    F occlusion = mix(all(0.22f), all(1), step(-0.05f, 0.36f, below_upper));
+    F opening = upper_margin - lower_margin;
+    F shade = mix(all(0.10f), all(0.36f), step(0.1f, 0.8f, opening));
+    F occlusion = mix(all(0.22f), all(1), step_(all(-0.05f), shade, below_upper));
     occlusion *= mix(all(0.66f), all(1), step(-0.03f, 0.18f, above_lower)) * mix(all(1), all(0.7f), step(0.55f, 1, aside));
     V3 light = scaled(irradiance(g.normal, softness, occlusion), mix(all(0.62f), all(1), occlusion));
-    F lashes = mix(all(0.13f), all(0.015f), step(0, 0.2f, upper_margin - lower_margin)) + 0.04f * step(-0.1f, 0.7f, outwards);
+    F lashes = mix(all(0.13f), all(0.015f), step(0.08f, 0.28f, opening)) + 0.04f * step(-0.1f, 0.7f, outwards);
     light = scaled(light, step_(lashes - 0.05f, lashes + 0.02f, below_upper));
     V3 colour = {albedo.x * light.x, albedo.y * light.y, albedo.z * light.z};
 
