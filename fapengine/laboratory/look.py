@@ -14,7 +14,7 @@ FRAMES = 200
 """Frames from which the skull is guessed."""
 RIGID_MM = 0.8
 """Standard deviation of the distance of two markers up to which they are on one rigid body: skin slides over bone."""
-MIN_HEAD, MAX_MARKERS = 3, 300
+MIN_HEAD, MAX_MARKERS, MIN_FRAMES = 3, 300, 10
 QUIET_S = 0.5
 SOFT = ("2.", "3.", "4.", "5.", "6.", "8.")
 """Groups of feature points that can move against the skull, even if they hardly do in a take."""
@@ -64,16 +64,18 @@ def look_over(track: MarkerTrack) -> Look:
 def guess_head(track: MarkerTrack) -> tuple[str, ...]:
     """Guess which markers follow the skull alone: the most that keep all their distances to each other.
 
+    Where labels name a head, as joints of a skeleton do, those come first: a hand has more joints.
+
     Returns
     -------
     tuple of str
-        In the track's order; empty where fewer than three do, or all do (nothing moves).
+        In the track's order; empty where fewer than three do, all do (nothing moves), or frames are too few.
     """
     steps = max(1, track.frame_count // FRAMES)
     bone = np.array([not (name in FEATURE_POINT_NAMES and name.startswith(SOFT)) for name in track.labels])
     columns = np.flatnonzero(bone & (track.valid[::steps].mean(axis=0) > 0.5))[:MAX_MARKERS]
     places = track.positions_mm[::steps, columns]
-    if len(columns) < MIN_HEAD:
+    if len(columns) < MIN_HEAD or track.frame_count < MIN_FRAMES:
         return ()
     rigid = np.zeros((len(columns), len(columns)), bool)
     for marker in range(len(columns)):
@@ -81,10 +83,12 @@ def guess_head(track: MarkerTrack) -> tuple[str, ...]:
         counted = (~np.isnan(distance)).sum(axis=0)
         mean = np.nansum(distance, axis=0) / np.maximum(counted, 1)
         rigid[marker] = np.nansum((distance - mean) ** 2, axis=0) / np.maximum(counted, 1) < RIGID_MM**2
+    named = np.array(["head" in track.labels[column].lower() for column in columns])
+    order = np.lexsort((-rigid.sum(axis=1), ~named))
     best: list[int] = []
-    for seed in np.argsort(-rigid.sum(axis=1), kind="stable")[:10]:
+    for seed in order[: min(10, named.sum() or 10)]:
         group = [int(seed)]
-        for other in np.argsort(-rigid.sum(axis=1), kind="stable"):
+        for other in order:
             if other != seed and rigid[other, group].all():
                 group.append(int(other))
         best = group if len(group) > len(best) else best

@@ -32,6 +32,20 @@ def test_the_skull_is_guessed_though_it_moves(track):
     assert guess_head(other) == ()  # nothing moves against anything
 
 
+def test_a_joint_called_head_is_of_the_skull_though_a_hand_has_more(track):
+    steps = np.arange(track.frame_count)[:, None, None]
+    hand = np.random.default_rng(1).normal(0.0, 50.0, (1, 40, 3)) + steps * [300.0, 0.5, 0.1]
+    labels = [f"Head{name}" if name in SKULL else name for name in track.labels]
+    skeleton = replace(
+        track, positions_mm=np.concatenate([hand, track.positions_mm], axis=1),
+        labels=(*(f"Hand{n}" for n in range(40)), *labels),
+    )  # fmt: skip
+    assert guess_head(skeleton) == tuple(f"Head{name}" for name in SKULL)
+    nameless = replace(skeleton, labels=tuple(name.replace("Head", "") for name in skeleton.labels))
+    assert guess_head(nameless) == tuple(f"Hand{n}" for n in range(40))
+    assert guess_head(replace(track, positions_mm=track.positions_mm[:9])) == ()
+
+
 def test_gaps_rest_and_a_session_are_told(track):
     look = look_over(track)
     at = track.labels.index("8.1")
