@@ -87,7 +87,7 @@ def test_the_tongue_of_th_is_seen_in_words_too(word: str) -> None:
 
 
 def test_a_round_mouth_has_a_dark_hole() -> None:
-    """The tongue of u is drawn back: between its lips it is half as light as on them, and darker than in i."""
+    """The tongue of u is out of the way: between its lips it is a third as light as on them, and darker than in i."""
 
     def light(label: str, high_mm: float, low_mm: float) -> np.ndarray:
         picture = draw([pose(label)], FRONT)[0][..., :3].mean(axis=-1)
@@ -96,7 +96,7 @@ def test_a_round_mouth_has_a_dark_hole() -> None:
         return picture[top:bottom, SIZE[0] // 2 - 5 : SIZE[0] // 2 + 6].mean(axis=1)
 
     hole, lip = light("u", -1.5, -3.1), light("u", -6.5, -14.5)
-    assert hole.max() < 0.55 * lip.max()
+    assert hole.max() < 0.35 * lip.max()  # 0.54 with the tongue in it
     assert hole.max() < light("i", -1.5, -3.1).max()
 
 
@@ -119,6 +119,14 @@ def test_the_upper_lip_of_a_round_mouth_is_an_arc(label: str) -> None:
 
     assert peaks_mm("i") > 1.0
     assert -1.2 < peaks_mm(label) < 0.0
+
+
+def test_the_upper_lip_of_an_open_mouth_is_an_arc() -> None:
+    """Not a tent: half way it is above the line from its middle to its corner."""
+    placed = deform(head(), pose("ɑ"))
+    middle, half_way, corner = (placed[head().feature_points[name], :2] for name in ("2.2", "2.6", "2.4"))
+    share = (half_way - middle)[0] / (corner - middle)[0]
+    assert (half_way - middle)[1] - share * (corner - middle)[1] > 1.4  # mm, by FAPs alone 0.7
 
 
 def without(mesh: FaceMesh, *materials: Material, bones: Iterable[Bone] = Bone) -> FaceMesh:
