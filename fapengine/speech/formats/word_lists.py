@@ -291,8 +291,15 @@ def parse_subtitles(data: bytes) -> PhoneTrack:
         raise DataError("subtitles: contains no cue; times look like 00:00:01,000 --> 00:00:01,500")
     words: list[Entry | tuple[str, str]] = []
     if any(_INSIDE.search(cue.label) for cue in cues):
+        said: list[str] = []
         for cue in cues:
-            words += _inside(cue) if _INSIDE.search(cue.label) else []  # a cue without repeats what was said
+            lines = [" ".join(line.split()) for line in _TAG.sub("", _INSIDE.sub("", cue.label)).split("\n")]
+            if _INSIDE.search(cue.label):
+                words += _inside(cue)
+            else:  # it repeats what was said; a line of one word has no times inside
+                new = [word for line in lines if line not in said for word in line.split()]
+                words += shared_out(cue.start_s, cue.end_s, new, cue.where)
+            said = lines
     elif any(_UNDERLINED.search(cue.label) for cue in cues):
         words += [Entry(c.start_s, c.end_s, m[1], c.where) for c in cues for m in _UNDERLINED.finditer(c.label)]
     else:
@@ -325,13 +332,13 @@ def _cues(lines: list[str]) -> list[Entry]:
 
 
 def _text(lines: list[str]) -> str:
-    """Lines of a cue, up to the blank one or the next cue's times."""
+    """Lines of a cue, up to the empty one or the next cue's times; YouTube begins with a line of a blank."""
     text: list[str] = []
     for at, line in enumerate(lines):
         following = lines[at + 1] if at + 1 < len(lines) else ""
-        if not line.strip() or CUE.fullmatch(line) or (line.strip().isdigit() and CUE.fullmatch(following)):
+        if not line or CUE.fullmatch(line) or (line.strip().isdigit() and CUE.fullmatch(following)):
             break
-        text.append(line.strip())
+        text += [line.strip()] if line.strip() else []
     return "\n".join(text)
 
 

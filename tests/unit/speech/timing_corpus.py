@@ -179,7 +179,28 @@ RECOGNIZERS = (
         {"begin": "0.0", "end": "1.4", "lines": ["paper boats float"], "children": []}]}), "align word by word"),
 )  # fmt: skip
 CUES = [f"00:00:{a:06.3f} --> 00:00:{b:06.3f}\n{label}\n" for label, a, b in FR]
+ROLLING = """WEBVTT
+Kind: captions
+
+00:00:00.100 --> 00:00:00.900 align:start position:0%
+\x20
+des<00:00:00.400><c> amis</c>
+
+00:00:00.900 --> 00:00:00.910 align:start position:0%
+des amis
+\x20
+
+00:00:00.910 --> 00:00:01.400 align:start position:0%
+des amis
+oui
+
+00:00:01.400 --> 00:00:01.410 align:start position:0%
+oui
+\x20
+"""
 SUBTITLES = (
+    Case("vtt of youtube that rolls up", "yt-dlp/yt-dlp: --write-auto-subs: a line of a blank, and one of one word", ROLLING,
+         [("des", 0.1, 0.4), ("amis", 0.4, 0.9), ("oui", 0.91, 1.4)], ".vtt"),
     Case("vtt of youtube", "yt-dlp/yt-dlp: --write-auto-subs; W3C WebVTT",
          text("WEBVTT", "Kind: captions", "Language: fr", "", *CUES), FR, ".vtt", language="fr"),
     Case("vtt", "W3C WebVTT", text("WEBVTT", "", *CUES), FR, ".vtt"),
