@@ -171,6 +171,20 @@ def rotations_from_quaternions(quaternions: ArrayLike) -> Array:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
+def yaw_pitch_roll(rotations: Array) -> Array:
+    """(..., 3, 3) rotations -> (..., 3) rad: about y, then x, then z, about axes that move along.
+
+    Examples
+    --------
+    >>> yaw_pitch_roll(np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])).round(4).tolist()
+    [1.5708, -0.0, 0.0]
+    """
+    pitch = np.arcsin(np.clip(-rotations[..., 1, 2], -1.0, 1.0))
+    yaw = np.arctan2(rotations[..., 0, 2], rotations[..., 2, 2])
+    roll = np.arctan2(rotations[..., 1, 0], rotations[..., 1, 1])
+    return np.stack([yaw, pitch, roll], axis=-1)
+
+
 def _checked(points_mm: ArrayLike, target_mm: ArrayLike, weights: ArrayLike | None) -> tuple[Array, Array, Array]:
     points, target = np.asarray(points_mm, dtype=np.float64), np.asarray(target_mm, dtype=np.float64)
     weight = np.ones(points.shape[-2:-1]) if weights is None else np.asarray(weights, dtype=np.float64)

@@ -9,11 +9,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from fapengine._arrays import Array
 from fapengine.errors import DataError, as_data_error
 from fapengine.expressions import Expression
+from fapengine.geometry.rigid import yaw_pitch_roll
 from fapengine.laboratory.phones import TONGUE_ON_JAW, spoken
 from fapengine.laboratory.prepare import Displacements, Prepared
 from fapengine.laboratory.setup import Setup
@@ -267,8 +267,7 @@ def captured_faps(take: Displacements, prepared: Prepared, profile: Profile) -> 
         holds = contacts(take, prepared)
         touch = held(times_s, holds)[0][:, None]
         faps += touch * (close_lips(faps, times_s, holds) - faps)
-    turns = Rotation.from_matrix(take.head.rotation).as_euler("YXZ")
-    for number, angle in zip((49, 48, 50), turns.T, strict=True):
+    for number, angle in zip((49, 48, 50), yaw_pitch_roll(take.head.rotation).T, strict=True):
         faps[:, fap.column(number)] = angle / AU_RAD
     return FapTrack.from_values(np.asarray(to_codable(faps)), rate_hz=prepared.rate_hz)
 

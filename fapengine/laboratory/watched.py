@@ -25,8 +25,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import uniform_filter1d
-from scipy.spatial.transform import Rotation
 
 from fapengine._arrays import Array, frozen
 from fapengine.capture.held_face import (
@@ -41,6 +39,7 @@ from fapengine.capture.held_face import (
 )
 from fapengine.capture.landmarks import FEATURE_POINTS, OPENFACE_FEATURE_POINTS, OpenFaceTrack
 from fapengine.errors import DataError, UsageError, as_data_error
+from fapengine.geometry.rigid import yaw_pitch_roll
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD, EYE_LIDS, Fapu, faps_of_displacements, measure_distances
 from fapengine.mpeg4.track import FapTrack, to_codable
@@ -153,7 +152,7 @@ def resting_face(
             off = np.abs(gap - gaps[eye])
             opened = off <= max(np.ptp(gap) / 20, off.min())
             neutral[upper], neutral[lower] = (np.median(points[name][opened], axis=0) for name in (upper, lower))
-    pitch = Rotation.from_matrix(poses).as_euler("YXZ")[:, 1]
+    pitch = yaw_pitch_roll(poses)[:, 1]
     ahead = np.zeros((2, 3)) if gaze is None else np.median(gaze, axis=0)
     return RestingFace(neutral, _measured(neutral), ahead, float(np.median(pitch)), gaps)
 
@@ -177,7 +176,7 @@ def faps_from_rest(rest: RestingFace, points: Mapping[str, Array], poses: Array,
                 angles[hidden, eye] = np.nan
             faps[:, fap.column(23 + eye)] = angles[:, eye, 0] / AU_RAD
             faps[:, fap.column(25 + eye)] = -angles[:, eye, 1] / AU_RAD
-    yaw, pitch, roll = Rotation.from_matrix(poses).as_euler("YXZ").T
+    yaw, pitch, roll = yaw_pitch_roll(poses).T
     for number, angle in ((49, yaw), (48, pitch - rest.pitch_rad), (50, roll)):
         faps[:, fap.column(number)] = angle / AU_RAD
     return faps
@@ -187,7 +186,9 @@ def quiet_frames(points: Mapping[str, Array], rate_hz: float) -> NDArray[np.intp
     """(N,): frames at rest, those that move least of the half with the lips nearest to each other."""
     places = np.stack([points[name] for name in points if name not in (*EYES, *EYE_LIDS[0], *EYE_LIDS[1])], axis=1)
     speed = np.linalg.norm(np.gradient(places, axis=0), axis=-1).mean(axis=1) if len(places) > 1 else np.zeros(1)
-    speed = uniform_filter1d(speed, max(1, round(QUIET_S * rate_hz)), mode="nearest")
+    window = max(1, round(QUIET_S * rate_hz))
+    around = np.pad(speed, (window // 2, (window - 1) // 2), mode="edge")
+    speed = np.convolve(around, np.full(window, 1 / window), "valid")
     opening = points["2.2"][:, 1] - points["2.3"][:, 1]
     shut = np.flatnonzero(opening <= np.median(opening))
     count = max(1, round(QUIET_SHARE * len(places)))

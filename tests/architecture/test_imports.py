@@ -44,8 +44,8 @@ def test_a_picture_of_faps_needs_no_scipy() -> None:
     assert "scipy" not in loaded
 
 
-@pytest.mark.parametrize("module", ["app.inspection.kinds", "batch.run"])
-def test_inspecting_a_file_and_a_batch_start_without_scipy(module: str) -> None:
+@pytest.mark.parametrize("module", ["app.capture", "app.inspection.kinds", "batch.run"])
+def test_commands_for_many_kinds_of_files_start_without_scipy(module: str) -> None:
     assert "scipy" not in modules_after(f"import fapengine.{module}")
 
 

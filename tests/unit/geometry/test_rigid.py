@@ -11,6 +11,7 @@ from fapengine.geometry.rigid import (
     fit_rigid_robust,
     fit_template,
     rotations_from_quaternions,
+    yaw_pitch_roll,
 )
 
 BAND = np.array([[70.0, 20.0, 0.0], [40.0, 24.0, 55.0], [0.0, 28.0, 75.0], [-42.0, 23.0, 54.0], [-70.0, 19.0, 2.0]])
@@ -32,6 +33,13 @@ def test_any_motion_is_undone(seed, batch):
     assert motion.rotation.shape == (*batch, 3, 3)
     np.testing.assert_allclose(motion.apply(points), truth.apply(points), atol=1e-6)
     np.testing.assert_allclose(motion.inverse().apply(truth.apply(points)), points, atol=1e-6)
+
+
+@given(st.integers(0, 10**9), st.sampled_from([(), (1,), (3, 1, 2)]))
+def test_yaw_pitch_and_roll_are_the_angles_of_three_turns(seed, batch):
+    turns = np.random.default_rng(seed).uniform(-1.5, 1.5, (*batch, 3)) * [2.0, 1.0, 2.0]
+    rotations = Rotation.from_euler("YXZ", turns.reshape(-1, 3)).as_matrix().reshape(*batch, 3, 3)
+    np.testing.assert_allclose(yaw_pitch_roll(rotations), turns, atol=1e-9)
 
 
 @pytest.mark.parametrize(
