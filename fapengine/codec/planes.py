@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine._arrays import read_rows
 from fapengine.codec import kernels as k
 from fapengine.codec.bits import BitReader, Bits
 from fapengine.codec.fields import (
@@ -258,24 +259,9 @@ class Loss:
     reason: str
 
 
-def _span(first: int, last: int) -> tuple[int, ...]:
-    return tuple(range(first, last + 1))
-
-
-BODY_GROUPS: tuple[tuple[int, ...], ...] = (
-    (1, 2, 3), (4, 6, 10, 14), (5, 7, 11, 15), (8, 12, 16, 18, 20, 22), (9, 13, 17, 19, 21, 23),
-    (32, 34, 36, 38, 42), (33, 35, 37, 39, 43), (24, 26, 28, 30, 40, 44, 46), (25, 27, 29, 31, 41, 45, 47),
-    (*_span(48, 50), *_span(60, 62), *_span(87, 89), *_span(114, 116)),
-    (*_span(54, 56), *_span(72, 74), *_span(99, 101), *_span(108, 110), *_span(120, 122)),
-    (*_span(57, 59), *_span(66, 68), *_span(81, 83), *_span(93, 95), *_span(105, 107), *_span(117, 119)),
-    (*_span(63, 65), *_span(69, 71), *_span(75, 77), *_span(90, 92), *_span(102, 104), *_span(111, 113)),
-    (*_span(51, 53), *_span(78, 80), *_span(84, 86), *_span(96, 98)),
-    (125, 131, 133, 137, 143, 145, 149, 155, 157, 161, 167, 169, 171, 173, 177, 179),
-    (126, 132, 134, 138, 144, 146, 150, 156, 158, 162, 168, 170, 172, 174, 178, 180),
-    (123, 127, 129, 135, 139, 141, 147, 151, 153, 159, 163, 165, 175),
-    (124, 128, 130, 136, 140, 142, 148, 152, 154, 160, 164, 166, 176),
-    _span(181, 186), _span(187, 208), _span(209, 230), _span(231, 252), _span(253, 274), _span(275, 296),
-)  # fmt: skip
+BODY_GROUPS: tuple[tuple[int, ...], ...] = tuple(
+    tuple(map(int, row)) for row in read_rows("fapengine.codec", "bap_groups.csv")
+)
 """BAP numbers of the 24 groups, in the order in which they are coded."""
 CODED_BAPS = tuple(chain.from_iterable(BODY_GROUPS))
 SCALES = (

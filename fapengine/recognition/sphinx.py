@@ -12,8 +12,9 @@ Theory of operation: words that the dictionary lacks
 A word is covered by the fewest runs of letters that words of the dictionary have, and by the longest of these; its
 beginning and end count as letters, so that a beginning is taken from a beginning. Runs overlap by a letter where they
 can. Letters and phones of a word of the dictionary are aligned by which letter may spell which phone
-(:data:`SPELLS`), so a run of letters has phones. Pronouncing by analogy is of Dedina and Nusbaum, "PRONOUNCE: a program
-for pronunciation by analogy", Computer Speech and Language 5, 1991; theirs weighs many words, this takes one for a run.
+(:data:`SPELLED_BY`), so a run of letters has phones. Pronouncing by analogy is of Dedina and Nusbaum, "PRONOUNCE: a
+program for pronunciation by analogy", Computer Speech and Language 5, 1991; theirs weighs many words, this takes one
+for a run.
 """
 
 import re
@@ -27,6 +28,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fapengine._arrays import read_rows
 from fapengine._late import needed
 from fapengine.speech import ipa
 from fapengine.speech.alphabets.convert import from_arpabet
@@ -35,10 +37,8 @@ from fapengine.speech.phone_track import SILENCE, Phone
 Frames = tuple[str, int, int]
 """A phone of the model or a silence, its first frame and the one after its last, 100 a second."""
 
-MODEL_PHONES = (
-    "AA", "AE", "AH", "AO", "AW", "AY", "B", "CH", "D", "DH", "EH", "ER", "EY", "F", "G", "HH", "IH", "IY", "JH", "K",
-    "L", "M", "N", "NG", "OW", "OY", "P", "R", "S", "SH", "T", "TH", "UH", "UW", "V", "W", "Y", "Z", "ZH",
-)  # fmt: skip
+_PHONES = read_rows("fapengine.recognition", "sphinx_phones.csv")
+MODEL_PHONES = tuple(name for name, _, _ in _PHONES)
 """Phones that the model knows, in ARPAbet."""
 VOWELS = frozenset(name for name in MODEL_PHONES if name[0] in "AEIOU")
 _DICTIONARY = "cmudict-en-us.dict"
@@ -116,17 +116,9 @@ Pronounce = Callable[[str], Sequence[Phone]]
 
 MODEL_NAMES: Mapping[str, str] = {ipa_of(name): name for name in MODEL_PHONES}
 """IPA of the model's phones."""
-# fmt: off
-SOUNDS_LIKE: Mapping[str, str] = {
-    # Vowels by their first two formants (Handbook of the IPA, 1999; Peterson and Barney 1952 for the model's own).
-    "ə": "AH", "ɐ": "AH", "a": "AA", "ɒ": "AO", "e": "EY", "o": "OW", "y": "IY", "ʏ": "IH", "ø": "EH", "œ": "EH",
-    "ɨ": "IH", "ʉ": "UW", "ɯ": "UW", "ɤ": "AH", "ɜ": "ER", "ɚ": "ER", "ɵ": "UH", "ɘ": "AH", "ɞ": "AH", "ɶ": "AE",
-    # Consonants by manner, then by where their noise lies.
-    "r": "R", "ɾ": "D", "ʀ": "R", "ʁ": "R", "ɽ": "R", "x": "HH", "χ": "HH", "ç": "SH", "ɣ": "G", "β": "V", "ɸ": "F",
-    "ʋ": "V", "ɲ": "N", "ɳ": "N", "ɴ": "NG", "ʎ": "L", "ɭ": "L", "ɫ": "L", "ɥ": "Y", "c": "K", "ɟ": "G", "q": "K",
-    "ʂ": "SH", "ɕ": "SH", "ʐ": "ZH", "ʑ": "ZH", "ʈ": "T", "ɖ": "D", "ɬ": "L", "ħ": "HH", "ʕ": "AA", "ɦ": "HH",
-}
-# fmt: on
+SOUNDS_LIKE: Mapping[str, str] = {letter: name for name, letters, _ in _PHONES for letter in letters}
+"""The model's phone for IPA letters that it lacks: vowels by their first two formants (Handbook of the IPA, 1999;
+Peterson and Barney 1952 for the model's own), consonants by manner, then by where their noise lies."""
 _LETTERS = tuple(label for label in MODEL_NAMES if len(label) == 1)
 
 
@@ -215,16 +207,8 @@ def _speaks(letter: str) -> bool:
     return letter.isalnum() or unicodedata.combining(letter) != 0 or letter in "%€$£&"
 
 
-SPELLS: Mapping[str, frozenset[str]] = {
-    letter: frozenset(names.split())
-    for letter, names in {
-        "b": "B", "c": "K S CH SH", "d": "D T JH", "f": "F V", "g": "G JH ZH NG F", "h": "HH", "j": "JH Y HH ZH",
-        "k": "K", "l": "L", "m": "M", "n": "N NG", "p": "P F", "q": "K", "r": "R ER", "s": "S Z SH ZH", "v": "V F",
-        "t": "T TH DH CH SH D", "w": "W V UW AW", "x": "K S G Z", "y": "Y", "z": "Z S T ZH", "u": "W Y", "i": "Y",
-        "o": "W", "e": "Y",
-    }.items()
-}  # fmt: skip
-"""Consonants that a letter may spell; :data:`VOWEL_LETTERS` spell all vowels."""
+SPELLED_BY: Mapping[str, str] = {name: letters for name, _, letters in _PHONES}
+"""Letters that may spell each phone, apart from :data:`VOWEL_LETTERS`, which spell all vowels."""
 VOWEL_LETTERS = frozenset("aeiouy")
 UNLIKELY, SILENT, DOUBLE = 3.0, 0.4, 0.5
 """Costs of a letter with a phone that it does not spell, without a phone, and with one more."""
@@ -333,4 +317,4 @@ def beside(word: str, phones: Sequence[str]) -> list[str]:
 
 
 def _may_spell(letter: str, name: str) -> bool:
-    return name in SPELLS.get(letter, ()) or (letter in VOWEL_LETTERS and name in VOWELS)
+    return letter in SPELLED_BY.get(name, "") or (letter in VOWEL_LETTERS and name in VOWELS)

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 
+from fapengine._arrays import read_rows
 from fapengine.errors import UsageError
 from fapengine.speaking import DEFAULT_VOICE
 
@@ -17,19 +18,9 @@ _OTHER_NAMES = {"jp": "ja", "iw": "he", "in": "id", "mo": "ro", "sh": "hbs", "tl
 """Codes that no voice lists: withdrawn ones of ISO 639-1 (iw, in, mo, sh; tl is fil in BCP 47), Klingon's, Japan's."""
 _LAST_PRIORITY = 99
 _TWO_LETTERS = {
-    "af": "afr", "am": "amh", "ar": "ara arb", "az": "aze", "be": "bel", "bg": "bul", "bn": "ben", "bs": "bos",
-    "ca": "cat", "cs": "ces cze", "cy": "cym wel", "da": "dan", "de": "deu ger", "el": "ell gre", "en": "eng",
-    "es": "spa", "et": "est", "eu": "eus baq", "fa": "fas per pes", "fi": "fin", "fr": "fra fre", "ga": "gle",
-    "gu": "guj", "he": "heb", "hi": "hin", "hr": "hrv", "hu": "hun", "hy": "hye arm", "id": "ind", "is": "isl ice",
-    "it": "ita", "ja": "jpn", "ka": "kat geo", "kk": "kaz", "kn": "kan", "ko": "kor", "la": "lat", "lt": "lit",
-    "lv": "lav", "mk": "mkd mac", "ml": "mal", "mr": "mar", "ms": "msa may zsm", "mt": "mlt", "my": "mya bur",
-    "nb": "nor nob", "ne": "nep", "nl": "nld dut", "pa": "pan", "pl": "pol", "pt": "por", "ro": "ron rum",
-    "ru": "rus", "si": "sin", "sk": "slk slo", "sl": "slv", "sq": "sqi alb", "sr": "srp", "sv": "swe",
-    "sw": "swa swh", "ta": "tam", "te": "tel", "th": "tha", "tr": "tur", "uk": "ukr", "ur": "urd", "uz": "uzb",
-    "vi": "vie", "zh": "zho chi",
-}  # fmt: skip
-"""ISO 639-1 to 639-2 and 639-3, of languages that have a voice."""
-_THREE_LETTERS = {three: two for two, threes in _TWO_LETTERS.items() for three in threes.split()}
+    three: two for two, threes in read_rows("fapengine.voices", "language_codes.csv") for three in threes.split()
+}
+"""ISO 639-2 and 639-3 to 639-1, of languages that have a voice."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +114,7 @@ class Catalogue:
         """
         wanted = named.strip().lower()
         language, dash, region = wanted.replace("_", "-").partition("-")
-        code = f"{_THREE_LETTERS.get(language, language)}{dash}{region}"
+        code = f"{_TWO_LETTERS.get(language, language)}{dash}{region}"
         if code in ("en", "english"):
             return DEFAULT_VOICE
         names = [entry for entry in self.entries if wanted in re.findall(r"[^\W\d_]+", entry.name.lower())]
