@@ -290,7 +290,11 @@ def parse_gentle(data: bytes, *, alphabet: str | None = None) -> PhoneTrack:
         ]
         phones += in_sequence(lengths, word["start"].number())
     if phones and len({phone.word for phone in phones}) >= sum(isinstance(word, Entry) for word in words) / 2:
-        return track_of(without_overlaps(phones), "Gentle", alphabet=alphabet or "arpabet")
+        lost = [word[0] for word in words if not isinstance(word, Entry)]
+        told = [
+            f"Gentle: {len(lost)} of {len(words)} words were not found in the sound: {word[:40]!r}" for word in lost
+        ]
+        return track_of(without_overlaps(phones), "Gentle", alphabet=alphabet or "arpabet", remarks=tuple(told[:1]))
     return words_track(words, "Gentle", "was the text the one that is spoken?")
 
 

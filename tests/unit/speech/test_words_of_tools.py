@@ -249,6 +249,15 @@ def test_buckeye_and_emu() -> None:
     assert told(read(words, ending=".words")) == [("_", 0.0, 0.3), ("that's", 0.3, 0.7)]
 
 
+def test_words_that_gentle_did_not_find_are_told() -> None:
+    found = {"word": "my", "start": 0.0, "end": 1.0, "phones": [{"phone": "m_B", "duration": 0.4},
+             {"phone": "ay_E", "duration": 0.6}]}  # fmt: skip
+    lost = {"case": "not-found-in-audio", "word": "oh"}
+    assert read(json.dumps({"words": [found]})).reading.remarks == ()
+    remarks = ("Gentle: 2 of 3 words were not found in the sound: 'oh'",)
+    assert read(json.dumps({"words": [found, lost, lost]})).reading.remarks == remarks
+
+
 def test_what_brackets_enclose_is_not_spoken() -> None:
     rows = [("[Music]", 0.0, 1.0), ("Hello", 1.0, 1.5), ("(well)", 1.5, 2.0), ("[BLANK_AUDIO]", 2.0, 2.5)]
     spoken = [("_", 0.0, 1.0), ("Hello", 1.0, 1.5), ("well", 1.5, 2.0)]
