@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from fapengine._late import Late
 from fapengine.errors import DataError, ResourceError, UsageError, any_error_as
 from fapengine.speaking import DEFAULT_RATE_WPM
-from fapengine.speech.alphabets.japanese import OPENJTALK
+from fapengine.speech.alphabets.phone_sets import PHONE_SETS
 from fapengine.speech.formats.synthesizers import piper_entries
 from fapengine.speech.marks import read_marks
 from fapengine.voices import model_speech
@@ -45,7 +45,7 @@ NLTK_DATA = {
 }
 """What English needs of NLTK, each with its place."""
 _OTHERS = {"rr": "r", "y_vowel": "y", "N_m": "m", "N_n": "n", "N_ng": "ŋ", "N_uvular": "ɴ"}
-_JAPANESE = {**OPENJTALK.table, **_OTHERS}
+_JAPANESE = {**PHONE_SETS["openjtalk"].table, **_OTHERS}
 _UNAMBIGUOUS = {label: sound for label, sound in _JAPANESE.items() if len(label) > 1 or label.isupper()}
 """Labels that mean the same in every language of the package."""
 _ACCENTS = "[]#"

@@ -1,4 +1,4 @@
-"""Japanese: kana mora by mora, and the phone labels of VOICEVOX, Open JTalk and Julius.
+"""Japanese: kana, mora by mora.
 
 Pronunciation after Okada, Handbook of the IPA (1999). Katakana and hiragana, full and half width, with every small
 vowel. The moraic nasal takes the place of the stop after it, and so does っ: before p b m the lips are shut.
@@ -113,24 +113,4 @@ _HIRAGANA = {
 KANA = PhoneSet(
     "kana", "Katakana and hiragana; pronunciation after Okada, Handbook of the IPA (1999)", "JIS X 0208 and 0201",
     table={k: v for k, v in (_MORAE | _HIRAGANA).items() if v or k in "、。？！・"}, read=from_kana,
-)  # fmt: skip
-# fmt: off
-_LABELS = {
-    "a": "a", "i": "i", "u": "ɯ", "e": "e", "o": "o", "A": "a", "I": "i", "U": "ɯ", "E": "e", "O": "o", "N": "ɴ",
-    "cl": "ʔ", "pau": "", "k": "k", "ky": "kʲ", "kw": "kw", "g": "ɡ", "gy": "ɡʲ", "gw": "ɡw", "s": "s", "sh": "ɕ",
-    "z": "z", "j": "dʑ", "t": "t", "ts": "ts", "ty": "tʲ", "ch": "tɕ", "d": "d", "dy": "dʲ", "n": "n", "ny": "ɲ",
-    "h": "h", "hy": "ç", "f": "ɸ", "b": "b", "by": "bʲ", "p": "p", "py": "pʲ", "m": "m", "my": "mʲ", "y": "j",
-    "r": "ɾ", "ry": "ɾʲ", "w": "w", "v": "v",
-}
-# fmt: on
-VOICEVOX = PhoneSet(
-    "voicevox", "VOICEVOX ENGINE, mora_mapping: consonants and vowels of a mora", "VOICEVOX 0.14 and later", _LABELS
-)
-OPENJTALK = PhoneSet(
-    "openjtalk", "Open JTalk, mecab2njd's phones; Julius, segmentation kit's phones (q, long vowels, silB, silE)",
-    "Open JTalk 1.11, Julius 4.6",
-    table=_LABELS | {
-        "a:": "aː", "i:": "iː", "u:": "ɯː", "e:": "eː", "o:": "oː", "q": "ʔ", "fy": "ɸʲ", "vy": "bʲ", "zy": "dʑ",
-        "sy": "ɕ", "dz": "dz", "sil": "", "silB": "", "silE": "", "sp": "", "xx": "",
-    },
 )  # fmt: skip

@@ -6,7 +6,7 @@ from fapengine.speech import ipa
 from fapengine.speech.alphabets import convert as alphabets
 from fapengine.speech.alphabets.convert import ARPABET
 from fapengine.speech.alphabets.guess import explains, guess, is_one_phone
-from fapengine.speech.alphabets.phone_sets import MISAKI, OPENJTALK, PHONE_SETS
+from fapengine.speech.alphabets.phone_sets import PHONE_SETS
 from fapengine.speech.formats.entries import Entry, track_of
 from fapengine.speech.phone_track import SILENCE, PhoneTrack, Reading, find_unknown
 
@@ -215,12 +215,13 @@ def test_a_doubled_p_closes_the_lips_and_a_long_mark_lengthens() -> None:
      ("中", "ʊŋ"), ("ㄅ", "p"), ("ㄓ", "ʈʂ"), ("万", "wan")],
 )  # fmt: skip
 def test_misaki_speaks_japanese_and_mandarin(label: str, expected: str) -> None:
-    assert MISAKI.to_ipa(label) == expected
+    assert PHONE_SETS["misaki"].to_ipa(label) == expected
 
 
 def test_festivals_and_julius_sets() -> None:
     assert [PHONE_SETS["mrpa"].to_ipa(label) for label in ("@@", "e@", "i@", "uu", "#")] == ["ɜː", "ɛə", "ɪə", "uː", ""]
-    assert [OPENJTALK.to_ipa(label) for label in ("silB", "a:", "q", "ch", "N")] == ["", "aː", "ʔ", "tɕ", "ɴ"]
+    openjtalk = PHONE_SETS["openjtalk"]
+    assert [openjtalk.to_ipa(label) for label in ("silB", "a:", "q", "ch", "N")] == ["", "aː", "ʔ", "tɕ", "ɴ"]
 
 
 def test_what_is_one_phone() -> None:
