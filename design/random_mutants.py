@@ -4,7 +4,8 @@
 
 Each mutant changes one operator, number or flag of one line of ``fapengine/PACKAGE`` in a copy of the tree; then only
 those tests of ``tests/unit/PACKAGE`` run that execute the line (all of them where it runs at import). A mutant that
-survives is either equivalent, because no input can show the difference, or a promise that nobody checks.
+survives those and then all others is either equivalent, because no input can show the difference, or a promise that
+nobody checks.
 ``mutants.toml`` beside this file lists the survivors that are known, with the reason for each.
 """
 
@@ -188,11 +189,13 @@ def main() -> int:
         for package in asked.only or PACKAGES:
             coverage = Coverage(copy, package)
             for one in track(drawn(package, asked.each, asked.seed, copy), package, console=Console(stderr=True)):
-                verdict = judge(copy, one, coverage.tests(one))
                 source = (copy / one.file).read_bytes()
                 changed = one.applied(source).decode().splitlines()[one.line - 1].strip()
+                verdict = judge(copy, one, coverage.tests(one))
                 if verdict == "survived" and changed in reasons:
                     verdict = "equivalent"
+                elif verdict != "killed":  # a line whose result is kept is executed by one test and seen by others
+                    verdict = judge(copy, one, [f"tests/unit/{package}"])
                 verdicts.append(verdict)
                 row = {**asdict(one), "changed": changed, "verdict": verdict}
                 if asked.json:

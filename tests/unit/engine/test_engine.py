@@ -47,9 +47,9 @@ def sentence(labels=SENTENCE, each_s=0.1, lead_s=0.3):
     return tuple(Phone(label, lead_s + n * each_s, lead_s + (n + 1) * each_s) for n, label in enumerate(labels))
 
 
-def engine(style=STILL, seed=1, **limits):
+def engine(style=STILL, seed=1, start_s=0.0, **limits):
     made = Engine(english(), rng=np.random.default_rng(seed), style=style, limits=Limits(**limits))
-    made.open("anna", 0.0)
+    made.open("anna", start_s)
     return made
 
 
@@ -83,22 +83,23 @@ def test_speech_is_what_the_offline_plan_says():
     assert seen[:, LIPS].any()
 
 
+@pytest.mark.parametrize("start_s", [0.0, 5000.0])
 @pytest.mark.parametrize(("ahead_s", "most"), [(0.7, 40), (2.0, 8)])
-def test_chunks_that_come_early_are_planned_together_and_show_the_same(monkeypatch, ahead_s, most):
-    whole, chunks = engine(), engine()
+def test_chunks_that_come_early_are_planned_together_and_show_the_same(monkeypatch, ahead_s, most, start_s):
+    whole, chunks = engine(start_s=start_s), engine(start_s=start_s)
     phones = sentence(SENTENCE * 5, each_s=0.08)
-    say(whole, phones)
+    say(whole, phones, now_s=start_s)
     fed = []
     monkeypatch.setattr(
         chunks._batch,
         "feed",
         lambda *args, **named: fed.append(args) or type(chunks._batch).feed(chunks._batch, *args, **named),
     )
-    chunks.apply("anna", Begin(1), 0.0)
+    chunks.apply("anna", Begin(1), start_s)
     sent = 0
     for n in range(330):
-        now_s = n / RATE_HZ
-        while sent < len(phones) and phones[sent].start_s < now_s + ahead_s:
+        now_s = start_s + n / RATE_HZ
+        while sent < len(phones) and phones[sent].start_s < n / RATE_HZ + ahead_s:
             chunks.apply("anna", Append(1, sent, phones[sent : sent + 2]), now_s)
             sent += 2
         assert np.abs(chunks.frame(now_s).faps - whole.frame(now_s).faps).max() <= 1, now_s
