@@ -82,7 +82,8 @@ class Sound:
     """0 stop, 0.3 fricative, 0.6 approximant, 0.8 nasal; 1 vowel."""
 
 
-_MANNERS = {"stop": 0.0, "fricative": 0.3, "approximant": 0.6, "nasal": 0.8}
+MANNERS = {"stop": 0.0, "fricative": 0.3, "approximant": 0.6, "nasal": 0.8}
+"""Values of :attr:`Sound.manner`."""
 _CHART = read_tables("fapengine.speech", "ipa_chart.toml")
 
 
@@ -92,7 +93,7 @@ def _table() -> dict[str, Sound]:
         lips, rounding, back = _CHART["places"][place]
         for manner, (voiceless, voiced) in manners.items():
             for letter in voiceless + voiced:
-                sounds[letter] = Sound(lips, rounding, 0.1, back, False, letter in voiced, _MANNERS[manner])
+                sounds[letter] = Sound(lips, rounding, 0.1, back, False, letter in voiced, MANNERS[manner])
     for opening, columns in _CHART["vowels"].items():
         for place_of, pair in zip((0.0, 0.5, 1.0), columns, strict=True):
             for rounding, letter in enumerate(pair):

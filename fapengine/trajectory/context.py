@@ -109,8 +109,7 @@ TYPICAL_S, MIN_DURATION_S, MAX_DURATION_S = 0.1, 0.03, 0.4
 vowel that is held for a minute opened the mouth by 33 mm when its length went on to count."""
 PAUSE_S = 0.3
 """Length of every silence as a neighbour, so that when speech began does not matter to its targets."""
-MANNERS = {0.0: "stop", 0.3: "fricative", 0.6: "approximant", 0.8: "nasal"}
-"""Names of :attr:`fapengine.speech.ipa.Sound.manner`."""
+_MANNERS = {value: name for name, value in ipa.MANNERS.items()}
 RIDGE, POSTALVEOLAR = (0.05, 0.15), (0.3, 0.35)
 """Places of :class:`fapengine.speech.ipa.Sound`: dental and alveolar; postalveolar and retroflex."""
 SCALE = 10.0
@@ -163,7 +162,7 @@ def ways(letter: str) -> dict[str, float]:
         }  # fmt: skip
     else:
         found = {
-            MANNERS[sound.manner]: 1.0, "lips": sound.lips, "teeth": float(sound.lips == 0.5), "place": sound.place,
+            _MANNERS[sound.manner]: 1.0, "lips": sound.lips, "teeth": float(sound.lips == 0.5), "place": sound.place,
             "ridge": float(sound.place in RIDGE),
             "postalveolar": float(POSTALVEOLAR[0] <= sound.place <= POSTALVEOLAR[1]),
             "sibilant": float(letter in SIBILANTS),
