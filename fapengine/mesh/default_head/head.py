@@ -392,7 +392,7 @@ def _finish(
     if reshape is not None:
         points, head = reshape(points, triangles, head, feature_points)
     elif style.charm or style.childlike:
-        points, head = stylise(points, head, style.charm, style.childlike)
+        points, head = stylise(points, head, style)
     normals = vertex_normals(points, triangles)
     given = builder.column("normal")
     has_own = np.isfinite(given[:, 0])

@@ -198,10 +198,10 @@ EAR_EDGE = np.array([(1.0, -1.2), (0.98, -3.2), (0.9, -5.5), (0.72, -10.0)])
 """Around the edge: share, height."""
 EAR_BUMPS = (
     (-2.0, (-0.02, 0.40), (0.24, 0.14)),  # triangular fossa
-    (4.8, (-0.62, -0.14), (0.15, 0.16)),  # tragus
-    (2.4, (0.12, -0.52), (0.18, 0.10)),  # antitragus
+    (5.2, (-0.44, -0.14), (0.15, 0.18)),  # tragus
+    (2.4, (0.16, -0.50), (0.18, 0.12)),  # antitragus
     (2.6, (-0.42, 0.10), (0.22, 0.085)),  # root of the helix
-    (2.0, (-0.05, -0.80), (0.4, 0.16)),  # lobe
+    (2.6, (-0.05, -0.78), (0.45, 0.2)),  # lobe
 )
 """Height, mm, centre and size, relative to the ear's, back and up."""
 
@@ -218,7 +218,7 @@ def _relief(share: Array, up: Array, back: Array) -> Array:
     antihelix *= smoothstep((up + 0.92) / 0.3)
     relief = 3.9 * helix * _ridge(share, 0.91, 0.075) - 3.0 * helix * _ridge(share, 0.755, 0.075)
     relief += 2.6 * antihelix * _ridge(share, 0.58, 0.10)
-    relief -= 4.6 * np.exp(-((((u + 0.16) / 0.36) ** 2 + ((v + 0.14) / 0.36) ** 2) ** 1.6))  # concha
+    relief -= 6.0 * np.exp(-((((u - 0.02) / 0.30) ** 2 + ((v + 0.12) / 0.36) ** 2) ** 1.6))  # concha
     for bulge_mm, centre, size in EAR_BUMPS:
         relief += bulge_mm * spot(u, v, centre, size)
     return relief
@@ -229,7 +229,7 @@ def build_ear(builder: MeshBuilder, style: HeadStyle, side: float, detail: float
     around = np.linspace(0, 2 * np.pi, max(20, round(28 * detail)), endpoint=False)
     up, back = np.cos(around), np.sin(around)
     inside = resampled(EAR_INSIDE, detail) if detail >= 1 else np.array(EAR_INSIDE)[[0, 2, 3, 4, 6, 8, 9]]
-    outline = 1 + 0.08 * up * np.abs(up) + 0.10 * back * up - 0.05 * smoothstep((-up - 0.35) / 0.6) * np.abs(back)
+    outline = 1 + 0.08 * up * np.abs(up) + 0.10 * back * up + 0.06 * smoothstep((-up - 0.35) / 0.6) * np.abs(back)
     share = np.concatenate([inside, EAR_EDGE[:, 0]])[:, None]
     height = _relief(share, up, back)
     height[len(inside) :] = height[len(inside) - 1] * np.array([0.7, 0.3, 0.0, 0.0])[:, None] + EAR_EDGE[:, 1:]
@@ -238,7 +238,7 @@ def build_ear(builder: MeshBuilder, style: HeadStyle, side: float, detail: float
     lobe = 0.3 * smoothstep((-up - 0.5) / 0.4)
     joined = smoothstep((lobe - back - 0.25) / 0.6) * smoothstep((0.8 - up) / 0.5)
     shell = shell - EAR_JOIN_MM * joined * smoothstep((share - 0.56) / 0.38)
-    narrow = 1 - 0.20 * smoothstep((-up * share - 0.05) / 0.75)
+    narrow = 1 - 0.06 * smoothstep((-up * share - 0.05) / 0.75)
     full = 1 + 0.07 * smoothstep((up - 0.2) / 0.5) * np.clip(back, 0, 1)
     long, wide = EAR_HALF_LENGTH * outline * up * share, EAR_HALF_WIDTH * outline * narrow * full * back * share
     axes = np.stack([EAR_UP, EAR_BACK, np.cross(EAR_BACK, EAR_UP)])
@@ -247,7 +247,7 @@ def build_ear(builder: MeshBuilder, style: HeadStyle, side: float, detail: float
     palette = palette_of(style)
     albedo = palette.skin(points)
     deep = np.clip(-height / 4.5, 0, 1)[..., None]
-    albedo = (albedo + 0.22 * (palette.blush - albedo)) * (1 - 0.45 * deep)
+    albedo = (albedo + 0.22 * (palette.blush - albedo)) * (1 - 0.55 * deep)
     albedo = albedo * (1 - 0.03 * BLOOD)  # as the texture does to the skin next to it
     grid = builder.add(points, albedo=albedo)
     builder.quads(grid if side > 0 else grid[:, ::-1], closed=True)

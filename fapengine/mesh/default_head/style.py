@@ -39,6 +39,8 @@ LEVELS: dict[str, Detail] = {
 """Level of detail by name: about 7, 9, 15, 26 and 76 thousand vertices."""
 
 HAIRCUTS = ("short", "cropped", "bob", "long")
+OVER_EARS = ("bob", "long")
+"""Haircuts that cover the ears."""
 BROW_SHAPES = ("soft", "straight", "arched")
 GARMENTS = ("crew_neck", "shirt", "high_neck")
 MODES = 16

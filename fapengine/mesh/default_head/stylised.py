@@ -18,6 +18,7 @@ from fapengine._arrays import Array, Indices
 from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh.default_head.eyes import RADIUS, Eye, moved_eye
 from fapengine.mesh.default_head.points import HeadParts
+from fapengine.mesh.default_head.style import OVER_EARS, HeadStyle
 
 LARGER_EYES, APART_MM = 0.60, 3.8
 """Growth of the eyes, and how far each moves outwards, at charm 1."""
@@ -31,8 +32,8 @@ LEVEL_MM = 25.0
 """Distance from which skin moves no farther, so that it is not pushed together into a crease."""
 NEAR_LIDS_MM, FAR_LIDS_MM = 15.0, 31.0
 """The same for the way back."""
-EAR_GROWTH = np.array([-0.22, 0.08, 0.06])
-"""Growth of an ear about its root, at charm 1: larger, and closer to the head."""
+EAR_GROWTH, COVERED_EAR_GROWTH = np.array([0.3, 0.12, 0.12]), np.array([-0.22, 0.08, 0.06])
+"""Growth of an ear about its root, at charm 1, and of one that lies close to the head, below hair."""
 EAR_REACH_MM = 3.0
 EDGE_Z_MM, EDGE_Y_MM = (-20.0, 8.0, 28.0, 45.0, 69.0, 104.0), (-4.0, -20.0, -37.0, -48.0, -60.0, -78.0)
 """Height of the lower edge of the jaw by depth, from the ear to the chin."""
@@ -42,7 +43,7 @@ def _faded(value: Array, low: float, high: float) -> Array:
     return np.asarray(1 - smoothstep((value - low) / (high - low)))
 
 
-def stylise(points: Array, head: HeadParts, charm: float, childlike: float) -> tuple[Array, HeadParts]:
+def stylise(points: Array, head: HeadParts, style: HeadStyle) -> tuple[Array, HeadParts]:
     """Warp a head, (V, 3) mm.
 
     Returns
@@ -50,15 +51,17 @@ def stylise(points: Array, head: HeadParts, charm: float, childlike: float) -> t
     (V, 3) mm, HeadParts
         Vertices, and parts with matching eyes.
     """
+    charm, childlike = style.charm, style.childlike
     moved = _as_child(_with_face(points, charm, childlike), childlike)
     skin = points[head.grid].reshape(-1, 3)
     skin = skin[(skin[:, 2] > 15.0) & (np.abs(skin[:, 0]) < 82.0) & (skin[:, 1] > -60.0)]
     depth = LinearNDInterpolator(skin[:, :2], skin[:, 2])
     left, right = (_enlarge(eye, points, moved, depth, charm) for eye in head.eyes)
+    growth = COVERED_EAR_GROWTH if style.haircut in OVER_EARS else EAR_GROWTH
     for side, ear in zip((1.0, -1.0), head.ears, strict=True):
         mine = _of_ear(points, ear, head)
         root = points[mine][np.argsort(side * points[mine, 0])[: max(1, len(mine) // 5)]].mean(axis=0)
-        moved[mine] += (points[mine] - root) * charm * EAR_GROWTH
+        moved[mine] += (points[mine] - root) * charm * growth
     return moved, replace(head, eyes=(left, right))
 
 
