@@ -116,8 +116,10 @@ BEND = (180.0, 112.0, 66.0, 50.0), (112.0, 124.0, 112.0, 88.0)
 """Angle from the front, degrees, and height, mm, to which lines of hanging hair bend on their way, over ``u``."""
 RISE = (0, 0.25, 0.6, 1), (12.0, 14.0, 12.0, 7.4)
 """Height of hanging hair above the scalp, mm, over the share of the way on the head."""
-FRONT = (-66, -50, -30, -8, 8, 18, 27, 36, 50, 66), (14.0, 16.0, 11.0, 7.0, 5.0, 4.0, 4.0, 6.0, 14.0, 14.0)
+FRONT = (-66, -50, -30, -8, 8, 18, 27, 36, 50, 66), (16.0, 20.0, 17.0, 11.0, 7.0, 4.5, 4.0, 6.0, 14.0, 14.0)
 """Depth of its front edge below the hairline, mm, by angle from the front, degrees."""
+LEFT_EDGE_MM = 0.0
+"""Its height above the skin from the parting to the left temple: no gap shows there from the right."""
 PARTING_DEG = 28.0
 """Angle at which the parting begins."""
 CROWN_MM = 14.0, 144.0, -30.0
@@ -136,199 +138,89 @@ SHORT_DEG = 0, 40, 60, 80, 100, 120, 150, 180
 BENDS_MM, ENDS_MM = (130, 122, 112, 104, 98, 96, 94, 92), (0, 0, -4, 0, 5, 8, 3, 0)
 """Heights to which short hair bends on its way, and of its ends above the hairline, by angle from the front."""
 SHORT_AT = 0, 0.2, 0.45, 0.7, 0.85, 1
-SHORT_RISE = (11, 17, 22, 22, 14, 3.5), (11, 12, 10, 5, 1.8, -0.4), (11, 10, 8, 5, 2.5, 0.2)
+SHORT_RISE = (11, 17, 22, 22, 12.5, 3.5), (11, 12, 10, 5, 1.8, -0.4), (11, 10, 8, 5, 2.5, 0.2)
 """Height of short hair above the scalp, mm, over the share of its way: in front, at the sides and at the back."""
 SIDES_DEG, SIDES_WIDE_DEG = 95.0, 36.0
 """Angle of the sides from the front, and their width."""
+# fmt: off
 FRINGE = (
-    Locks(
-        18,
-        ((0.64, 0.45), (1.05, 0.45)),
-        ((0.67, 0.97), (1.06, 0.97)),
-        (16, 18),
-        (-3.0, 1.8, 2.0),
-        uneven=0.06,
-        stray=0.03,
-    ),
-    Locks(
-        7,
-        ((0.68, 0.16), (1.12, 0.16)),
-        ((0.72, 0.84), (1.16, 0.94)),
-        (34, 36),
-        (-7.0, 6.5, 3.0),
-        uneven=0.06,
-    ),
+    Locks(18, ((0.64, 0.45), (1.05, 0.45)), ((0.67, 0.98), (1.06, 0.98)), (16, 18), (-3, 1.8, 1.4), uneven=0.05,
+          stray=0.03),
+    Locks(7, ((0.68, 0.16), (1.12, 0.16)), ((0.72, 0.84), (1.16, 0.94)), (34, 36), (-7, 5.2, 1.4), uneven=0.06),
 )
 """Locks over the forehead, and over them."""
-HANGING = Cut(
-    rows=17,
-    groups=3,
-    layers=(),
-    locks=(
-        # Swept from the parting over the forehead to the right temple, over them, and to the left.
-        Locks(
-            7,
-            ((-0.86, 0.03), (-0.74, 0.03)),
-            ((-0.97, 0.56), (-0.90, 0.62)),
-            (24, 32),
-            (-2.0, 4.5, 1.0),
-            bow=-0.08,
-            uneven=0.03,
-        ),
-        Locks(
-            8,
-            ((-0.92, 0.03), (-0.40, 0.03)),
-            ((-0.98, 0.60), (-0.64, 0.62)),
-            (34, 38),
-            (-2.5, 4.5, -3.5),
-            uneven=0.04,
-        ),
-        Locks(
-            4,
-            ((0.985, 0.02), (0.80, 0.03)),
-            ((1.02, 0.46), (0.84, 0.58)),
-            (22, 30),
-            (-1.5, 3.0, -3.0),
-            uneven=0.04,
-        ),
-        # Over the outline of either side.
-        Locks(
-            5,
-            ((-0.80, 0.10), (-0.50, 0.16)),
-            ((-0.86, 0.56), (-0.62, 0.80)),
-            (20, 22),
-            (-1.0, 3.0, -3.5),
-            bow=0.03,
-            stray=0.01,
-        ),
-        Locks(
-            5,
-            ((0.78, 0.10), (0.50, 0.16)),
-            ((0.84, 0.60), (0.62, 0.84)),
-            (20, 22),
-            (-1.0, 3.0, -3.5),
-            bow=-0.03,
-            stray=0.01,
-        ),
-    ),
+SWEPT = (
+    Locks(7, ((-0.90, 0.06), (-0.74, 0.03)), ((-1.00, 0.60), (-0.92, 0.66)), (22, 32), (-2.0, 4.5, 0.3), uneven=0.03),
+    Locks(8, ((-0.92, 0.03), (-0.40, 0.03)), ((-0.98, 0.60), (-0.64, 0.62)), (34, 38), (-2.5, 4.5, 0.3), uneven=0.04),
+    Locks(4, ((0.90, 0.03), (0.76, 0.03)), ((0.91, 0.50), (0.78, 0.58)), (22, 30), (-1.5, 3.0, 0.3), uneven=0.04),
+    *(Locks(5, ((0.79 * side, 0.10), (0.50 * side, 0.16)), ((0.85 * side, 0.58), (0.62 * side, 0.82)), (20, 22),
+            (-1.0, 3.0, 0.3), bow=-0.03 * side, stray=0.01) for side in (-1, 1)),
 )
-"""What bob and long hair share."""
-
-
-def _before_cheeks(first: float, last: float) -> tuple[Locks, ...]:
-    """Locks before either cheek that end at two ``t``."""
-    return tuple(
-        Locks(
-            3,
-            ((-side * 0.85, 0.04), (-side * 0.79, 0.04)),
-            ((-side * 1.035, first), (-side * 0.97, last)),
-            (17, 20),
-            (-1, 4.6, 5.6),
-            bow=side * 0.08,
-        )
-        for side in (1, -1)
-    )
-
-
+"""Locks of bob and long hair: from the parting over the forehead to the right temple, over them, to the left, and over
+the outline of either side.
+"""
 CUTS = {
     "short": Cut(
         rows=12,
         layers=(Layer(21, 0.0, 0.94, 0.03, 0.84, (-1.0, -1.0), shade=0.86),),
         locks=(
             # Nape and sides, and over them.
-            Locks(
-                27,
-                ((-0.72, 0.60), (0.72, 0.60)),
-                ((-0.74, 0.94), (0.74, 0.94)),
-                (17, 17),
-                (-1.5, 0.4, -0.6),
-                uneven=0.06,
-                stray=0.02,
-            ),
-            Locks(
-                14,
-                ((-0.76, 0.28), (0.76, 0.28)),
-                ((-0.76, 0.80), (0.76, 0.80)),
-                (36, 36),
-                (-2.5, 2.0, 0.2),
-                uneven=0.06,
-            ),
+            Locks(27, ((-0.72, 0.60), (0.72, 0.60)), ((-0.74, 0.94), (0.74, 0.94)), (17, 17), (-1.5, 0.4, -0.6),
+                  uneven=0.06, stray=0.02),
+            Locks(14, ((-0.76, 0.28), (0.76, 0.28)), ((-0.76, 0.80), (0.76, 0.80)), (36, 36), (-2.5, 2.0, 0.2),
+                  uneven=0.06),
             *FRINGE,
-            Locks(9, ((-0.95, 0.03), (0.87, 0.03)), ((-0.95, 0.5), (0.87, 0.5)), (30, 30), (-2.5, 2.5, 0.5)),
-            Locks(
-                14,
-                ((-0.4, 0.75), (0.4, 0.75)),
-                ((-0.4, 0.99), (0.4, 0.99)),
-                (1.2, 1.2),
-                (-1, 0.5, 0.0),
-                uneven=0.05,
-                stray=0.03,
-                is_single=True,
-            ),
+            Locks(9, ((-0.95, 0.03), (0.87, 0.03)), ((-0.95, 0.50), (0.87, 0.50)), (30, 30), (-2.5, 2.5, 0.5)),
+            Locks(14, ((-0.40, 0.75), (0.40, 0.75)), ((-0.40, 0.99), (0.40, 0.99)), (1.2, 1.2), (-1.0, 0.5, 0.0),
+                  uneven=0.05, stray=0.03, is_single=True),
         ),
     ),
     "cropped": Cut(
         rows=12,
         layers=(Layer(21, 0.0, 0.99, 0.02, 0.86, (-1.0, -1.0), shade=0.9),),
         locks=(
-            Locks(
-                44,
-                ((-0.98, 0.66), (0.98, 0.66)),
-                ((-0.98, 0.97), (0.98, 0.97)),
-                (15, 15),
-                (-1.5, 0.6, 0.2),
-                uneven=0.03,
-                stray=0.02,
-            ),
-            Locks(
-                24,
-                ((-0.98, 0.40), (0.98, 0.40)),
-                ((-0.98, 0.80), (0.98, 0.80)),
-                (23, 23),
-                (-1.5, 1.0, 0.6),
-                uneven=0.06,
-                stray=0.02,
-            ),
-            Locks(
-                12,
-                ((-0.97, 0.12), (0.97, 0.12)),
-                ((-0.97, 0.56), (0.97, 0.56)),
-                (30, 30),
-                (-1.5, 1.0, 0.6),
-                uneven=0.06,
-                stray=0.02,
-            ),
+            Locks(44, ((-0.98, 0.66), (0.98, 0.66)), ((-0.98, 0.97), (0.98, 0.97)), (18, 18), (-1.5, 0.6, 0.2),
+                  uneven=0.03, stray=0.02),
+            Locks(24, ((-0.98, 0.40), (0.98, 0.40)), ((-0.98, 0.80), (0.98, 0.80)), (23, 23), (-1.5, 1.0, 0.6),
+                  uneven=0.06, stray=0.02),
+            Locks(12, ((-0.97, 0.12), (0.97, 0.12)), ((-0.97, 0.56), (0.97, 0.56)), (30, 30), (-1.5, 1.0, 0.6),
+                  uneven=0.06, stray=0.02),
         ),
         close=0.6,
     ),
-    "bob": HANGING._replace(
-        locks=(*HANGING.locks, *_before_cheeks(0.55, 0.70)),
+    "bob": Cut(
+        rows=22,
+        groups=3,
         layers=(
-            Layer(24, 0.0, 0.97, 0.03, 0.90, (1.2, 0.0), lead=((0.78, 0.35), (0.86, 0.45), (0.92, 0.5)), tips=0.75),
-            Layer(22, 0.40, 0.99, 0.02, 0.93, (-1.2, -1.6), reach=0.97, shade=0.85, tips=0.75),
-            Layer(12, 0.42, 0.97, 0.05, 0.88, (-5.0, -5.0), reach=0.95, shade=0.8, is_inside=True),
+            Layer(19, 0.0, 0.97, 0.03, 0.90, (1.2, 0.0), lead=((0.78, 0.35), (0.86, 0.45), (0.92, 0.5)), tips=0.75),
+            Layer(16, 0.40, 0.99, 0.02, 0.93, (-1.2, -1.6), reach=0.97, shade=0.85, tips=0.75),
+            Layer(9, 0.42, 0.97, 0.05, 0.88, (-5.0, -5.0), reach=0.95, shade=0.8, is_inside=True),
         ),
+        locks=SWEPT,
         ends_mm=((0.0, 0.5, 1.0), (-58.0, -64.0, -76.0)),
         outwards_mm=((0, 25, 55, 80, 110), (0.0, 4.0, 3.5, -1.0, -9.0)),
         waves=0.2,
         forward_mm=20.0,
         gather=0.3,
     ),
-    "long": HANGING._replace(
-        locks=(*HANGING.locks, *_before_cheeks(0.68, 0.88)),
+    "long": Cut(
+        rows=22,
+        groups=3,
         layers=(
-            Layer(23, 0.0, 0.98, 0.05, 0.80, (1.2, -0.2), lead=((0.75, 0.35), (0.83, 0.45), (0.90, 0.5))),
-            Layer(20, 0.40, 0.99, 0.04, 0.82, (-1.2, -1.6), reach=0.95, shade=0.9),
-            Layer(11, 0.42, 0.92, 0.10, 0.92, (-5.8, -7.8), reach=0.86, shade=0.8, is_inside=True),
+            Layer(19, 0.0, 0.98, 0.05, 0.74, (1.2, -0.2), lead=((0.75, 0.35), (0.83, 0.45), (0.90, 0.5))),
+            Layer(15, 0.40, 0.99, 0.04, 0.82, (-1.2, -1.6), reach=0.95, shade=0.9),
+            Layer(9, 0.42, 0.92, 0.10, 0.92, (-5.8, -7.8), reach=0.86, shade=0.8, is_inside=True),
         ),
+        locks=SWEPT,
         ends_mm=((0.0, 0.3, 0.55, 0.68, 0.85, 1.0), (-170.0, -166.0, -150.0, -142.0, -158.0, -150.0)),
-        outwards_mm=((0, 25, 60, 100, 140, 180), (0.0, 3.0, 4.5, 3.5, -2.0, -12.0)),
+        outwards_mm=((0, 25, 60, 100, 140, 180), (0.0, 4.0, 8.0, 10.0, 6.0, -4.0)),
         waves=1.6,
         gather=0.6,
         forward_mm=40.0,
         backward_mm=26.0,
     ),
 }
+# fmt: on
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -434,7 +326,9 @@ def _on_head(style: HeadStyle, s: Array, shares: Array) -> tuple[Array, Array]:
         rise = np.interp(share, *RISE) * (0.2 + 0.8 * edge)
         over_ear = smoothstep((degrees - 58.0) / 18.0) * smoothstep((140.0 - degrees) / 26.0)
         rise += EAR_MM * over_ear * smoothstep((90.0 - foot[:, 1]) / 50.0) * (0.3 + 0.7 * edge)
-        lines.append(foot + (1.0 + 1.2 * smoothstep((36.0 - degrees) / 20.0) + rise)[:, None] * out)
+        height = 1.0 + 1.2 * smoothstep((36.0 - degrees) / 20.0) + rise
+        at_left = (1 - edge) * smoothstep((s - 0.8) / 0.2) * smoothstep(share / 0.05) * smoothstep((0.75 - share) / 0.2)
+        lines.append(foot + (height + at_left * (LEFT_EDGE_MM - height))[:, None] * out)
         outs.append(out)
     return _even(lines, outs, shares)
 

@@ -39,15 +39,15 @@ WANDER = 0.018
 """How far the border between two strands wanders sideways, in ``s``."""
 TAPER_AT, TAPER = (0.0, 0.3, 0.65, 1.0), (1.0, 1.1, 0.62, 0.07)
 """Width of a strand along its tip: it lies over its neighbours, then ends in a point. Narrower ends flicker."""
-LOCK_ROWS, MAX_LOCK_DETAIL = 5, 1.4
+LOCK_ROWS, MAX_LOCK_DETAIL = 6, 1.4
 """Rows of a lock without length, six more per ``t``; locks are not divided further at the finest levels."""
-LOCK_AT, LOCK = (0.0, 0.3, 0.5, 0.75, 0.9, 1.0), (0.15, 0.9, 1.0, 0.72, 0.44, 0.14)
+LOCK_AT, LOCK = (0.0, 0.25, 0.45, 0.7, 0.85, 1.0), (0.2, 0.85, 1.0, 0.72, 0.40, 0.03)
 """Width of a lock along its length."""
 HAIR_ROWS, PAINTED, TILT = 3, 1.0, 0.7
 """Points of a single hair without length, two more per ``t``; its light, near that of painted strands; how far its
 ribbon is turned towards the outside, so that it is seen from the side, too.
 """
-LOCK_TINT, LOCK_ROOTS = (1.1, 0.76), ((0.0, 0.3, 1.0), (0.8, 1.0, 1.06))
+LOCK_TINT, LOCK_ROOTS = (1.06, 0.84), ((0.0, 0.3, 1.0), (0.9, 1.0, 1.04))
 """Light on a lock's middle and edges, and along it."""
 ARCH = 0.42
 """Height of a lock's middle above its edges, in halves of its width."""
@@ -57,7 +57,7 @@ LIT_INSIDE = np.array([0.0, -0.5, 0.0])
 """Normal of the layer that is seen from inside: no lamp shines there."""
 SHEEN_FROM = unit_vectors(np.array([[-0.24, 0.44, 0.87], [-0.75, 0.55, 0.25], [0.75, 0.55, 0.25]]))
 """Half way between a lamp and a camera in front or at a side: hair across it is bright, as a bundle of cylinders is."""
-SHEEN, SHEEN_POWER, LOCK_SHEEN = np.array([2.4, 1.6, 2.0]), 24.0, 1.1
+SHEEN, SHEEN_POWER, LOCK_SHEEN = np.array([3.4, 2.2, 2.8]), 32.0, 1.1
 """Additional light on hair at its brightest, by direction; how narrow the bands are; and how much brighter on locks."""
 GROUPED = 0.35
 """How much lighter groups of hair are in their middle, and darker between them."""
@@ -109,8 +109,8 @@ def _add_layer(builder: MeshBuilder, fall: Fall, cut: Cut, seed: int, palette: P
     own = _outwards(points, out)
     normals = 0.4 * out + LIT_INSIDE if layer.is_inside else own + EVEN_NORMALS * out
 
-    tint = np.interp(side**2, (0, 1), (1.03, 0.95)) * (1 - 0.1 * (1 - level) * side**2)
-    tint = tint * (0.94 + 0.07 * level + 0.06 * golden(number, 1.9)[:, None, None])
+    tint = np.interp(side**2, (0, 1), (1.03, 0.95)) * (1 - 0.25 * (1 - level) * side**2)
+    tint = tint * (0.90 + 0.15 * level + 0.07 * golden(number, 1.9)[:, None, None])
     tint = (1 + raised * (tint - 1)) * _streaked(fall, s, t, layer.shade**4)
     shade = layer.shade * tint * np.interp(share, (0, 0.85, 1), (1, 1, 0.9))[:, None]
     albedo = _tinted(palette, shade, out)
@@ -194,7 +194,7 @@ def _add_locks(builder: MeshBuilder, fall: Fall, cut: Cut, seed: int, palette: P
     middle, out = fall.at(s, t)
     up = np.interp(share, (0, 0.5, 1), locks.up_mm) + 0.9 * smoothstep(share / 0.3) * aside
     first, last = locks.width_mm
-    half = 0.5 * (first + (last - first) * place) * (1 + 0.25 * wild)
+    half = 0.5 * (first + (last - first) * place) * (1 + 0.35 * wild)
     across = unit_vectors(np.cross(np.gradient(middle, axis=1), out), 1e-6)
     if locks.is_single:
         spine = middle + up[..., None] * out
@@ -239,7 +239,7 @@ def _outwards(points: Array, out: Array) -> Array:
 def _tinted(palette: Palette, shade: Array, out: Array) -> Array:
     """(..., 3) linear RGB of hair at shades, (...), by outward directions, (..., 3); light hair has less contrast."""
     shade = shade * (1 + THROUGH * smoothstep((0.7 - out[..., 2]) / 1.0))
-    even = min(EVEN_LIGHT_HAIR * float(palette.hair.mean()), 0.9)
+    even = min(EVEN_LIGHT_HAIR * float(palette.hair.mean()), 0.93)
     return palette.hair * (shade + even * (0.9 - shade))[..., None]
 
 
