@@ -87,9 +87,11 @@ def hear(path: Path, how: Recognition, *, on_heard: Callable[[float], None] = la
     from fapengine.recognition.choice import BOTH, SPHINX, chosen, new_recognizer
     from fapengine.recognition.recording import follow, listen, listen_by
 
+    of_sound: list[str] = []
+
     def sound() -> Iterator[NDArray[np.int16]]:
         heard = 0
-        for piece in stream_sound(path, rate_hz=16_000, channel=how.channel):
+        for piece in stream_sound(path, rate_hz=16_000, channel=how.channel, remark=of_sound.append):
             heard += len(piece)
             yield piece
         if not heard:
@@ -109,7 +111,7 @@ def hear(path: Path, how: Recognition, *, on_heard: Callable[[float], None] = la
         else:
             recording = listen_by(new_recognizer(recognizer), sound(), on_heard=on_heard)
         unused = () if how.language is None else (f"language: {how.language!r} is used only with a transcript",)
-        return Hearing(recording.phones, recording.soundings, unused, ())
+        return Hearing(recording.phones, recording.soundings, (*of_sound, *unused), ())
     pronouncer = _Pronouncer(how.language or DEFAULT_VOICE)
     aligner = _aligner(transcript, pronouncer)
     recording = follow(sound(), aligner, is_trusted=how.trust_transcript, on_heard=on_heard)
@@ -130,7 +132,7 @@ def hear(path: Path, how: Recognition, *, on_heard: Callable[[float], None] = la
     if aligner.pronounced:
         listed = ", ".join(aligner.pronounced[:12]) + (", ..." if len(aligner.pronounced) > 12 else "")
         notes.insert(0, f"not in the dictionary, pronounced by {pronouncer.by}: {listed}")
-    return Hearing(recording.phones, recording.soundings, tuple(notes), recording.mismatches)
+    return Hearing(recording.phones, recording.soundings, (*of_sound, *notes), recording.mismatches)
 
 
 def with_loudness(phones: PhoneTrack, samples: NDArray[np.int16], rate_hz: int) -> PhoneTrack:

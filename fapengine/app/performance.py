@@ -414,13 +414,16 @@ def animated(
         if value is not None:
             raise UsageError(f"{name}: cannot be used with {'a recording' if listens else 'phone timings'}")
     played: Sound | None = None
+    of_file: list[str] = []
+    """Remarks on the file of the sound."""
     if listens:
         assert isinstance(source, Path)
         with report.stage("listen"):
             heard = (hears or hear)(source, recognition)
-        phones = replace(heard.phones, reading=replace(heard.phones.reading, notes=heard.notes))
         with report.stage("read"):
-            played = load_sound(source, channel=channel)
+            played = load_sound(source, channel=channel, remark=of_file.append)
+        notes = tuple(note for note in heard.notes if note not in of_file)
+        phones = replace(heard.phones, reading=replace(heard.phones.reading, notes=notes))
     else:
         with report.stage("read"):
             if isinstance(source, PhoneTrack):
@@ -432,12 +435,12 @@ def animated(
             if channel is not None and not isinstance(sound, Path):
                 raise UsageError(f"channel: got {channel}, which only a file has; give the samples of that channel")
             if isinstance(sound, Path):
-                played = load_sound(sound, channel=channel, spoken_s=phones.duration_s)
+                played = load_sound(sound, channel=channel, spoken_s=phones.duration_s, remark=of_file.append)
             elif sound is not None:
                 played = as_sound(sound)
             phones = with_loudness(phones, *played) if played else phones
     with report.stage("plan"):
-        performance = perform(phones, played, manner, text=recognition.transcript or "")
+        performance = perform(phones, played, manner, text=recognition.transcript or "", remarks=tuple(of_file))
     if strict:
         refuse(performance.doubts, "timings" if isinstance(source, PhoneTrack) else str(source))
     return performance

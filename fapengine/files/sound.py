@@ -8,7 +8,7 @@ import io
 import logging
 import os
 import struct
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from errno import EINVAL
@@ -94,7 +94,13 @@ def inspect_sound(path: Path) -> SoundInfo:
         return SoundInfo(stream.rate, stream.channels, max(duration_s, 0.0))
 
 
-def stream_sound(path: Path, *, rate_hz: int | None = None, channel: int | None = None) -> Generator[NDArray[np.int16]]:
+def stream_sound(
+    path: Path,
+    *,
+    rate_hz: int | None = None,
+    channel: int | None = None,
+    remark: Callable[[str], object] = log.warning,
+) -> Generator[NDArray[np.int16]]:
     """Decode a file in pieces, so that memory does not grow with its length.
 
     Parameters
@@ -104,6 +110,8 @@ def stream_sound(path: Path, *, rate_hz: int | None = None, channel: int | None 
         Rate of the pieces; by default the file's own.
     channel : int, optional
         Channel to read, 1 for the first; by default the mean of all.
+    remark : callable
+        Called with a sentence if a file ends before the length that it states, or within a frame.
 
     Yields
     ------
@@ -116,10 +124,6 @@ def stream_sound(path: Path, *, rate_hz: int | None = None, channel: int | None 
         If the file cannot be read or has no such channel.
     DataError
         If its container is not supported, or it contains no audio, is damaged, or is longer than its size explains.
-
-    Notes
-    -----
-    A warning is logged if a file ends before the length that it states, or within a frame.
     """
     with _opened(path) as (container, stated_s, is_cut):
         stream = container.streams.audio[0]
@@ -164,7 +168,7 @@ def stream_sound(path: Path, *, rate_hz: int | None = None, channel: int | None 
             yield from _samples(resampler.resample(None))
         if is_cut or decoded / source_hz < stated_s - SHORTER_S:
             stated = f" of the {stated_s:.2f} s that it states" if stated_s else ""
-            log.warning("%s: has %.2f s%s: damaged or cut off", path, decoded / source_hz, stated)
+            remark(f"{path}: has {decoded / source_hz:.2f} s{stated}: damaged or cut off")
 
 
 def _goes_on(container: Any) -> bool:
@@ -176,7 +180,12 @@ def _goes_on(container: Any) -> bool:
 
 
 def load_sound(
-    path: Path, *, rate_hz: int | None = None, channel: int | None = None, spoken_s: float | None = None
+    path: Path,
+    *,
+    rate_hz: int | None = None,
+    channel: int | None = None,
+    spoken_s: float | None = None,
+    remark: Callable[[str], object] = log.warning,
 ) -> tuple[NDArray[np.int16], int]:
     """Read an audio file.
 
@@ -188,8 +197,9 @@ def load_sound(
     channel : int, optional
         Channel to read, 1 for the first; by default the mean of all.
     spoken_s : float, optional
-        Length of the timings or the motion: sound is read up to :data:`MARGIN_S` later, and a warning is logged if
-        there is more. By default all is read.
+        Length of the timings or the motion: sound is read up to :data:`MARGIN_S` later. By default all is read.
+    remark : callable
+        Called with a sentence if there is more sound, or less than the file states.
 
     Returns
     -------
@@ -207,13 +217,13 @@ def load_sound(
     rate_hz = rate_hz or min(inspect_sound(path).sample_rate_hz, MAX_RATE_HZ)
     gathered = bytearray()  # grows in place: an hour of audio is held once, not twice
     most = None if spoken_s is None else round((spoken_s + MARGIN_S) * rate_hz)
-    with closing(stream_sound(path, rate_hz=rate_hz, channel=channel)) as pieces:
+    with closing(stream_sound(path, rate_hz=rate_hz, channel=channel, remark=remark)) as pieces:
         for piece in pieces:
             gathered += piece.data
             if most is not None and len(gathered) > 2 * most:
                 del gathered[2 * most :]
-                log.warning(
-                    "%s: only the first %.0f s were read, as the speech ends at %.2f s", path, most / rate_hz, spoken_s
+                remark(
+                    f"{path}: only the first {most / rate_hz:.0f} s were read, as the speech ends at {spoken_s:.2f} s"
                 )
                 break
     samples = np.frombuffer(gathered, np.int16)

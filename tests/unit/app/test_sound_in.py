@@ -7,7 +7,7 @@ import pytest
 
 import fapengine
 from fapengine import DataError, Phone, PhoneTrack, UsageError
-from fapengine.files.sound import load_sound
+from fapengine.files.sound import load_sound, save_wav
 from fapengine.voices.protocol import Speech
 
 RATE_HZ = 16_000
@@ -108,3 +108,18 @@ def test_silent_and_clipped_sound_is_remarked() -> None:
     loud = np.clip(TONE / 2**15 * 6, -1, 1)
     (remark,) = fapengine.animate(PHONES, sound=(loud, RATE_HZ)).remarks
     assert remark.startswith("sound: 58 % of its samples are at full scale (clipped)")
+
+
+def test_a_cut_file_is_remarked_once(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    path = tmp_path / "cut.wav"
+    save_wav(path, np.tile(TONE, 3), RATE_HZ)
+    path.write_bytes(path.read_bytes()[: 44 + 2 * RATE_HZ])
+    said = f"{path}: has 1.00 s of the 3.00 s that it states: damaged or cut off"
+    timed = fapengine.animate(PHONES, sound=path)
+    recognized = fapengine.animate(path, recognizer="small")
+    for performance in (timed, recognized):
+        assert [remark for remark in performance.remarks if "cut off" in remark] == [said]
+        assert said in performance.doubts
+    assert not caplog.messages
+    with pytest.raises(DataError, match="damaged or cut off"):
+        fapengine.animate(path, recognizer="small", strict=True)
