@@ -1,13 +1,18 @@
 """FAP interpolation tables: the example of the format's text, the rules of the paths through a graph, hostile text."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fapengine.codec.fit import PARTNERS, Fit, Link, Polynomial, Term, parse_fit
+from fapengine.codec.decoder import decode
+from fapengine.codec.encoder import EncoderOptions, encode
+from fapengine.codec.fit import PARTNERS, Fit, Link, Polynomial, Term, fill_track, parse_fit
 from fapengine.errors import DataError, TruncatedError, UsageError
 from fapengine.mpeg4 import fap
+from fapengine.mpeg4.track import FapTrack
 from tests.fit_files import format_fit
 
 EXAMPLE = b"""2
@@ -101,6 +106,20 @@ def test_the_other_half_of_the_face_and_the_other_lip_follow_from_one_half() -> 
     numbers = (np.flatnonzero(known[0]) + 1).tolist()
     assert numbers == sorted([*sent, 7, 9, 11, 13, 20, 32, *range(51, 61)])
     assert values[0, fap.column(60)] == 12
+
+
+@pytest.mark.parametrize("table", [None, PARTNERS])
+def test_a_face_that_is_shown_has_every_fap_and_one_half_moves_the_other(table: Fit | None) -> None:
+    sent, twins = fap.columns(4, 5, 6, 8, 19, 31, 33, 39, 41), fap.columns(51, 52, 7, 9, 20, 32, 34, 40, 42)
+    values, mask = np.zeros((5, fap.FAP_COUNT), np.int32), np.zeros((5, fap.FAP_COUNT), bool)
+    values[:, sent], mask[:, sent] = np.arange(5)[:, None] * np.arange(10, 10 + len(sent)), True
+    track = replace(FapTrack.from_values(values, rate_hz=25.0), mask=mask)
+    decoded = decode(encode(track, EncoderOptions(quant=0, unsent="interpolate")))
+    shown, unreal = fill_track(decoded, table=table)
+    assert unreal == 0
+    assert shown.mask[:, fap.column(3) :].all()
+    np.testing.assert_array_equal(shown.values[:, sent], decoded.track.values[:, sent])
+    np.testing.assert_array_equal(shown.values[:, twins], decoded.track.values[:, sent])
 
 
 @pytest.mark.parametrize("table", [PARTNERS, parse_fit(b"0 0"), parse_fit(EXAMPLE)])
