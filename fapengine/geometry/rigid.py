@@ -171,6 +171,43 @@ def rotations_from_quaternions(quaternions: ArrayLike) -> Array:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
+def quaternions_from_rotations(rotations: Array) -> Array:
+    """(..., 3, 3) rotations -> (..., 4) unit quaternions (w, x, y, z), whose largest number is positive."""
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = np.moveaxis(rotations, (-2, -1), (0, 1))
+    w_x, w_y, w_z, x_y, x_z, y_z = zy - yz, xz - zx, yx - xy, xy + yx, xz + zx, yz + zy
+    products = [  # of the quaternion's numbers, times 4
+        [1 + xx + yy + zz, w_x, w_y, w_z],
+        [w_x, 1 + xx - yy - zz, x_y, x_z],
+        [w_y, x_y, 1 - xx + yy - zz, y_z],
+        [w_z, x_z, y_z, 1 - xx - yy + zz],
+    ]
+    rows = np.stack([np.stack(row, axis=-1) for row in products], axis=-2)
+    largest = np.diagonal(rows, axis1=-2, axis2=-1).argmax(axis=-1)
+    row = np.take_along_axis(rows, largest[..., None, None], axis=-2)[..., 0, :]
+    return np.asarray(row / np.linalg.norm(row, axis=-1, keepdims=True))
+
+
+def rotations_about(axes: str, angles_rad: ArrayLike) -> Array:
+    """(..., N) rad about the N ``axes``, such as ``"YX"``, that move along -> (..., 3, 3) rotations.
+
+    Examples
+    --------
+    >>> (rotations_about("YX", [np.pi / 2, 0.0]) @ [0.0, 0.0, 1.0]).round(4).tolist()
+    [1.0, 0.0, 0.0]
+    """
+    turned = np.eye(3)
+    for axis, angle in zip(axes, np.moveaxis(np.asarray(angles_rad, dtype=np.float64), -1, 0), strict=True):
+        along = "XYZ".index(axis)
+        first, second = (along + 1) % 3, (along + 2) % 3
+        about = np.zeros((*angle.shape, 3, 3))
+        about[..., along, along] = 1.0
+        about[..., first, first] = about[..., second, second] = np.cos(angle)
+        about[..., second, first] = np.sin(angle)
+        about[..., first, second] = -np.sin(angle)
+        turned = turned @ about
+    return turned
+
+
 def yaw_pitch_roll(rotations: Array) -> Array:
     """(..., 3, 3) rotations -> (..., 3) rad: about y, then x, then z, about axes that move along.
 

@@ -39,6 +39,7 @@ from fapengine.files.gltf.document import (
     split_glb,
 )
 from fapengine.files.gltf.writing import Curves, Row, Writer, quaternions_of
+from fapengine.geometry.rigid import rotations_about
 from fapengine.models.via_points import STRAIGHT
 from fapengine.retarget.arkit import approximate_arkit
 from fapengine.retarget.blend import ARKIT_NAMES
@@ -121,8 +122,10 @@ def add_clip(
             if number in weights:
                 curves.add(node, "weights", weights[number])
     for bone, node in turned.items():
-        _decompose(writer.document["nodes"][node])
-        curves.add(node, "rotation", rig.local_turns(node, motion.turns[bone]))
+        row = writer.document["nodes"][node]
+        _decompose(row)
+        rest = scene.rotation_of(np.array(row.get("rotation", (0.0, 0.0, 0.0, 1.0))))
+        curves.add(node, "rotation", rig.local_turns(node, rest, motion.turns[bone]))
     writer.row("animations", curves.row(motion.name))
     return writer.glb(*others), Reached(used, tuple(turned), curves.count)
 
@@ -145,11 +148,10 @@ class _Rig:
         parents = {child: node for node, below in enumerate(children) for child in below}
         return cls(gltf, gltf.rows["nodes"], parents, world, children, scene.find_bones(gltf, world))
 
-    def local_turns(self, node: int, turns: Array) -> Array:
-        """(T, 4) quaternions x y z w of a node for rotations in head space, (T, 3, 3)."""
+    def local_turns(self, node: int, rest: Array, turns: Array) -> Array:
+        """(T, 4) quaternions x y z w of a node, turned by ``rest`` at rest, for rotations in head space, (T, 3, 3)."""
         above = self.world[self.parents[node]][:3, :3] if node in self.parents else np.eye(3)
-        outer, rest = _rotation(above), _rotation(scene.local_transform(self.nodes[node])[:3, :3])
-        facing = self._facing()
+        outer, facing = _rotation(above), self._facing()
         return quaternions_of(outer.T @ facing @ turns @ facing.T @ outer @ rest)
 
     def _facing(self) -> Array:
@@ -360,6 +362,4 @@ def format_vrma(motion: FaceMotion, *, shapes: str = PRESETS) -> bytes:
 
 def _gaze(faps: Array) -> Array:
     """(T, 3, 3): mean rotation of both eyes, from FAPs (T, 68)."""
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_euler("YX", np.stack(gaze_of(faps), axis=1)).as_matrix())
+    return rotations_about("YX", np.stack(gaze_of(faps), axis=1))

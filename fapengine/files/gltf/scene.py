@@ -17,6 +17,7 @@ from fapengine._arrays import Array, Indices
 from fapengine.errors import DataError
 from fapengine.files.gltf.document import MAX_NUMBER, Gltf, Item
 from fapengine.files.gltf.textures import Atlas, Look
+from fapengine.geometry.rigid import rotations_from_quaternions
 from fapengine.mesh.rig.blendshape_mesh import Blendshape, BlendshapeMesh, RigBone
 
 BONES = {"head": "head", "jaw": "jaw", "leftEye": "left eye", "rightEye": "right eye"}
@@ -121,16 +122,19 @@ def local_transform(node: Item) -> Array:
     """(4, 4): transform of a node to its parent's space."""
     if "matrix" in node:
         return np.array(node.numbers("matrix", [0.0] * 16)).reshape(4, 4).T
-    from scipy.spatial.transform import Rotation
-
     quaternion = np.array(node.numbers("rotation", [0.0, 0.0, 0.0, 1.0]))
     if not quaternion.any():
         raise node.fail("rotation", "a quaternion that is not 0")
     matrix = np.eye(4)
-    turn = Rotation.from_quat(quaternion / np.abs(quaternion).max()).as_matrix()
-    matrix[:3, :3] = turn * node.numbers("scale", [1.0] * 3)
+    matrix[:3, :3] = rotation_of(quaternion) * node.numbers("scale", [1.0] * 3)
     matrix[:3, 3] = node.numbers("translation", [0.0] * 3)
     return matrix
+
+
+def rotation_of(quaternion: Array) -> Array:
+    """(3, 3): rotation of a quaternion, (4,) x y z w, of any length but 0."""
+    shorter = quaternion / np.abs(quaternion).max()
+    return rotations_from_quaternions(np.roll(shorter / np.linalg.norm(shorter), 1))
 
 
 def find_bones(gltf: Gltf, world: dict[int, Array]) -> dict[str, int]:

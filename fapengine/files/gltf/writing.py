@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from fapengine._arrays import Array
 from fapengine.files.gltf.document import BINARY_CHUNK, COMPONENTS, HEADER, JSON_CHUNK, MAGIC, VERSION, WIDTHS
 from fapengine.files.provenance import mark
+from fapengine.geometry.rigid import quaternions_from_rotations
 from fapengine.models.via_points import KeyedCurve, key_curve
 
 Row = dict[str, Any]
@@ -120,12 +121,10 @@ TOLERANCES = {"weights": WEIGHT_TOLERANCE, "rotation": TURN_TOLERANCE, "translat
 
 def quaternions_of(matrices: Array) -> Array:
     """(T, 4) x y z w of rotations (T, 3, 3); of both signs, the one nearer to the previous frame."""
-    from scipy.spatial.transform import Rotation
-
-    quaternions = Rotation.from_matrix(matrices).as_quat()
+    quaternions = np.roll(quaternions_from_rotations(matrices), -1, axis=1)
     flips = np.cumprod(np.where((quaternions[1:] * quaternions[:-1]).sum(axis=1) < 0, -1.0, 1.0))
     quaternions[1:] *= flips[:, None]
-    return np.asarray(quaternions)
+    return quaternions
 
 
 class Curves:

@@ -172,14 +172,14 @@ REST = Rotation.from_euler("xyz", [-0.3, 0.5, 0.1])
 
 
 def with_bones(
-    *names: str, extensions: dict[str, Any] | None = None, as_matrix: bool = False
+    *names: str, extensions: dict[str, Any] | None = None, as_matrix: bool = False, **form: Any
 ) -> tuple[bytes, list[int]]:
     """A rig of bones alone below a node that is turned and twice as large."""
     builder = Builder()
     mesh(builder, [])
     matrix = np.eye(4)
     matrix[:3, :3] = REST.as_matrix() * 2.0
-    form = {"matrix": matrix.T.ravel().tolist()} if as_matrix else {"rotation": REST.as_quat().tolist()}
+    form |= {"matrix": matrix.T.ravel().tolist()} if as_matrix else {"rotation": REST.as_quat().tolist()}
     nodes = [builder.node(shown=False, name=name, **copy.deepcopy(form)) for name in names]
     builder.node(rotation=PARENT.as_quat().tolist(), scale=[2, 2, 2], children=nodes)
     if extensions:
@@ -204,6 +204,15 @@ def test_a_head_turns_about_the_face_s_own_axes(
     row = json.loads(split_glb(found)[0][1])["nodes"][node]
     assert "matrix" not in row
     assert not as_matrix or row["scale"] == pytest.approx([2, 2, 2])
+
+
+@pytest.mark.parametrize("scale", [[-1, 1, 1], [1, -2, 1], [-1, -1, -1]])
+def test_a_mirrored_head_turns_as_others(tmp_path: Any, scale: list[int]) -> None:
+    turns = []
+    for form in ({}, {"scale": scale}):
+        data, (node,) = with_bones("Head", **form)
+        turns.append(curves(add_clip(data, nothing, motion())[0], tmp_path)[node, "rotation"][1])
+    np.testing.assert_allclose(*turns, atol=1e-6)
 
 
 def test_eyes_tell_where_a_face_looks(tmp_path: Any) -> None:

@@ -10,6 +10,8 @@ from fapengine.geometry.rigid import (
     fit_rigid,
     fit_rigid_robust,
     fit_template,
+    quaternions_from_rotations,
+    rotations_about,
     rotations_from_quaternions,
     yaw_pitch_roll,
 )
@@ -36,10 +38,21 @@ def test_any_motion_is_undone(seed, batch):
 
 
 @given(st.integers(0, 10**9), st.sampled_from([(), (1,), (3, 1, 2)]))
-def test_yaw_pitch_and_roll_are_the_angles_of_three_turns(seed, batch):
+def test_turns_about_three_axes_are_told_from_their_rotation(seed, batch):
     turns = np.random.default_rng(seed).uniform(-1.5, 1.5, (*batch, 3)) * [2.0, 1.0, 2.0]
-    rotations = Rotation.from_euler("YXZ", turns.reshape(-1, 3)).as_matrix().reshape(*batch, 3, 3)
+    rotations = rotations_about("YXZ", turns)
+    scipys = Rotation.from_euler("YXZ", turns.reshape(-1, 3)).as_matrix().reshape(*batch, 3, 3)
+    np.testing.assert_allclose(rotations, scipys, atol=1e-12)
     np.testing.assert_allclose(yaw_pitch_roll(rotations), turns, atol=1e-9)
+
+
+@given(st.integers(0, 10**9), st.sampled_from([(), (1,), (3, 1, 2)]), st.booleans())
+def test_quaternions_of_rotations(seed, batch, is_half_turn):
+    wanted = np.random.default_rng(seed).normal(0, 1, (*batch, 4)) * [not is_half_turn, 1.0, 1.0, 1.0]
+    wanted /= np.linalg.norm(wanted, axis=-1, keepdims=True)
+    wanted *= np.sign(np.take_along_axis(wanted, np.abs(wanted).argmax(axis=-1)[..., None], axis=-1))
+    found = quaternions_from_rotations(rotations_from_quaternions(wanted))
+    np.testing.assert_allclose(found, wanted, atol=1e-12)
 
 
 @pytest.mark.parametrize(
