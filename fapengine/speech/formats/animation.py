@@ -109,7 +109,10 @@ def _mouth(lines: _Lines, rate_hz: float) -> tuple[float, str, str]:
 
 
 def parse_moho(data: bytes, *, alphabet: str | None = None, columns: str | None = None) -> PhoneTrack:
-    """Read a Moho switch file; ``columns`` gives the frame rate as ``fps=24``."""
+    """Read a Moho switch file; ``columns`` gives the frame rate as ``fps=24``.
+
+    Its mouths are those of Preston Blair, or, where all are single letters of Rhubarb, Rhubarb's.
+    """
     rate_hz = parse_columns(columns).rate_hz
     lines = _Lines(decode_text(data, "Moho").rstrip().splitlines())
     if lines.take("its first line") != "MohoSwitch1":
@@ -120,7 +123,9 @@ def parse_moho(data: bytes, *, alphabet: str | None = None, columns: str | None 
     if rate_hz is None:
         raise DataError("Moho: the file does not say how many frames make a second; say it with columns='fps=24'")
     onsets = [_mouth(lines, rate_hz) for _ in range(len(lines.lines) - lines.at)]
-    return track_of(until_next(onsets), "Moho", alphabet=alphabet or "preston-blair", level="viseme")
+    mouths = {mouth for _, mouth, _ in onsets}
+    usual = "rhubarb-shapes" if mouths <= set("ABCDEFGHX") and mouths != {"E"} else "preston-blair"
+    return track_of(until_next(onsets), "Moho", alphabet=alphabet or usual, level="viseme")
 
 
 def parse_rhubarb_json(data: bytes) -> PhoneTrack:

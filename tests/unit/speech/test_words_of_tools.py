@@ -365,6 +365,14 @@ def test_a_moho_file_that_says_its_rate() -> None:
         read("MohoSwitch1\nFPS 0\n1 MBP\n")
 
 
+def test_a_moho_file_of_rhubarb_has_its_shapes() -> None:
+    track = read("MohoSwitch1\nFPS 10\n1 X\n3 A\n5 D\n")
+    assert track.reading.alphabet == "rhubarb-shapes"
+    assert told(track)[:3] == [("_", 0.0, 0.2), ("p", 0.2, 0.4), ("ɑ", 0.4, 0.5)]
+    assert read("MohoSwitch1\nFPS 10\n1 rest\n3 E\n").reading.alphabet == "preston-blair"
+    assert read("MohoSwitch1\nFPS 10\n3 E\n").reading.alphabet == "preston-blair"
+
+
 def test_a_grid_of_words_and_phrases_is_one_of_words() -> None:
     words = SHORT_TEXTGRID.replace('"phones"', '"word"').replace("<exists>\n1", "<exists>\n2")
     phrases = SHORT_TEXTGRID[SHORT_TEXTGRID.index('"IntervalTier"') :].replace('"phones"', '"phrase"')
