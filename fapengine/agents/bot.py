@@ -205,7 +205,9 @@ class Bot:
             self._offers -= is_new
         if is_new:
             talk = self._talks.start(self._talk(known))
-            late = asyncio.get_running_loop().call_later(CONNECTS_S, lambda: _is_connected(known) or talk.cancel())
+            late = asyncio.get_running_loop().call_later(
+                CONNECTS_S, lambda: known.pc.connectionState == "connected" or talk.cancel()
+            )
             talk.add_done_callback(lambda _: late.cancel())
         answer: dict[str, str] = known.get_answer()
         self._connections[answer["pc_id"]] = known
@@ -294,10 +296,6 @@ class Bot:
             return recognizer_named(stt)()
         settings = OpenAISTTService.Settings(model=stt.model)
         return OpenAISTTService(api_key=stt.key or "none", base_url=stt.url, settings=settings)
-
-
-def _is_connected(connection: SmallWebRTCConnection) -> bool:
-    return bool(connection.pc.connectionState == "connected")
 
 
 async def _without_marks(text: str, _: str, accumulated: str | None, remaining: str | None) -> BotOutputTransformResult:

@@ -16,7 +16,6 @@ import asyncio
 import contextlib
 import logging
 from dataclasses import dataclass
-from functools import lru_cache
 from html import escape
 from pathlib import Path
 
@@ -37,8 +36,7 @@ from fapengine.server.film.painter import FilmCounts, Painter
 from fapengine.speaking import DEFAULT_PROFILE
 from fapengine.speech.marks import TimedMark, read_marks
 from fapengine.trajectory.style import Style
-from fapengine.voices.choice import VoiceChoice
-from fapengine.voices.pronounce import Pronouncer
+from fapengine.voices.choice import VoiceChoice, pronouncer_of
 
 AHEAD_S = 0.2
 """Time by which frames with audio are made early."""
@@ -118,7 +116,7 @@ class AgentFace:
         Raises UsageError if the profile or the voice is unknown; ResourceError if a process cannot be started.
         """
         profile = load_profile(Path(options.profile) if "/" in options.profile else options.profile)
-        pronounce = _pronouncer(options.voice)
+        pronounce = _pronounce(VoiceChoice(options.voice))
         recognizer = RecognizerProcess.open() if options.hears else None
         host = StreamHost(
             profile, rng=np.random.default_rng(options.seed), style=options.style, recognizer=recognizer,
@@ -308,17 +306,11 @@ class AgentFace:
         return self.pictures.take()
 
 
-@lru_cache(maxsize=8)
-def _pronouncer(voice: str) -> Pronounce | None:
-    """Return the pronunciation of a voice; None if espeak-ng is not installed, because there is a recognizer too.
-
-    All faces of a process share it and its cache.
-    """
-    choice = VoiceChoice(voice)
+def _pronounce(voice: VoiceChoice) -> Pronounce | None:
+    """Return the pronunciation of a voice; None if espeak-ng is not installed, because there is a recognizer too."""
     try:
-        loaded = choice.load()
+        return pronouncer_of(voice).words
     except ResourceError:
-        if not choice.is_language:
+        if not voice.is_language:
             raise
         return None
-    return Pronouncer(loaded).words

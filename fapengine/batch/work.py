@@ -16,13 +16,15 @@ from fapengine.app.report import Report
 from fapengine.batch.journal import Done, checksum
 from fapengine.batch.rows import Options, Row, loaded_profile
 from fapengine.errors import FapEngineError
+from fapengine.files.heads.load import load_head
 from fapengine.files.paths import read_bytes
-from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.speech.phone_track import find_unknown
 from fapengine.speech.plausible import refuse
 from fapengine.voices.choice import VoiceChoice
 from fapengine.voices.process import FreshVoices
 from fapengine.voices.protocol import Speech
+
+_loaded_head = lru_cache(maxsize=4)(load_head)
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,17 +105,9 @@ def save_row(performance: Performance, path: Path, options: Options) -> Report:
     """Write the file of a row, and return its report; the ending of its name is the kind."""
     saving = replace(options.saving(path.suffix[1:]), sound=performance.sound, phones=performance.phones)
     if find_kind(path).is_drawn:
-        saving = replace(saving, head=loaded_head(options.head))
+        saving = replace(saving, head=_loaded_head(options.head))
     write_output(performance.track, path, saving)
     return saving.report
-
-
-@lru_cache(maxsize=4)
-def loaded_head(name: str) -> FaceMesh:
-    """Load a head once per process."""
-    from fapengine.files.heads.load import load_head
-
-    return load_head(name)
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,6 @@ All methods may be called from any thread and return at once: a thread of the cl
 """
 
 import secrets
-import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
@@ -25,7 +24,6 @@ from fapengine.wire.speech_osc.sender import OscSender
 
 if TYPE_CHECKING:
     from fapengine.voices.choice import VoiceChoice
-    from fapengine.voices.pronounce import Pronouncer
     from fapengine.voices.protocol import Voice
 
 PORT = 9110
@@ -91,8 +89,6 @@ class Client(Connection, GestureMethods):
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.session = session
-        self._voices: dict[VoiceChoice, Pronouncer] = {}
-        self._voices_lock = threading.Lock()
         sender = OscSender(
             session, phone_set=phone_set, language=language, token=token, instance=secrets.randbelow(2**31 - 1) + 1,
             reliable=bool(tcp), follows=True,
@@ -208,16 +204,12 @@ class Client(Connection, GestureMethods):
             return utterance
 
     def _pronounced(self, words: list[tuple[str, float, float]], voice: "str | VoiceChoice | Voice") -> list[Phone]:
-        from fapengine.voices.choice import VoiceChoice, loaded
+        from fapengine.voices.choice import VoiceChoice, loaded, pronouncer_of
         from fapengine.voices.pronounce import Pronouncer
 
         chosen = VoiceChoice(voice) if isinstance(voice, str) else voice
-        if not isinstance(chosen, VoiceChoice):
-            return Pronouncer(loaded(chosen)).words(words)
-        with self._voices_lock:
-            pronouncer = self._voices.get(chosen) or Pronouncer(chosen.load())
-            self._voices[chosen] = pronouncer
-        return pronouncer.words(words)
+        known = pronouncer_of(chosen) if isinstance(chosen, VoiceChoice) else Pronouncer(loaded(chosen))
+        return known.words(words)
 
     def send_audio(self, samples: ArrayLike, rate_hz: int, *, utterance: int | None = None) -> int:
         """Send audio as it arrives; the engine's recognizer finds its phones.

@@ -21,8 +21,7 @@ from fapengine.errors import NothingToSpeakError, UsageError
 from fapengine.speech.marks import MarkedText, read_marks
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.speech.text.words import ends_sentence, pieces_of
-from fapengine.voices.choice import VoiceChoice
-from fapengine.voices.pronounce import Pronouncer
+from fapengine.voices.choice import VoiceChoice, pronouncer_of
 from fapengine.voices.protocol import Speech
 
 Words = Sequence[tuple[str, float, float]]
@@ -31,8 +30,6 @@ SENTENCE_PAUSE_S, PAUSE_S = 0.35, 0.15
 """Silence between pieces, as espeak-ng puts it after a sentence and after a comma (measured with 1.52)."""
 MAX_TEXTS = 4
 """Number of texts of one session that may wait; more are refused."""
-MAX_VOICES = 8
-"""Number of voices in the cache, with the words that they know; with one more, all are dropped."""
 
 
 class PieceVoice(Protocol):
@@ -101,7 +98,6 @@ class Speaker:
         self._turn = asyncio.Lock()
         """Locks of asyncio are first come, first served; a session has at most one piece in the queue."""
         self._asked: list[Asked] = []
-        self._pronouncers: dict[str, Pronouncer] = {}
         self._word_turns: WeakValueDictionary[tuple[str, int], asyncio.Lock] = WeakValueDictionary()
 
     def cancel(self, session: str) -> None:
@@ -139,7 +135,7 @@ class Speaker:
         asked = Asked(session)
         self._asked.append(asked)
         try:
-            spoken = await asyncio.to_thread(lambda: self._pronouncer(voice).words(words))
+            spoken = await asyncio.to_thread(lambda: pronouncer_of(VoiceChoice(voice)).words(words))
         finally:
             self._asked.remove(asked)
         return None if asked.is_cancelled else spoken
@@ -147,16 +143,6 @@ class Speaker:
     def turn(self, session: str, utterance: int) -> asyncio.Lock:
         """Return the lock under which more words of an utterance are pronounced, one message after the other."""
         return self._word_turns.setdefault((session, utterance), asyncio.Lock())
-
-    def _pronouncer(self, voice: str) -> Pronouncer:
-        """Load a voice once; an unknown name is not cached."""
-        pronouncer = self._pronouncers.get(voice)
-        if pronouncer is None:
-            pronouncer = Pronouncer(VoiceChoice(voice).load())
-            if len(self._pronouncers) >= MAX_VOICES:
-                self._pronouncers.clear()
-            self._pronouncers[voice] = pronouncer
-        return pronouncer
 
     async def _speak_pieces(self, asked: Asked, text: str, choice: VoiceChoice) -> Speech | None:
         spoken: list[tuple[Speech, float]] = []

@@ -24,6 +24,7 @@ from fapengine._strict_toml import Checked
 from fapengine.errors import ResourceError, UsageError, any_error_as
 from fapengine.speaking import DEFAULT_RATE_WPM, DEFAULT_VOICE
 from fapengine.speech.marks import read_marks
+from fapengine.voices.pronounce import Pronouncer
 from fapengine.voices.protocol import Speech, Voice
 
 if TYPE_CHECKING:
@@ -33,6 +34,8 @@ MODELS = {"piper": "piper:PiperVoice", "piper-plus": "piper_plus:PiperPlusVoice"
 """Voices of models that the user has, and their classes."""
 SERVICE_NAMES = ("elevenlabs", "cartesia", "inworld", "fish")
 """Services, as in :data:`fapengine.voices.services.SERVICES`: here, so that a local voice imports none of them."""
+MAX_VOICES = 8
+"""Number of voices that a process keeps with the words that they know."""
 GROUP = "fapengine.voices"
 """Group of entry points."""
 _LANGUAGE = re.compile(r"[A-Za-z]{2,3}([-_+@.].*)?")
@@ -98,6 +101,12 @@ def loaded(voice: str | VoiceChoice | Voice) -> Voice:
     if isinstance(voice, type):
         raise UsageError(f"voice: got the class {voice.__name__}, expected an object")
     return voice if type(voice).__module__.startswith("fapengine.") else OwnVoice(type(voice).__name__, voice)
+
+
+@lru_cache(MAX_VOICES)
+def pronouncer_of(voice: VoiceChoice) -> Pronouncer:
+    """Load a voice for words, once in a process. Raises as ``load``."""
+    return Pronouncer(voice.load())
 
 
 @lru_cache(maxsize=64)

@@ -115,7 +115,8 @@ class Worker:
                         self._link.put(channel.Left(message.session))
                 case channel.Connection():
                     if handed is not None:
-                        self._adopt(handed, message)
+                        handed.setblocking(False)
+                        self._adopting.start(self.server.adopt(handed, message.session, is_page=message.is_page))
                 case channel.AskMetrics():
                     text = self.server.metrics.text()
                     for at in range(0, len(text), METRICS_AT_ONCE):
@@ -140,10 +141,6 @@ class Worker:
             engine = self.server.hub.engine
             for session in engine.sessions:
                 engine.close(session, self.server.hub.clock())
-
-    def _adopt(self, handed: socket.socket, message: channel.Connection) -> None:
-        handed.setblocking(False)
-        self._adopting.start(self.server.adopt(handed, message.session, is_page=message.is_page))
 
 
 def main(_: Parent, link_file: str, front_file: str) -> int:

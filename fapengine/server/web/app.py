@@ -152,7 +152,8 @@ class _Handlers:
             self.admit(request)
         headers = {"Content-Encoding": "gzip"} if _accepts_gzip(request) else {}
         content = packed if headers else body
-        return web.Response(body=content, content_type=kind, charset=_charset(kind), headers=headers)
+        charset = "utf-8" if kind.startswith(("text/", "application/json", "image/svg")) else None
+        return web.Response(body=content, content_type=kind, charset=charset, headers=headers)
 
     def admit(self, request: web.Request) -> None:
         """Refuse a request that is not allowed."""
@@ -251,7 +252,3 @@ def page_files(
 
 def _accepts_gzip(request: web.Request) -> bool:
     return "gzip" in request.headers.get("Accept-Encoding", "")
-
-
-def _charset(kind: str) -> str | None:
-    return "utf-8" if kind.startswith(("text/", "application/json", "image/svg")) else None

@@ -8,11 +8,10 @@ import pytest
 from typer.testing import CliRunner
 
 import fapengine
-from fapengine.agents.face import _pronouncer
+from fapengine.agents.face import _pronounce
 from fapengine.batch import work
 from fapengine.cli.main import app
 from fapengine.errors import FapEngineError, ResourceError, UsageError
-from fapengine.host.speaker import MAX_VOICES
 from fapengine.voices import choice
 from fapengine.voices.choice import OwnVoice, VoiceChoice
 from fapengine.voices.process import FreshVoices
@@ -124,12 +123,11 @@ def test_say_animate_and_batch_take_it(tmp_path: Path) -> None:
 
 
 def test_servers_and_agents_take_it(tmp_path: Path) -> None:
-    assert MAX_VOICES > 1
     with FreshVoices() as voices:
         assert voices.speak("Hello.", VoiceChoice("own_voice:Good")).duration_s == 1.0
         with pytest.raises(FapEngineError, match="no key"):
             voices.speak("Hello.", VoiceChoice("own_voice:Broken"))
-    pronounce = _pronouncer("own_voice:Good")
+    pronounce = _pronounce(VoiceChoice("own_voice:Good"))
     assert pronounce is not None
     assert [phone.label for phone in pronounce([("hello", 0.0, 0.4)])] == ["m", "a"]
 
