@@ -14,7 +14,15 @@ from fapengine._arrays import Array
 from fapengine.errors import DataError
 from fapengine.files.gltf.clip import CUSTOM, EXTENSION, PRESETS
 from fapengine.files.gltf.document import Gltf, Item, parse_gltf
-from fapengine.files.gltf.scene import find_bones, local_transform, named_targets, world_transforms
+from fapengine.files.gltf.scene import (
+    find_bones,
+    local_transform,
+    named_targets,
+    nearest_rotation,
+    rotation_of,
+    world_transforms,
+)
+from fapengine.geometry.rigid import rotations_from_quaternions, yaw_pitch_roll
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD
 from fapengine.mpeg4.track import FapTrack, to_codable
@@ -193,15 +201,17 @@ def _eyes(gltf: Gltf, vrma: Item) -> dict[int, list[int]]:
 
 def _turns(gltf: Gltf, node: int, quaternions: Array) -> Array:
     """(T, 3) rad: yaw, pitch and roll, with the signs of FAPs, of local rotations (T, 4) of a node."""
-    from scipy.spatial.transform import Rotation
-
     world, children = world_transforms(gltf)
     parent = next((above for above, below in enumerate(children) if node in below), None)
     lengths = np.linalg.norm(quaternions, axis=1, keepdims=True)
     if quaternions.shape[1] != 4 or (lengths == 0).any():
         raise DataError("rotation: got a quaternion of length 0, or not of four numbers", where=f"nodes[{node}]")
-    outer = Rotation.from_matrix(world[parent][:3, :3]) if parent in world else Rotation.identity()
-    rest = Rotation.from_matrix(local_transform(gltf.rows["nodes"][node])[:3, :3])
-    facing = Rotation.from_euler("Y", np.pi if "VRM" in gltf.root.item("extensions") else 0.0)
-    turned = facing.inv() * outer * Rotation.from_quat(quaternions / lengths) * rest.inv() * outer.inv() * facing
-    return np.asarray(turned.as_euler("YXZ"))
+    outer = nearest_rotation(world[parent][:3, :3]) if parent in world else np.eye(3)
+    row = gltf.rows["nodes"][node]
+    if "matrix" in row:
+        rest = nearest_rotation(local_transform(row)[:3, :3])
+    else:  # without its scale, which may mirror
+        rest = rotation_of(np.array(row.numbers("rotation", [0.0, 0.0, 0.0, 1.0])))
+    local = rotations_from_quaternions(np.roll(quaternions / lengths, 1, axis=1))
+    facing = np.diag([-1.0, 1.0, -1.0]) if "VRM" in gltf.root.item("extensions") else np.eye(3)
+    return yaw_pitch_roll(facing @ outer @ local @ rest.T @ outer.T @ facing)

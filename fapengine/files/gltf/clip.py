@@ -151,7 +151,7 @@ class _Rig:
     def local_turns(self, node: int, rest: Array, turns: Array) -> Array:
         """(T, 4) quaternions x y z w of a node, turned by ``rest`` at rest, for rotations in head space, (T, 3, 3)."""
         above = self.world[self.parents[node]][:3, :3] if node in self.parents else np.eye(3)
-        outer, facing = _rotation(above), self._facing()
+        outer, facing = scene.nearest_rotation(above), self._facing()
         return quaternions_of(outer.T @ facing @ turns @ facing.T @ outer @ rest)
 
     def _facing(self) -> Array:
@@ -165,12 +165,6 @@ class _Rig:
                 left[np.abs(apart).argmax()] = np.sign(apart[np.abs(apart).argmax()])
         up = np.array([0.0, 1.0, 0.0])
         return np.stack([left, up, np.cross(left, up)], axis=1)
-
-
-def _rotation(matrix: Array) -> Array:
-    """(3, 3): the rotation, or mirrored rotation, that is nearest to a matrix."""
-    one, _, other = np.linalg.svd(matrix)
-    return np.asarray(one @ other)
 
 
 def _shape_weights(

@@ -137,6 +137,12 @@ def rotation_of(quaternion: Array) -> Array:
     return rotations_from_quaternions(np.roll(shorter / np.linalg.norm(shorter), 1))
 
 
+def nearest_rotation(matrix: Array) -> Array:
+    """(3, 3): the rotation, or mirrored rotation, that is nearest to a matrix."""
+    one, _, other = np.linalg.svd(matrix)
+    return np.asarray(one @ other)
+
+
 def find_bones(gltf: Gltf, world: dict[int, Array]) -> dict[str, int]:
     """Node of each bone of the face that is shown, by VRM's humanoid or by the node's name; ``world``: (4, 4) each."""
     nodes, joints = gltf.rows["nodes"], humanoid(gltf)

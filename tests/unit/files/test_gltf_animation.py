@@ -87,11 +87,12 @@ def test_few_keys_are_read_at_a_steady_rate() -> None:
     assert int(track.values[:, fap.column(3)].argmax()) == 12
 
 
+@pytest.mark.parametrize("scale", [[1.0, 1.0, 1.0], [-1.0, 2.0, 1.0]])
 @pytest.mark.parametrize(("is_vrm0", "sign"), [(False, 1), (True, -1)])
-def test_the_head_turns_as_it_looks(*, is_vrm0: bool, sign: int) -> None:
+def test_the_head_turns_as_it_looks(*, is_vrm0: bool, sign: int, scale: list[float]) -> None:
     builder = avatar(ARKIT, np.zeros((4, len(ARKIT))))
     turned(builder, [np.sin(0.1), 0.0, 0.0, np.cos(0.1)], 4)  # 0.2 rad about x
-    builder.doc["nodes"][1]["rotation"] = [0.0, 0.0, 0.0, 1.0]
+    builder.doc["nodes"][1] |= {"rotation": [0.0, 0.0, 0.0, 1.0], "scale": scale}
     if is_vrm0:  # looks along -z, so that x is to its right
         builder.doc["extensions"] = {"VRM": {}}
     track = parse_animation(builder.glb())
