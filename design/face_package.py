@@ -64,7 +64,7 @@ def arkit_table() -> dict[str, object]:
     lengths = weights_mm()
     return {
         "names": ARKIT_NAMES,
-        "spoken": _map(arkit.speech_map(), helpers=arkit._helpers().tolist()),
+        "spoken": _map(arkit.speech_map(), helpers=arkit.HELPERS.tolist()),
         "upper": _map(moods.mood_map(ALL_MOODS), helpers=[]),
         "jaw": arkit.JAW,
         "close": arkit.CLOSE,

@@ -25,9 +25,9 @@ Every step is continuous in the FAPs.
 from functools import cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from fapengine._arrays import Array, frozen
+from fapengine._arrays import Array, frozen, read_rows
 from fapengine.mpeg4 import fap
 from fapengine.retarget.blend import ALL_MOODS, ARKIT_NAMES, BlendMap, shape_rows, weights_mm
 from fapengine.retarget.moods import cost_share, find_moods, without_moods
@@ -36,20 +36,14 @@ JAW, CLOSE = ARKIT_NAMES.index("jawOpen"), ARKIT_NAMES.index("mouthClose")
 SIDEWAYS = ("jawLeft", "jawRight", "mouthLeft", "mouthRight")
 SIDEWAYS_MM = 0.8
 """Reluctance of :data:`SIDEWAYS` in plain least squares (:func:`arkit_map`): left and right together narrow a mouth."""
-RELUCTANCE_MM = {
-    "jawForward": 3.0, "jawLeft": 3.0, "jawRight": 3.0, "mouthLeft": 3.0, "mouthRight": 3.0, "mouthFrown": 3.0,
-    "cheekPuff": 3.5, "noseSneer": 2.0, "mouthSmile": 1.6, "mouthDimple": 0.7, "mouthStretch": 0.8, "mouthPress": 0.6,
-    "mouthLowerDown": 0.5, "mouthUpperUp": 0.5, "mouthShrugUpper": 2.0, "mouthShrugLower": 0.8, "mouthFunnel": 0.6,
-    "mouthRollUpper": 0.4, "mouthRollLower": 0.3, "mouthClose": 0.3, "cheekSquint": 0.6, "eyeSquint": 0.9,
-    "eyeWide": 0.3, "browDown": 0.8,
-}  # fmt: skip
-"""A shape is used only where it brings the face this much closer to the target; same for both sides, others 0."""
-STIFFNESS_MM = {
-    "mouthLowerDown": 6.0, "mouthUpperUp": 7.0, "mouthShrugUpper": 4.0, "mouthShrugLower": 3.0, "mouthFunnel": 6.0,
-    "mouthRollUpper": 3.0, "mouthRollLower": 3.0, "mouthPress": 3.0, "mouthStretch": 3.0, "mouthDimple": 3.0,
-    "mouthPucker": 4.5,
-}  # fmt: skip
-"""A shape at full weight counts as this error, so that it shares its work with others; less, and pucker jumps at w."""
+RELUCTANCE_MM, STIFFNESS_MM, MOOD_RELUCTANCE_MM = np.array(
+    [costs for _, *costs in read_rows("fapengine.retarget", "arkit_costs.csv")], float
+).T
+"""(52,) each. Reluctance: a shape is used only where it brings the face this much closer to the target. Stiffness: a
+shape at full weight counts as this error, so that it shares its work with others; less, and pucker jumps at w.
+Reluctance in a full mood: sad brows rise at the inner ends instead of being drawn down outside."""
+HELPERS = np.flatnonzero(STIFFNESS_MM)
+"""Small shapes that give way to the jaw."""
 COUNTED = {
     (3,): 0.5, (4, 5, 8, 9, 10, 11, 51, 52, 55, 56, 57, 58): 0.8, (12, 13, 59, 60): 0.35, (14,): 0.7, (16, 17): 0.6,
     (18,): 0.3,
@@ -79,8 +73,6 @@ PARTED_MM = 3.0
 """Opening from which only the fit counts; below, no shape opens the lips farther than the FAPs do."""
 SHUT_MM = 0.1
 """Opening that counts as closed."""
-MOOD_RELUCTANCE_MM = {"browDown": 2.0, "jawForward": 2.0, "mouthPucker": 1.0, "mouthRollUpper": 1.0}
-"""Reluctance of shapes in a full mood: sad brows rise at the inner ends instead of being drawn down outside."""
 MAX_MOOD_WEIGHT = 3.0
 """Full expressions may be larger than full shapes."""
 
@@ -104,11 +96,7 @@ def arkit_map() -> BlendMap:
 def speech_map() -> BlendMap:
     """Return the map for weights of speech and idle motion; its ``mouthClose`` is a jaw behind closed lips."""
     return BlendMap(
-        ARKIT_NAMES,
-        _sought(),
-        reluctance_mm=_by_name(RELUCTANCE_MM),
-        stiffness_mm=_by_name(STIFFNESS_MM),
-        lengths_mm=_lengths_mm(),
+        ARKIT_NAMES, _sought(), reluctance_mm=RELUCTANCE_MM, stiffness_mm=STIFFNESS_MM, lengths_mm=_lengths_mm()
     )
 
 
@@ -155,7 +143,7 @@ def ask(faps: Array, moods: Array) -> Array:
 def spoken_cost(first: Array) -> Array:
     """(..., 52) weights found first -> fraction of each shape's reluctance in the second solution; all for helpers."""
     share = cost_share(first)
-    share[..., _helpers()] = 1.0
+    share[..., HELPERS] = 1.0
     return share
 
 
@@ -205,8 +193,9 @@ def _sought() -> Array:
 @cache
 def _mood_weights() -> Array:
     """(6, 52): weights of :func:`speech_map` of each full mood; they may exceed 1."""
-    cost = _by_name(MOOD_RELUCTANCE_MM)
-    shapes = BlendMap(ARKIT_NAMES, _sought(), limit=MAX_MOOD_WEIGHT, reluctance_mm=cost, lengths_mm=_lengths_mm())
+    shapes = BlendMap(
+        ARKIT_NAMES, _sought(), limit=MAX_MOOD_WEIGHT, reluctance_mm=MOOD_RELUCTANCE_MM, lengths_mm=_lengths_mm()
+    )
     rows = ask(shape_rows(ALL_MOODS), np.zeros(len(ALL_MOODS)))
     return np.array([shapes.solve_weights(row) for row in rows])
 
@@ -216,24 +205,12 @@ def _shape_openings_mm() -> Array:
     return _openings_mm(shape_rows(ARKIT_NAMES))
 
 
-@cache
-def _helpers() -> NDArray[np.intp]:
-    return np.flatnonzero(_by_name(STIFFNESS_MM))
-
-
 def _openings_mm(faps: Array) -> Array:
     """(..., 68) FAPU -> (...) mm between the lips in the middle: three quarters inner edges, one quarter outer."""
     inner, outer = (fap.columns(*pairs[0]) for pairs in (INNER_PAIRS, OUTER_PAIRS))
     moved_mm = faps * weights_mm()
     opening: Array = -0.75 * moved_mm[..., inner].sum(axis=-1) - 0.25 * moved_mm[..., outer].sum(axis=-1)
     return opening
-
-
-def _by_name(values: dict[str, float]) -> Array:
-    """(52,): values of shapes by their names without a side."""
-    return np.array(
-        [values.get(name.removesuffix("Left").removesuffix("Right"), values.get(name, 0.0)) for name in ARKIT_NAMES]
-    )
 
 
 def _lengths_mm() -> Array:

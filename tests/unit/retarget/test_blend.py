@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
+from fapengine._arrays import read_rows
 from fapengine._resources import profile_files
 from fapengine.errors import UsageError
 from fapengine.mpeg4 import fap
@@ -37,6 +38,10 @@ def speech() -> np.ndarray:
 
 
 @pytest.mark.conformance
+def test_costs_are_in_the_order_of_the_names() -> None:
+    assert tuple(row[0] for row in read_rows("fapengine.retarget", "arkit_costs.csv")) == ARKIT_NAMES
+
+
 def test_the_52_names_are_in_the_order_of_live_link_face() -> None:
     assert len(ARKIT_NAMES) == len(set(ARKIT_NAMES)) == 52
     assert (ARKIT_NAMES[0], ARKIT_NAMES[17], ARKIT_NAMES[51]) == ("eyeBlinkLeft", "jawOpen", "tongueOut")
