@@ -79,7 +79,7 @@ SILENCES = frozenset(
      "<eps>", "<sil>", "<s>", "</s>", "#", "##", "{sl}", "<p:>", "<usb>", "<nib>", "<p>", "(.)", "...", "ns", "nsn",
      "noise", "<noise>", "vocnoise", "<vocnoise>", "iver", "<iver>", "laugh", "<laugh>", "cutoff", "unknown",
      "{b_trans}", "{e_trans}", "br", "ap", "+breath+", "+noise+", "+cough+", "+um+", "+uh+", "++breath++", "[noise]",
-     "[silence]", "[laughter]"}
+     "[silence]", "[sil]", "[laughter]"}
 )  # fmt: skip
 """Labels that tools write for silence and for sounds that are not speech, in small letters.
 

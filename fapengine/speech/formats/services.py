@@ -112,7 +112,8 @@ ALIGNMENTS = ("normalized_alignment", "normalizedAlignment", "alignment")
 """The spoken text first: in it, numbers are written out."""
 CHARACTERS = ("characters", "chars")
 SECONDS = ("character_start_times_seconds", "character_end_times_seconds")
-STARTS_MS, LENGTHS_MS = ("charStartTimesMs", "char_start_times_ms"), ("charDurationsMs", "char_durations_ms")
+STARTS_MS = ("charStartTimesMs", "char_start_times_ms", "charsStartTimesMs")
+LENGTHS_MS = ("charDurationsMs", "char_durations_ms", "charsDurationsMs")
 TIMESTAMPS = {"phoneme_timestamps": "phonemes", "word_timestamps": "words"}
 """Cartesia's keys of timings, and of the texts within."""
 

@@ -18,14 +18,14 @@ from fapengine.speech.formats.word_lists import labelled_track, words_track
 from fapengine.speech.phone_track import PhoneTrack
 
 NAMES: dict[str, tuple[str, ...]] = {
-    "start": ("start", "begin", "onset", "xmin", "starttime", "begintime", "starttimestamp", "tmin", "from", "t0",
+    "start": ("starttime", "begintime", "starttimestamp", "start", "begin", "onset", "xmin", "tmin", "from", "t0",
               "time", "timestamp", "offset"),
-    "end": ("end", "stop", "xmax", "endtime", "stoptime", "endtimestamp", "tmax", "to", "t1", "offset"),
+    "end": ("endtime", "stoptime", "endtimestamp", "end", "stop", "xmax", "tmax", "to", "t1", "offset"),
     "length": ("duration", "length", "dur", "len"),
     "label": ("phone", "phoneme", "label", "segment", "text", "word", "symbol", "viseme", "value", "token", "mouth"),
     "word": ("word",),
 }  # fmt: skip
-"""Usual names of columns, as :func:`plain_name` writes them, the best first."""
+"""Usual names of columns, as :func:`plain_name` writes them, the best first: a mere start may count characters."""
 UNITS = {"s": 1.0, "sec": 1.0, "secs": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3, "milliseconds": 1e-3,
          "us": 1e-6, "ticks": 1e-7}  # fmt: skip
 """Lengths of units in s."""

@@ -117,7 +117,7 @@ def test_doubtful_labels_are_said_with_what_stands_in() -> None:
     ("label", "silent"),
     [
         ("silB", True), ("silE", True), ("SIL_S", True), ("<usb>", True), ("<nib>", True), ("{B_TRANS}", True),
-        ("IVER", True), ("SPN_S", True), ("s", False), ("silk", False),
+        ("[SIL]", True), ("IVER", True), ("SPN_S", True), ("s", False), ("silk", False),
     ],
 )  # fmt: skip
 def test_silences(label: str, silent: bool) -> None:

@@ -163,6 +163,12 @@ RECOGNIZERS = (
     Case("edge-tts, starts of another name", "attacks", json.dumps([
         {"type": "WordBoundary", "begin_at": a * 1e7, "duration": (b - a) * 1e7, "text": label} for label, a, b in EN]),
          "expected a known format"),
+    Case("elevenlabs by a socket", "ElevenLabs API reference: WebSocket", json.dumps({"audio": "", "normalizedAlignment": {
+        "chars": list("a b"), "charStartTimesMs": [0, 100, 200], "charsDurationsMs": [100, 100, 300]}}),
+         [("a", 0.0, 0.1), ("b", 0.2, 0.5)]),
+    Case("speechify", "Speechify API reference: speech marks, with places of characters", json.dumps({"speech_marks": {
+        "chunks": [{"type": "word", "start": n, "end": n + 1, "start_time": 1000 * a, "end_time": 1000 * b, "value": label}
+                   for n, (label, a, b) in enumerate(EN)]}}), EN, options={"columns": "unit=ms"}),
     # with the structure of usnistgov/SCTK, lvc_hypc.ctm
     Case("ctm, alternatives", "usnistgov/SCTK: doc/infmts.htm", text(
         f"talk B {EN[0][1]} {EN[0][2] - EN[0][1]:.2f} {EN[0][0]} 0.9", "talk B * * <ALT_BEGIN> 0.06",
