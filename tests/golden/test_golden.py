@@ -124,7 +124,7 @@ def test_an_open_mouth_is_darker_inside_and_no_black_hole(head: FaceMesh, pictur
     mouth = slice(y - 8, y + 14), slice(x - 14, x + 15)
     dark = {name: (pictures[name][mouth][..., 1] < 80).sum() for name in ("open", "neutral")}
     assert dark["open"] > 1.3 * dark["neutral"]  # lips are rosy, teeth and tongue light: 75 pixels to 47
-    assert pictures["open"][mouth].mean(axis=-1).min() > 45
+    assert pictures["open"][mouth].mean(axis=-1).min() > 35  # 42: at 45 and more, strangers missed depth
 
 
 def test_a_blink_hides_the_eye(head: FaceMesh, pictures: dict[str, Picture]) -> None:

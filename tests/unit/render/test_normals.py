@@ -52,7 +52,7 @@ def test_normals_of_speech_are_those_of_the_surface(head: FaceMesh, deltas: Arra
     faps = displacements_to_faps(profile.space.to_points_mm(targets), profile.space.points, profile.fapu)
     off = np.array([off_deg(head, deltas, row) for row in close_lips(faps, np.arange(10.0), [])])
     assert off.mean() < 1.8
-    assert np.quantile(off, 0.95) < 7.3  # 7.25
+    assert np.quantile(off, 0.95) < 7.5  # 7.33, 7.25 before the upper lip of open vowels was an arc
 
 
 def test_where_the_jaws_weight_changes_the_skin_tilts(head: FaceMesh, deltas: Array) -> None:
