@@ -195,9 +195,9 @@ def test_grain_is_even_and_the_same_everywhere() -> None:
 
 def test_hair_lies_on_the_head(heads: dict[str, FaceMesh]) -> None:
     head = heads["normal"]
-    hairs = head.vertices_mm[(head.material == Material.HAIR) & (head.vertices_mm[:, 1] > 75)].astype(float)
-    above = above_skin(hairs, build_head(HeadStyle(hair=False)))
-    assert above.max() < 30  # mm: swept hair has volume
+    hairs = head.vertices_mm[head.material == Material.HAIR].astype(float)
+    above = above_skin(hairs[hairs[:, 1] > 75], build_head(HeadStyle(hair=False)))
+    assert 15 < above.max() < 30  # mm: swept hair has volume
     assert above.min() > -3
     front = hairs[(np.abs(hairs[:, 0]) < 30) & (hairs[:, 2] > 80)]
     assert front[:, 1].min() > 65  # no fringe over brows or eyes

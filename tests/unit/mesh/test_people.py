@@ -191,7 +191,7 @@ def test_locks_of_long_hair_lie_over_head_and_ears(haircut: str, person: str) ->
     hairs = hairs[(hairs[:, 1] > 30) & (hairs[:, 1] < 140)]
     above = above_skin(hairs, build_head(replace(style, hair=False), level=parsed[1]))
     assert above.min() > -2.6  # mm; the cap's rim is sunk into the skin by 2
-    assert above.max() < 24
+    assert 10 < above.max() < 24
     # Hair lies over the ears.
     beside = np.abs(head.vertices_mm[:, 1:] - [10, -4]).max(axis=1) < 20
     for side in (1.0, -1.0):
