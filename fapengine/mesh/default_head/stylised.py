@@ -156,10 +156,8 @@ def _as_child(points: Array, childlike: float) -> Array:
     # Below the eyes all is nearer to them, the neck and what is below it as much as the chin.
     below = np.clip(18.0 - y, 0, 98.0)
     moved[:, 1] += childlike * 0.20 * (below - 8.0 * (1 - np.exp(-below / 8.0)))
-    cheeks = np.exp(-(((y + 32.0) / 26.0) ** 2)) * smoothstep((z - 20.0) / 50.0)
-    moved[:, 0] *= 1 + childlike * 0.05 * cheeks
     # Full below the height of the mouth as well, or so short a cheek would overhang and show a ridge.
-    full = np.exp(-(((y + 48.0) / 24.0) ** 2)) * smoothstep((np.abs(x) - 24.0) / 18.0) * smoothstep((z - 30.0) / 40.0)
+    full = np.exp(-(((y + 44.0) / 27.0) ** 2)) * smoothstep((np.abs(x) - 24.0) / 18.0) * smoothstep((z - 30.0) / 40.0)
     moved[:, 0] += childlike * 2.0 * full * np.sign(x)
     moved[:, 2] += childlike * 4.0 * full
     skull = smoothstep((y - 30.0) / 60.0)
