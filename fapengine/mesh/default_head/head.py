@@ -375,7 +375,7 @@ def _cast_shadows(
         shade = HAIR_SHADE * average_over_mesh(near, links, 6)[skin]
     chin = points[head.mouth.indices[0], 1].min()
     jaw = chin + 66.0 + np.interp(at[:, 2], EDGE_Z_MM, EDGE_Y_MM)
-    below = smoothstep((jaw - at[:, 1]) / 24.0) * smoothstep((at[:, 2] + 20.0) / 40.0)
+    below = smoothstep((jaw - at[:, 1]) / 14.0) * smoothstep((at[:, 2] + 20.0) / 40.0)
     below *= 0.35 + 0.65 * smoothstep((at[:, 1] - chin + 58.0) / 40.0)
     shade = np.maximum(shade, JAW_SHADE * below)
     occlusion[skin] *= 1 - shade

@@ -144,7 +144,7 @@ def _with_face(points: Array, charm: float, childlike: float) -> Array:
     neck = smoothstep((-44.0 - y) / 50.0) * smoothstep((70.0 - z) / 50.0) * smoothstep((y + 180.0) / 70.0)
     neck *= _faded(np.abs(x), 70.0, 110.0) * (1 - 0.5 * childlike)
     moved[:, 0] *= 1 - charm * 0.32 * neck
-    moved[:, 2] = -8.0 + (moved[:, 2] + 8.0) * (1 - charm * 0.42 * neck)
+    moved[:, 2] = -8.0 + (moved[:, 2] + 8.0) * (1 - charm * 0.56 * neck)
     moved[:, 2] -= charm * 10.0 * smoothstep((-52.0 - y) / 80.0) * smoothstep((y + 210.0) / 70.0)  # it leans forwards
     return moved
 
