@@ -107,7 +107,7 @@ export class Recognizer {
     for (; this.waiting.length - at >= this.block; at += this.block) {
       const block = this.waiting.slice(at, at + this.block);
       this.voicing.push(block);
-      this.scores.push(block, (scores, place) => this.search.push(scores, place));
+      this.scores.push(block, (scores, place) => this.voicing.recognize(this.search.push(scores, place)));
       phones.push(...this.report(this.scores.seen - Math.round(this.lookAhead * FRAME_HZ)));
     }
     this.waiting = this.waiting.slice(at);
@@ -120,7 +120,7 @@ export class Recognizer {
     if (!count) return [];
     this.voicing.push(this.waiting, 0);
     const silence = new Int16Array((count - this.search.now + 2 * (2 * AHEAD + 2 * this.steps)) * HOP);
-    const take = (scores, place) => this.search.now < count && this.search.push(scores, place);
+    const take = (scores, place) => this.search.now < count && this.voicing.recognize(this.search.push(scores, place));
     this.scores.push(joined(this.waiting, silence), take);
     const phones = this.report(count, true);
     this.reset();

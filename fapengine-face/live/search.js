@@ -1,8 +1,9 @@
 // The best path through the phones, as scores come: Search of fapengine/recognition/small_recognizer.py. Stateful.
 
-import { protocol } from "./constants.js";
+import { protocol, small_recognizer } from "./constants.js";
 
 const { MIN_FRAMES } = protocol;
+const { SURE } = small_recognizer;
 const { fround } = Math;
 const FIRST = -4; // score of each label but silence before the first frame
 
@@ -20,15 +21,16 @@ export class Search {
     this.row = new Float32Array(count);
   }
 
-  // Adds the scores of one frame, which begin at a place.
+  // Adds the scores of one frame, which begin at a place; returns the best label if it is sure, else 0.
   push(scores, at) {
     const { count, row, bonus } = this;
-    let [top, sum] = [-Infinity, 0];
-    for (let label = 0; label < count; ++label) top = Math.max(top, scores[at + label]);
+    let [top, sum, best] = [-Infinity, 0, 0];
+    for (let label = 0; label < count; ++label) if (scores[at + label] > top) [top, best] = [scores[at + label], label];
     for (let label = 0; label < count; ++label) sum += fround(Math.exp(fround(scores[at + label] - top)));
     const log = fround(Math.log(fround(sum)));
     for (let label = 0; label < count; ++label) row[label] = fround(fround(scores[at + label] - top) - log) + bonus[label];
     this.step();
+    return -log >= SURE ? best : 0;
   }
 
   step() {

@@ -5,7 +5,8 @@ import { loudness, phone_track, protocol, small_recognizer } from "./constants.j
 import { Fft } from "./fft.js";
 
 const {
-  CONTEXT, EVEN, GLIDE_FRAMES, HOP, LATE, MAX_PHONE_S, PITCH_HZ, QUIET_DB, REACH_S, SILENT_DB, STEADY_FRAMES, STEADY_SHARE, STILL, VOICED, VOICED_FRAMES, WINDOW,
+  CONTEXT, EVEN, GLIDE_FRAMES, HOP, LABEL_FRAMES, LATE, MAX_PHONE_S, PITCH_HZ, QUIET_DB, REACH_S, SILENT_DB, STEADY_FRAMES, STEADY_SHARE, STILL,
+  VOICED, VOICED_FRAMES, WHISPER_FRAMES, WHISPER_LABELS, WINDOW,
 } = loudness;
 const { FRAME_HZ, RATE_HZ } = protocol;
 const { NEAR_VOWEL, REMEMBERED, VOWEL_LETTERS } = small_recognizer;
@@ -102,6 +103,16 @@ export class Voicing {
     this.levels = [];
     this.first = 0; // frame at which these begin
     this.vowel = -REMEMBERED; // frame after the last vowel
+    this.sure = []; // label that the network is sure of, of each of the last frames; 0 for silence and none
+    this.sureFirst = 0;
+  }
+
+  // Adds the label that the network is sure of in the next frame, or 0.
+  recognize(label) {
+    this.sure.push(label);
+    if (this.sure.length <= 2 * REMEMBERED) return;
+    this.sure.shift();
+    this.sureFirst += 1;
   }
 
   // Adds int16 samples, whole frames except at the end; the last frames get no pitch yet.
@@ -132,8 +143,21 @@ export class Voicing {
     return { level: Math.max(SILENT_DB, ...levels), pitch: voiced.length ? median(voiced) : 0 };
   }
 
-  // Which frames have a voice near them that is not music.
+  // Which frames have a voice near them that is not music, or a whisper.
   voices() {
+    const voices = this.voiced();
+    if (voices.every(Boolean) || !this.sure.some(Boolean)) return voices;
+    const sure = this.pitches.map((_, at) => this.sure[at + this.first - this.sureFirst] ?? 0);
+    const counts = [...new Set(sure)].filter(Boolean).map((label) => around(sure.map((one) => one === label)));
+    const voiced = around(this.pitches.map((pitch) => pitch > 0));
+    const isWhispered = (at) =>
+      counts.reduce((sum, count) => sum + count[at], 0) >= WHISPER_FRAMES &&
+      counts.filter((count) => count[at] >= LABEL_FRAMES).length >= WHISPER_LABELS &&
+      voiced[at] < VOICED_FRAMES;
+    return voices.map((one, at) => one || isWhispered(at));
+  }
+
+  voiced() {
     const { pitches } = this;
     const voiced = around(pitches.map((pitch) => pitch > 0));
     const still = around(pitches.map((pitch, at) => {

@@ -33,6 +33,7 @@ from fapengine.recognition.loudness import (
     SILENT_DB,
     RunningSoundings,
     voice_frames,
+    whispered_frames,
 )
 from fapengine.recognition.protocol import MIN_FRAMES, RATE_HZ, BlockRecognizer, Labelled, due, phones_of
 from fapengine.recognition.sphinx_recognizer import SphinxRecognizer
@@ -57,6 +58,8 @@ ONSET_FRAMES = 5
 """Frames of speech after silence that are heard before it counts as begun: music and noise begin alike."""
 NEAR_VOWEL = 100
 """Frames after a vowel in which a phone may be isolated; elsewhere it is a knock."""
+SURE = np.log(0.7)
+"""Least logarithm of a label's probability of which the network is sure."""
 VOWEL_LETTERS = frozenset("aeiouæɑɔəɛɝɪʊʌ")
 
 Floats = NDArray[np.float32]
@@ -191,6 +194,9 @@ class Voicing:
 
     def __init__(self) -> None:
         self._frames = RunningSoundings()
+        self._scores = np.zeros((0, 1), np.float32)
+        """(T, C): the network's, of the frames before ``_scored``."""
+        self._scored = 0
         self._vowel = -REMEMBERED
         """Frame after the last vowel."""
 
@@ -199,10 +205,28 @@ class Voicing:
         self._frames.push(samples, is_last=is_last)
         self._frames.forget(self._frames.first + len(self._frames.pitches_hz) - REMEMBERED)
 
+    def recognize(self, scores: Floats) -> None:
+        """Add the network's scores of the next frames, (T, C)."""
+        self._scores = np.concatenate([self._scores[-REMEMBERED:], scores]) if len(self._scores) else scores
+        self._scored += len(scores)
+
+    def _voices(self) -> NDArray[np.bool_]:
+        """(T,): frames with a pitch near which there is a voice, or a whisper."""
+        pitches_hz = self._frames.pitches_hz
+        voices = voice_frames(pitches_hz)
+        if voices.all():
+            return voices
+        sure = np.zeros(len(pitches_hz), np.int64)
+        place = self._scored - len(self._scores) - self._frames.first
+        known = self._scores[max(-place, 0) :][: max(len(sure) - max(place, 0), 0)]
+        labels = np.where(log_softmax(known).max(axis=1, initial=-np.inf) >= SURE, known.argmax(axis=1), 0)
+        sure[max(place, 0) : max(place, 0) + len(labels)] = labels
+        return voices | whispered_frames(sure, pitches_hz)
+
     def spoken(self, segments: list[Labelled]) -> list[Labelled]:
         """Replace segments that are voiceless, music, very quiet, or isolated by silence; without gaps."""
-        pitches_hz, first = self._frames.pitches_hz, self._frames.first
-        voice = voice_frames(pitches_hz)
+        first, is_silent = self._frames.first, all(label == SILENCE for label, _, _ in segments)
+        voice = np.zeros(0, bool) if is_silent else self._voices()
         found: list[Labelled] = []
         for index, (label, a, b) in enumerate(segments):
             following = [one for one, _, _ in segments[index + 1 :]]
@@ -295,7 +319,9 @@ class SmallRecognizer(BlockRecognizer):
 
     def _score(self, samples: NDArray[np.int16], *, rest: int | None = None) -> Floats:
         """Scores of more audio; with ``rest``, that many samples are the last ones, and silence follows."""
-        return self._scores.push(samples)
+        scores = self._scores.push(samples)
+        self._voicing.recognize(scores)
+        return scores
 
     def _latest(self) -> Search:
         """Search up to the last frame that has scores."""

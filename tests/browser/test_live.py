@@ -34,7 +34,7 @@ from fapengine.trajectory.planner import plan
 from fapengine.trajectory.ramps import Ramp, sample_ramps
 from fapengine.trajectory.style import Style
 from fapengine.wire.shapes import ArkitFollower
-from tests.unit.recognition.speech import BABY, POPPIES, no_speech, spoken_by_espeak
+from tests.unit.recognition.speech import BABY, POPPIES, no_speech, spoken_by_espeak, whispered
 from tests.unit.retarget.living_speech import living
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -340,7 +340,7 @@ def check_phones(package: Path, sounds: list[np.ndarray], *, is_plain: bool = Fa
 @pytest.mark.parametrize("is_plain", [False, True], ids=["by WebAssembly", "in plain JavaScript"])
 def test_phones_are_pythons(is_plain: bool, package: Path) -> None:
     sentences = [spoken_by_espeak(voice, BABY).samples for voice in ("en-us", "fr")]
-    others = list(no_speech().values())[:2]
+    others = [*list(no_speech().values())[:2], whispered(spoken_by_espeak("en-us", POPPIES).samples)]
     assert check_phones(package, [*sentences, *others], is_plain=is_plain) > 40
 
 

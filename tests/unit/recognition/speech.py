@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import resample_poly
+from scipy.linalg import solve_toeplitz
+from scipy.signal import lfilter, resample_poly
 
 from fapengine.files.sound import load_sound
 from fapengine.recognition.protocol import RATE_HZ, Recognizer
@@ -127,3 +128,19 @@ def heard(ear: Recognizer, samples: np.ndarray, cuts: list[int] | None = None) -
     ear.reset()
     phones = [phone for piece in np.split(samples, cuts or []) for phone in ear.push(piece)]
     return phones + ear.end()
+
+
+def whispered(samples: NDArray[np.int16], seed: int = 1) -> NDArray[np.int16]:
+    """The same words without a voice: noise through the filter of each 25 ms (18 poles, widened as a whisper's are)."""
+    rng, sound = np.random.default_rng(seed), samples / 32768.0
+    whisper, window = np.zeros(len(sound)), np.hanning(400)
+    for start in range(0, len(sound) - 400, 160):
+        frame = sound[start : start + 400] * window
+        alike = np.correlate(frame, frame, "full")[399 : 399 + 19]
+        if alike[0] > 1e-9:
+            alike[0] *= 1.0001
+            ahead = solve_toeplitz(alike[:-1], alike[1:]) * 0.96 ** np.arange(1, 19)
+            breath = rng.normal(size=400) * np.sqrt(max(alike[0] - ahead @ alike[1:], 0.0))
+            whisper[start : start + 400] += lfilter([1.0], [1.0, *-ahead], breath) * window
+    whisper = lfilter([1.0, -0.9], [1.0], whisper)
+    return (15_000 * whisper / np.abs(whisper).max()).astype(np.int16)

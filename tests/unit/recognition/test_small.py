@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.recognition import choice
 from fapengine.recognition.choice import BOTH, SMALL, check_recognizer, chosen, new_recognizer
-from fapengine.recognition.loudness import RunningSoundings, loudness_db, pitch_hz, soundings
+from fapengine.recognition.loudness import RunningSoundings, loudness_db, pitch_hz, soundings, whispered_frames
 from fapengine.recognition.protocol import RATE_HZ
 from fapengine.recognition.small_net import WEIGHTS, read_weights
 from fapengine.recognition.small_recognizer import SURE_AFTER, JointRecognizer, KnownFrames, SmallRecognizer
@@ -29,6 +29,7 @@ from tests.unit.recognition.speech import (
     opening_mm,
     spoken,
     spoken_by_espeak,
+    whispered,
 )
 
 
@@ -64,6 +65,25 @@ def test_no_speech_moves_the_lips_less_than_a_millimetre(ear: SmallRecognizer, n
     phones = PhoneTrack.from_phones(heard(ear, no_speech(seed=seed)[name]))
     assert np.abs(opening_mm(phones, 4.0)).max() < 1.0
     assert phones.duration_s == pytest.approx(4.0)
+
+
+@pytest.mark.parametrize("voice", ["slt", "kal16"])
+def test_a_whisper_moves_the_lips(ear: SmallRecognizer, voice: str) -> None:
+    speech = spoken(voice, POPPIES)
+    duration_s = len(speech.samples) / RATE_HZ
+    lips = opening_mm(PhoneTrack.from_phones(heard(ear, whispered(speech.samples))), duration_s)
+    true = opening_mm(speech.phones, duration_s)
+    count = min(len(lips), len(true))
+    assert np.corrcoef(lips[:count], true[:count])[0, 1] > 0.3  # measured .49 to .55; it stays shut without
+
+
+def test_a_whisper_has_many_sure_phones_and_no_pitch() -> None:
+    phones, silent = np.repeat(np.arange(24) % 6, 10), np.zeros(240)
+    assert whispered_frames(phones, silent).all()
+    assert not whispered_frames(phones % 5, silent).any()  # four labels
+    assert not whispered_frames(np.where(np.arange(240) % 10 < 1, phones, 0), silent).any()  # a frame of each
+    assert not whispered_frames(phones, np.full(240, 200.0)).any()
+    assert not whispered_frames(phones[:0], silent[:0]).any()
 
 
 def test_loudness_hardly_matters() -> None:
