@@ -48,7 +48,7 @@ from fapengine.profiles import Profile
 from fapengine.speech.alphabets.convert import SILENCES, to_ipa
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.trajectory import hermite
-from fapengine.trajectory.closures import close_lips, holds_of
+from fapengine.trajectory.closures import BITTEN_SHARE, close_lips, holds_of
 from fapengine.trajectory.faps import displacements_to_faps, speech_faps
 from fapengine.trajectory.methods import dominance as spread
 from fapengine.trajectory.methods import sample_path
@@ -301,7 +301,8 @@ def ours(method: str, *, variation: int | None = None) -> Method:
             waves = draw_variation(np.random.default_rng([variation, zlib.crc32(clip.name.encode())]))[..., None]
             varied = variation_faps(np.ones(len(times)), waves, times)
             shown += give_way(varied, path[:, modes + ROUND]).T
-        change = close_lips(shown, times, holds_of(keys.said[0])) - faps
+        share = BITTEN_SHARE if method == "context" else 0.0
+        change = close_lips(shown, times, holds_of(keys.said[0]), bitten_share=share) - faps
         for row in fap.FAPS:  # what the layer and the closures add to the FAPs, back as displacements
             shift = change[:, fap.column(row.number)]
             if np.abs(shift).max() > 0:

@@ -70,8 +70,8 @@ default head's upper teeth stands 0.3 mm below the neutral lips."""
 BITTEN_FAPU = 110.0
 """2.3 mm: higher the lower lip is not in 99 of 100 captured f and v. It matters to styles that exaggerate."""
 BITTEN_SHARE = 1 / 6
-"""Part of the upper lip's movement that is left out at the teeth: what :data:`.faps.UPPER_GAIN` adds, which f and v do
-not have. The opening of f and v is off by 1.13 mm with it, 1.22 without, and 1.17 where a fourth is left out."""
+"""Part of the upper lip's movement that the context model leaves out at the teeth: what :data:`.faps.UPPER_GAIN` adds,
+which f and v do not have. Their opening is off by 1.13 mm with it, 1.22 without, 1.17 where a fourth is left out."""
 OPEN_FAPU = 180.0
 """3.7 mm, of which 3.5 are seen in θ, with the tongue between the lips (JD3: 3.4 to 4.0). Captured vowels with an
 open jaw, of 60 ms and more, open by 8.6 mm and more in 99 of 100 cases; what is promised is less, so that it shapes
@@ -174,15 +174,18 @@ def held(times_s: Array, holds: Sequence[Hold]) -> Array:
     return 1.0 - free
 
 
-def close_lips(faps: Array, times_s: Array, holds: Sequence[Hold], *, openness: float = 1.0) -> Array:
+def close_lips(
+    faps: Array, times_s: Array, holds: Sequence[Hold], *, openness: float = 1.0, bitten_share: float = 0.0
+) -> Array:
     """Correct lip FAPs, (T, 68) FAPU, so that contacts are made and lips never pass through each other.
 
-    ``openness``, 0..1, scales what open vowels are held to, for a face that mumbles.
+    ``openness``, 0..1, scales what open vowels are held to, for a face that mumbles; ``bitten_share``: :func:`settle`.
     """
-    return settle(faps, held(times_s, holds) * np.array([1.0, 1.0, openness, 1.0, 1.0])[:, None])
+    shares = held(times_s, holds) * np.array([1.0, 1.0, openness, 1.0, 1.0])[:, None]
+    return settle(faps, shares, bitten_share=bitten_share)
 
 
-def settle(faps: Array, held: Array) -> Array:
+def settle(faps: Array, held: Array, *, bitten_share: float = 0.0) -> Array:
     """Make contacts, frame by frame: steps 0 to 5 of the theory of operation.
 
     Parameters
@@ -190,6 +193,8 @@ def settle(faps: Array, held: Array) -> Array:
     faps : (N, 68) float64, FAPU
     held : (5, N) float64
         How far each frame is under a hold of each of :data:`CONTACTS`, 0 to 1.
+    bitten_share : float
+        Part of the upper lip's movement that is left out at the teeth.
 
     Returns
     -------
@@ -209,7 +214,7 @@ def settle(faps: Array, held: Array) -> Array:
         upper -= (1 - LOWER_SHARE) * parted
         lower -= LOWER_SHARE * parted
     if bites:
-        upper *= 1.0 - BITTEN_SHARE * teeth
+        upper *= 1.0 - bitten_share * teeth
         short = soft_positive(TEETH_FAPU + SOFTNESS_FAPU / 2 - lower, SOFTNESS_FAPU)
         beyond = soft_positive(lower + SOFTNESS_FAPU / 2 - BITTEN_FAPU, SOFTNESS_FAPU)
         lower += teeth * (short - beyond)

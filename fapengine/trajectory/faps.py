@@ -17,7 +17,7 @@ from fapengine._arrays import Array
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import Fapu, faps_of_displacements
 from fapengine.profiles import Profile
-from fapengine.trajectory.closures import settle
+from fapengine.trajectory.closures import BITTEN_SHARE, settle
 from fapengine.trajectory.gestures import add_gestures
 from fapengine.trajectory.phonetics import ROUND, give_way, layer_faps, layer_gain
 from fapengine.trajectory.style import Style, jaw_share
@@ -81,6 +81,7 @@ class Composer:
         self._modes, self._jaws = profile.space.mode_count, jaw_share(profile).T
         self._jaw_gain, self._lips_gain, self._settles = style.jaw_gain, style.lips_gain, style.method != "published"
         self._size, self._openness = layer_gain(style.lips_gain), np.minimum(1.0, np.array(style.jaw_gain))
+        self._bitten_share = BITTEN_SHARE if style.context else 0.0
         modes = speech_faps(profile, style.gains(profile), context=style.context)
         self._lift = np.vstack([modes, layer_faps(profile)]).T
         """(68, K + axes) FAPU per weight, and per unit of :mod:`.phonetics`."""
@@ -113,7 +114,7 @@ class Composer:
         if overlay and overlay.expression.any():
             faps += give_way(overlay.expression, layer[ROUND]).T
         held[2] *= openness
-        settled = settle(faps, held) if self._settles else faps
+        settled = settle(faps, held, bitten_share=self._bitten_share) if self._settles else faps
         if overlay:
             add_gestures(settled, overlay.gestures.T)
         return settled
