@@ -27,9 +27,11 @@ DENSER = 0.35
 """How much closer than on average the first and the last rows of strands are."""
 LEAN, OVER = 0.25, 0.45
 """How far tips lean to a side at most, and those at the face over their neighbours, in widths of a strand."""
+NEAR_FACE = 3
+"""Strands next to those at the face that the camera sees from inside, past the forehead."""
 STEP_MM, ROUND_MM, TIP_ROUND_MM = 2.2, 1.6, 2.2
 """Height of upper strands above lower ones; height of a strand's middle above its edges, and what tips add to it."""
-PARTING_MM = (2.0, 1.4)
+PARTING_MM = (1.6, 2.0)
 """How far hair of either side goes beyond the parting, and its depth there."""
 VALLEY_AT, VALLEY = (0.0, 0.05, 0.16), (0.72, 0.86, 1.0)
 """Light on hair along ``t``: it dips to the parting in a soft shadow."""
@@ -125,10 +127,10 @@ def _add_layer(builder: MeshBuilder, fall: Fall, cut: Cut, seed: int, palette: P
     whole = int(np.searchsorted(share, layer.tapers_from + 0.04))
     _join(builder, grid)
     _join(builder, np.stack([grid[:-1, :whole, -1], grid[1:, :whole, 0]], axis=-1))
-    # Tips, strands at the face and the inside are seen from behind, too.
-    tips = 0 if layer.is_inside else 2 * share.size // 3
-    _join(builder, grid[lead : layer.strands - lead, tips:, ::-1])
-    _join(builder, grid[np.r_[:lead, layer.strands - lead : layer.strands], :, ::-1])
+    # Tips, strands at and near the face and the inside are seen from behind, too.
+    tips, front = 0 if layer.is_inside else 2 * share.size // 3, lead + NEAR_FACE * (lead > 0)
+    _join(builder, grid[front : layer.strands - front, tips:, ::-1])
+    _join(builder, grid[np.r_[:front, layer.strands - front : layer.strands], :, ::-1])
     return grid.ravel()
 
 
