@@ -238,3 +238,11 @@ def test_an_alphabet_without_any_label() -> None:
 def test_a_reading_that_was_named_is_no_guess() -> None:
     assert str(Reading("ipa")) == "labels read as ipa"
     assert str(Reading("ipa", guessed=True)) == "labels read as ipa (guessed)"
+
+
+def test_hiragana_stands_in_the_table_with_the_sounds_of_katakana() -> None:
+    table = PHONE_SETS["kana"].table
+    katakana = {kana: sound for kana, sound in table.items() if "ァ" <= kana[0] <= "ヶ"}
+    assert len(katakana) > 150
+    for kana, sound in katakana.items():
+        assert table["".join(chr(ord(c) - 0x60) if "ァ" <= c <= "ヶ" else c for c in kana)] == sound

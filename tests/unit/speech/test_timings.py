@@ -253,3 +253,9 @@ def test_a_number_in_which_a_second_is_lost_is_refused(number: str) -> None:
 def test_one_pause_alone_is_refused() -> None:
     with pytest.raises(DataError, match="got 1 silences, expected phones or words with times"):
         parse_pho(b"_ 100\n")
+
+
+@pytest.mark.parametrize(("count", "labels"), [(1, "a"), (12, " ".join("a" * 12)), (13, " ".join("a" * 12) + " ...")])
+def test_a_track_says_how_long_it_is_and_how_it_begins(count: int, labels: str) -> None:
+    track = PhoneTrack.from_phones([Phone("a", n, n + 1.0) for n in range(count)])
+    assert repr(track) == f"PhoneTrack({count} phones, {count}.00 s: {labels})"
