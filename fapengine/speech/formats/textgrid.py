@@ -244,6 +244,8 @@ def _chronological(tokens: _Tokens) -> tuple[Tier, ...]:
 def choose_tier(tiers: tuple[Tier, ...], wanted: str | None, usual: tuple[str, ...], what: str) -> Tier:
     """Find a tier by its name, else by the usual names, else the only one."""
     names = [tier.name for tier in tiers]
+    if not tiers:
+        raise DataError("tier: got none with intervals; tiers of points are not read")
     if wanted is not None:
         fitting = [tier for tier in tiers if tier.name.lower() == wanted.lower()]
     else:

@@ -272,7 +272,10 @@ CUE = re.compile(rf"\s*{_CLOCK}\s*-->\s*{_CLOCK}(\s.*)?")
 """Times of a cue: hours are optional, a comma or a point goes before the milliseconds."""
 _INSIDE = re.compile(rf"<{_CLOCK}>")
 _TAG = re.compile(r"</?[a-zA-Z][^>]*>|\{\\[^}]*\}")
-_UNDERLINED = re.compile(r"<u>(.*?)</u>", re.DOTALL)
+_MARKED = re.compile(r"<(u|font)\b[^>]*>(.*?)</\1>", re.DOTALL)
+"""The word of a cue that is spoken: underlined by Whisper, coloured by stable-ts."""
+MIN_MARKED = 0.3
+"""Share of cues with a marked word from which these are the words: between words cues have none."""
 _HINT = (
     "words need times of their own: one word a cue, or <00:00:01.120> before each word; or give"
     " the sound, and these as its transcript"
@@ -300,8 +303,8 @@ def parse_subtitles(data: bytes) -> PhoneTrack:
                 new = [word for line in lines if line not in said for word in line.split()]
                 words += shared_out(cue.start_s, cue.end_s, new, cue.where)
             said = lines
-    elif any(_UNDERLINED.search(cue.label) for cue in cues):
-        words += [Entry(c.start_s, c.end_s, m[1], c.where) for c in cues for m in _UNDERLINED.finditer(c.label)]
+    elif sum(bool(_MARKED.search(cue.label)) for cue in cues) >= MIN_MARKED * len(cues):
+        words += [Entry(c.start_s, c.end_s, m[2], c.where) for c in cues for m in _MARKED.finditer(c.label)]
     else:
         words += [Entry(cue.start_s, cue.end_s, _TAG.sub("", cue.label), cue.where) for cue in cues]
     return words_track(words, "subtitles", _HINT)

@@ -159,6 +159,7 @@ def test_lists_that_are_none(text: str, columns: str, message: str) -> None:
         ("papagayo", "lipsync version 1\nx\nten\n", "frames a second: got 'ten', expected a count"),
         ("moho", "MohoSwitch1\n1 MBP\n", r"columns='fps=24'"),
         ("moho", "x", "begins with MohoSwitch1"),
+        ("polly", '{"time": 0, "type": "sentence", "start": 0, "end": 5, "value": "Mary."}', "got sentences alone"),
         ("utau", "[#0000]\nLength=x\nLyric=ま\n", "Length: got 'x'"),
         ("utau", "[#SETTING]\nTempo=0\n[#0000]\nLength=1\n", "Tempo: got '0'"),
         ("utau", "ustx_version: '0.6'\n", "project of OpenUtau"),

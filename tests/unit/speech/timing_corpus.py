@@ -204,7 +204,14 @@ oui
 oui
 \x20
 """
+MARKED = [
+    f"00:00:{a:06.3f} --> 00:00:{b:06.3f}\n{' '.join(row[0] for row in FR).replace(label, f'<font color=#00ff00>{label}</font>')}\n"
+    for label, a, b in FR
+]  # fmt: skip
 SUBTITLES = (
+    Case("srt of stable-ts", "jianfch/stable-ts: to_srt_vtt: the spoken word is coloured", text("WEBVTT", "", *MARKED), FR, ".vtt"),
+    Case("srt with a coloured word", "players", text("WEBVTT", "", *[CUES[0].replace(FR[0][0], "de nos amis")] * 4, MARKED[0]),
+         PHRASE, ".vtt"),
     Case("vtt of youtube that rolls up", "yt-dlp/yt-dlp: --write-auto-subs: a line of a blank, and one of one word", ROLLING,
          [("des", 0.1, 0.4), ("amis", 0.4, 0.9), ("oui", 0.91, 1.4)], ".vtt"),
     Case("vtt of youtube", "yt-dlp/yt-dlp: --write-auto-subs; W3C WebVTT",
