@@ -22,7 +22,7 @@ frame to frame, so one to three systems are solved.
 Mouths of few shapes
 --------------------
 A dozen visemes, or five vowels, cannot show every mouth, and the best mix of each single frame jumps. So a map with
-:attr:`BlendMap.change_mm` has two more terms for each frame ``t``:
+``change_mm`` of :class:`BlendMap` has two more terms for each frame ``t``:
 
     change^2 |weights_t - weights_(t-1)|^2 + meeting_t (opening(weights_t) - opening(faps_t))^2.
 
