@@ -10,8 +10,9 @@ import pytest
 
 from fapengine.speech import ipa
 from fapengine.speech.alphabets.convert import MARKS, UNSEEN, XSAMPA_LETTERS, from_xsampa
-from fapengine.speech.alphabets.japanese import OPENJTALK, from_kana
+from fapengine.speech.alphabets.japanese import from_kana
 from fapengine.speech.alphabets.mandarin import from_pinyin, plain_pinyin
+from fapengine.speech.alphabets.phone_sets import PHONE_SETS
 
 XSAMPA_DIFFERENCES = {
     "k_<": "ƙ has left the IPA; the mark falls away, k is seen",
@@ -158,7 +159,7 @@ def test_kana_are_those_of_julius_as_jaconv_writes_them() -> None:
         if "ヴ" in kana:
             continue  # it leaves this one as it is
         spelled = jaconv.hiragana2julius(jaconv.kata2hira(kana)).split()
-        wanted = [OPENJTALK.to_ipa(label) for label in spelled]
+        wanted = [PHONE_SETS["openjtalk"].to_ipa(label) for label in spelled]
         assert None not in wanted, (kana, spelled)
         compared += 1
         joined = "".join(sound or "" for sound in wanted)
