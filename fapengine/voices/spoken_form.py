@@ -11,17 +11,18 @@ replaced at once (``3,50 €``), they share the spoken ones in order.
 A table has ``[words]`` (abbreviations), ``[units]`` and ``[currencies]`` beside a number, each with one form, two (one,
 other), three (one, few, many: Russian) or four (and part: Polish), ``[cents]`` of currencies, ``[fractions]``, and
 ``[[rules]]``: a regular expression and what is said, in which ``{1}`` is its first group and ``{0}`` its group ``n`` in
-words. Its group ``x`` is replaced, or all. ``scales`` are words between a number and its currency, ``of`` what stands
-after one, ``[short_scales]`` letters for them (``$5k``). ``starters`` begin a sentence after an abbreviation, whose
-point is then a full stop too. ``minus`` is said before a number, ``share`` between a fraction and its unit. ``[mixed]``
-has what a fraction becomes after a whole number, or after its unit (``2 kilos et demi``) if it is ``last``, and for a
-unit apart if that follows in its key, and before ``rate`` in a unit (``1½ km/h``); ``unit_first`` is true where a unit
-stands before its number, ``elides`` where a letter may belong to the next word (``l'eau``); ``to`` is said between two
-amounts. A fraction's sign (``½``) is what its digits are. ``[date]`` has ``months``, what is ``said``, and forms of
-``year`` and of ``day``, by what stands before the date; ``year_first`` is true where 12/05/2024 may be one of two.
-``phones`` is a pattern of telephone numbers beside the usual one. ``joined`` is the greatest number of digits before a
-space in a number that the voice would read in parts. ``[[gender]]`` has ``nouns``, what the number in words before one
-becomes at its ``ends`` (regular expressions), and what must stand ``before`` both, if anything.
+words. Its group ``x`` is replaced, or all. ``{month}`` in a regular expression is what ``[patterns]`` has as ``month``.
+``scales`` are words between a number and its currency, ``of`` what stands after one, ``[short_scales]`` letters for
+them (``$5k``). ``starters`` begin a sentence after an abbreviation, whose point is then a full stop too. ``minus`` is
+said before a number, ``share`` between a fraction and its unit. ``[mixed]`` has what a fraction becomes after a whole
+number, or after its unit (``2 kilos et demi``) if it is ``last``, and for a unit apart if that follows in its key, and
+before ``rate`` in a unit (``1½ km/h``); ``unit_first`` is true where a unit stands before its number, ``elides`` where
+a letter may belong to the next word (``l'eau``); ``to`` is said between two amounts. A fraction's sign (``½``) is what
+its digits are. ``[date]`` has ``months``, what is ``said``, and forms of ``year`` and of ``day``, by what stands before
+the date; ``year_first`` is true where 12/05/2024 may be one of two. ``phones`` is a pattern of telephone numbers beside
+the usual one. ``joined`` is the greatest number of digits before a space in a number that the voice would read in
+parts. ``[[gender]]`` has ``nouns``, what the number in words before one becomes at its ``ends`` (regular expressions),
+and what must stand ``before`` both, if anything.
 
 Tags of SSML stay, what stands in ``say-as``, ``sub`` and ``phoneme``, and addresses of the web and of mail, but for
 their points if the table has a ``dot``.
@@ -31,7 +32,7 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
-from itertools import chain
+from itertools import chain, product
 from typing import Any
 
 from fapengine._arrays import read_tables
@@ -150,6 +151,8 @@ _PARTS = "".join(_SIGNS.values())
 @cache
 def _table(language: str) -> dict[str, Any]:
     table = read_tables(__package__, f"spoken/{language}.toml")
+    for rule, (name, pattern) in product(table.get("rules", ()), table.get("patterns", {}).items()):
+        rule["find"] = rule["find"].replace(f"{{{name}}}", pattern)
     fractions, gap = table.setdefault("fractions", {}), " " if table.get("spaced", True) else ""
     for plain, sign in _SIGNS.items():
         fractions |= {key.replace(plain, sign): said for key, said in fractions.items() if plain in key}

@@ -216,10 +216,11 @@ def test_every_table_can_be_read_and_replaces_its_own_entries(language: str) -> 
         },
         {"short_scales", "cents"},
     )
-    parts = {"words", "units", "currencies", "fractions", "mixed", "rules", "date", "gender"}
+    parts = {"words", "units", "currencies", "fractions", "mixed", "rules", "patterns", "date", "gender"}
     assert set(table) <= texts | tables | parts
     assert "½" not in spoken_form("½", language).text
     assert _rules(language)
+    assert not [rule for rule in _rules(language) if re.search(r"\{[a-z_]+\}", rule.pattern.pattern)]
     for key in table.get("words", {}):
         assert key not in spoken_form(f"5: {key} ", language).text.split()
     for key in table.get("units", {}):
