@@ -95,9 +95,9 @@ def main(arguments: list[str] | None = None) -> int:
             moved = np.concatenate([size, np.zeros((len(names), 1))], axis=1)[None]
             faps = displacements_to_faps(moved, names, profile.fapu)[0]
             sizes = {n: (OF_FAP.get(n, shares[index]) if shares else 1.0) * faps[fap.column(n)] for n in DETERMINED}
-            row = {n: round(float(value), 1) for n, value in sizes.items() if abs(value) > LEAST_FAPU}
-            print(f"{kind}, {power:.0%} of its power: {row}")
-            print(f"    {quantiles.round(2).tolist()}")
+            row = ", ".join(f"{n} = {value:.1f}" for n, value in sizes.items() if abs(value) > LEAST_FAPU)
+            print(f"[[directions]]  # {kind}, {power:.0%} of its power\nfapu = {{ {row} }}")
+            print(f"quantiles_hz = {quantiles.round(2).tolist()}\n")
     return 0
 
 
