@@ -32,7 +32,7 @@ LEVEL_MM = 25.0
 """Distance from which skin moves no farther, so that it is not pushed together into a crease."""
 NEAR_LIDS_MM, FAR_LIDS_MM = 15.0, 31.0
 """The same for the way back."""
-EAR_GROWTH, COVERED_EAR_GROWTH = np.array([0.3, 0.12, 0.12]), np.array([-0.22, 0.08, 0.06])
+EAR_GROWTH, COVERED_EAR_GROWTH = np.array([0.0, -0.04, 0.0]), np.array([-0.22, 0.08, 0.06])
 """Growth of an ear about its root, at charm 1, and of one that lies close to the head, below hair."""
 EAR_REACH_MM = 3.0
 EDGE_Z_MM, EDGE_Y_MM = (-20.0, 8.0, 28.0, 45.0, 69.0, 104.0), (-4.0, -20.0, -37.0, -48.0, -60.0, -78.0)
