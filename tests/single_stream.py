@@ -9,7 +9,7 @@ from fapengine.errors import UsageError
 from fapengine.mpeg4.track import to_codable
 from fapengine.speech.phone_track import Phone
 from fapengine.trajectory import hermite
-from fapengine.trajectory.closures import close_lips
+from fapengine.trajectory.closures import BITTEN_SHARE, close_lips
 from fapengine.trajectory.faps import speech_faps
 from fapengine.trajectory.phonetics import layer_faps, layer_gain
 from fapengine.trajectory.stream import StreamingPlanner, StreamPlan, plan_together
@@ -72,6 +72,7 @@ class SingleStream(StreamingPlanner):
         weights = path[:, : space.mode_count] @ self.style.gains(self.profile)
         faps = speech_faps(self.profile, weights, context=self.style.context)
         faps += layer_gain(self.style.lips_gain) * path[:, space.mode_count :] @ layer_faps(self.profile)
-        faps = close_lips(faps, times, self.holds, openness=self.style.openness)
+        bitten = BITTEN_SHARE if self.style.context else 0.0
+        faps = close_lips(faps, times, self.holds, openness=self.style.openness, bitten_share=bitten)
         self.settle(float(times[-1]))
         return to_codable(faps)

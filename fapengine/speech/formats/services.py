@@ -102,7 +102,7 @@ def parse_polly(data: bytes) -> PhoneTrack:
             raise DataError(f"type: got {kind[:40]!r}, expected viseme, word, sentence or ssml", where=mark.where)
     visemes, words = until_next(onsets["viseme"]), until_next(onsets["word"])
     if not visemes and not words:
-        raise DataError("Polly speech marks: got sentences alone; ask for visemes too: --speech-mark-types viseme word")
+        raise DataError("Polly speech marks: got sentences alone, expected visemes: request the types viseme and word")
     if not visemes:
         return track_of(words, "Polly speech marks", level="word", spelled=True)
     if words:  # the last word lasts to the end
