@@ -55,7 +55,7 @@ class Mutant:
 
 
 def _slots(node: ast.AST) -> ast.expr | None:
-    """Flag of a data class that saves memory alone."""
+    """A dataclass flag that only saves memory."""
     return node.value if isinstance(node, ast.keyword) and node.arg == "slots" else None
 
 
