@@ -2,6 +2,7 @@
 
 import gc
 import os
+import sys
 from collections.abc import Generator, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -32,6 +33,13 @@ settings.register_profile(
 )
 settings.register_profile("thorough", deadline=None, max_examples=2000)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _same_sound() -> None:
+    """Let no file's tests decide how espeak-ng sounds in the next file: it is loaded again, and its pitch set back."""
+    if espeak := sys.modules.get("fapengine.voices.espeak"):
+        espeak._second_dictionaries.clear()
 
 
 @pytest.fixture(scope="session")

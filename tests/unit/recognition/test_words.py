@@ -5,13 +5,13 @@ import asyncio
 import pytest
 
 from fapengine.recognition.words import WordRecognizer
-from tests.unit.recognition.speech import spoken_by_espeak
+from tests.unit.recognition.speech import spoken
 
 pytest.importorskip("pocketsphinx")
 
 
 def test_words_are_recognized_also_after_the_process_was_killed() -> None:
-    question = spoken_by_espeak("en-us", "What is the weather?").samples
+    question = spoken("slt", "What is the weather?").samples
 
     async def heard() -> tuple[str, str]:
         recognizer = WordRecognizer()
