@@ -90,7 +90,7 @@ class _Tools:
         size: str = "",
         overwrite: bool = False,
     ) -> dict[str, Any]:
-        """Animate a recording (its phones are recognized), or phone timings of any of 54 formats.
+        """Animate a recording (its phones are recognized), or phone timings of any of 58 formats.
 
         audio: sound of timings, for a video. transcript: what a recording says, for better lips; language: its language
         if it is not English, such as de.

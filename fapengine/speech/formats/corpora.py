@@ -3,10 +3,13 @@
 ============ ============================== ==========================================================
 format       line                           source
 ============ ============================== ==========================================================
-HTK          ``start end label [score]``    HTK Book 3.4, section 6.2.1; 100 ns; seconds if with a point
+HTK          ``start end label [score       HTK Book 3.4, section 6.2.1; 100 ns; seconds if with a point
+             [word]]``
 Audacity     the same, with TABs            Audacity manual, "Importing and Exporting Labels"; seconds
 Festival     ``end colour label``           ESPS xlabel, after a line ``#``; seconds
 MARY         the same, colour 125           MaryTTS 5.2, REALISED_DURATIONS; SAMPA
+HTK MLF      ``"name"``, such lines, ``.``  HTK Book 3.4, section 6.3; FAVE, P2FA, Prosodylab
+Allosaurus   ``start duration phone``       xinjli/allosaurus 1.0, README, Timestamp; s; IPA
 GRID         ``start end word``             GRID corpus, ``.align``; samples at 25 kHz
 flite        ``phone:end`` in one line      flite ``-psdur``; seconds
 MFA CSV      Begin,End,Label,Type,Speaker   Montreal Forced Aligner 3; seconds
@@ -31,7 +34,15 @@ from dataclasses import replace
 from fapengine.errors import DataError, UnsupportedError
 from fapengine.speech.alphabets.guess import guess
 from fapengine.speech.formats.documents import NUMBER, Node, decode_text, number_of, parse_document, walk
-from fapengine.speech.formats.entries import Entry, in_sequence, track_of, until_next, with_words, without_overlaps
+from fapengine.speech.formats.entries import (
+    Entry,
+    in_sequence,
+    only_name,
+    track_of,
+    until_next,
+    with_words,
+    without_overlaps,
+)
 from fapengine.speech.formats.table import parse_columns
 from fapengine.speech.formats.textgrid import PHONE_TIERS, WORD_TIERS, Tier, choose_tier
 from fapengine.speech.formats.word_lists import labelled_track, words_track
@@ -40,6 +51,8 @@ from fapengine.speech.phone_track import PhoneTrack
 HTK_HZ, GRID_HZ, TIMIT_HZ = 1e7, 25_000, 16_000
 ALTERNATIVES = ("<ALT_BEGIN>", "<ALT>", "<ALT_END>")
 """Marks of a CTM around what a recognizer may have heard instead."""
+MAX_SPIKE_S = 0.25
+"""Longest time that a phone is shown of which only the onset is known, s."""
 MAX_SAMPLES = 1_000_000
 """Largest whole number that is too small for HTK's units: 0.1 s."""
 _STATE = re.compile(r"(.+)\[(\d{1,2})\]")
@@ -131,6 +144,8 @@ def parse_htk(data: bytes, *, alphabet: str | None = None, columns: str | None =
             replace(entry, label=" ".join(row[2:])) if row[3:] and not re.match(NUMBER, row[3]) else entry
             for entry, (_, row) in zip(entries, rows, strict=True)
         ]
+    else:
+        entries = with_words(entries, _begun_words(rows, entries))
     if alphabet is None and any(_OPEN_JTALK.search(entry.label) for entry in entries):
         alphabet = "openjtalk"
     entries = [
@@ -142,6 +157,40 @@ def parse_htk(data: bytes, *, alphabet: str | None = None, columns: str | None =
     if all(re.fullmatch(r"f\d{6}", entry.label) for entry in entries):
         raise DataError(".lab: got the numbers of fragments (aeneas), expected labels; write JSON from aeneas instead")
     return labelled_track(entries, ".lab", alphabet)
+
+
+def _begun_words(rows: Sequence[tuple[str, list[str]]], entries: Sequence[Entry]) -> list[Entry]:
+    """Words that HVite writes after the score of their first phone; each lasts until the next."""
+    onsets = [
+        (entry.start_s, after[-1], entry.where)
+        for entry, (_, row) in zip(entries, rows, strict=True)
+        if len(after := " ".join(row[3:]).split()) > 1 and re.fullmatch(NUMBER, after[0])
+    ]
+    return until_next(onsets, entries[-1].end_s if entries else None)
+
+
+def parse_mlf(data: bytes, *, tier: str | None = None, alphabet: str | None = None) -> PhoneTrack:
+    """Read one recording of a master label file of HTK; ``tier`` names it, if there are several."""
+    recordings: dict[str, dict[int, str]] = {}
+    name = ""
+    lines = decode_text(data, "MLF").splitlines()
+    for number, line in enumerate(lines):
+        if quoted := re.fullmatch(r'\s*"(?:.*[/\\])?([^"]*?)(?:\.\w+)?"\s*', line):
+            name = quoted[1]
+        elif name and line.strip() != ".":
+            recordings.setdefault(name, {})[number] = line
+    if not recordings:
+        raise DataError('MLF: contains no recording; "*/name.lab" goes above its labels')
+    chosen = recordings[only_name(set(recordings), tier, "MLF", "recordings")]
+    return parse_htk("\n".join(chosen.get(at, "") for at in range(len(lines))).encode(), alphabet=alphabet)
+
+
+def parse_allosaurus(data: bytes) -> PhoneTrack:
+    """Read the phones. Their lengths are that of a window: each lasts until the next, at most :data:`MAX_SPIKE_S`."""
+    rows = rows_of(data, "Allosaurus", 3)
+    entries = until_next([(number_of(row[0], "time", where), row[2], where) for where, row in rows])
+    entries = [replace(entry, end_s=min(entry.end_s, entry.start_s + MAX_SPIKE_S)) for entry in entries]
+    return track_of(entries, "Allosaurus", alphabet="ipa")
 
 
 def parse_xlabel(data: bytes, *, alphabet: str | None = None) -> PhoneTrack:
@@ -185,21 +234,13 @@ def parse_mfa_csv(data: bytes, *, tier: str | None = None, alphabet: str | None 
             f"MFA CSV: got {''.join(lines[:1])[:40]!r}, expected the header {','.join(wanted)}", where="line 1"
         )
     texts = [(f"line {n}", {name: row[name] or "" for name in wanted}) for n, row in enumerate(rows, start=2)]
-    speaker = _only({row["Speaker"] for _, row in texts}, tier, "MFA CSV", "speakers")
+    speaker = only_name({row["Speaker"] for _, row in texts}, tier, "MFA CSV", "speakers")
     timed: dict[str, list[Entry]] = {"phones": [], "words": []}
     for where, row in texts:
         if row["Speaker"] == speaker and row["Type"] in timed:
             start_s, end_s = (number_of(row[name], "time", where) for name in ("Begin", "End"))
             timed[row["Type"]].append(Entry(start_s, end_s, row["Label"], where))
     return track_of(with_words(timed["phones"], timed["words"]), "MFA CSV", alphabet=alphabet)
-
-
-def _only(names: set[str], wanted: str | None, what: str, kind: str) -> str:
-    """Return the wanted name, or the only one."""
-    if len(names) > 1 and wanted not in names:
-        shown = sorted(name[:40] for name in names)[:8]
-        raise DataError(f"{what}: got the {kind} {shown}, expected one; name one with tier=NAME")
-    return wanted if len(names) > 1 and wanted else next(iter(names), "")
 
 
 def parse_rhubarb_tsv(data: bytes) -> PhoneTrack:
@@ -220,7 +261,7 @@ def parse_ctm(data: bytes, *, tier: str | None = None, alphabet: str | None = No
     rows = rows_of(text.encode(), "CTM", 5)
     channels = Counter(name for name, _ in {(row[0], row[1]) for _, row in rows})
     recordings = [row[0] if channels[row[0]] == 1 else f"{row[0]} {row[1]}" for _, row in rows]
-    recording = _only(set(recordings), tier, "CTM", "recordings")
+    recording = only_name(set(recordings), tier, "CTM", "recordings")
     entries: list[Entry] = []
     groups = alternative = 0
     for (where, row), name in zip(rows, recordings, strict=True):

@@ -55,6 +55,14 @@ def is_three_columns(sample: Sample) -> bool:
     return sample.every_row(rf"\s*{NUMBER}\s+{NUMBER}(\s+\S.*|\t\s*)|\\\t.*")
 
 
+def is_allosaurus(sample: Sample) -> bool:
+    """Return whether each row is an onset, the same length and a phone."""
+    if not sample.every_row(r"\s*\d+\.\d+\s+\d\.\d+\s+\S.*"):
+        return False
+    onsets, lengths = zip(*(map(float, row.split()[:2]) for row in sample.rows), strict=True)
+    return len(set(lengths)) == 1 and max(onsets) > lengths[0]
+
+
 def _sampled_labels(sample: Sample) -> list[str]:
     """Labels of three columns with times in samples; empty for other files."""
     if not sample.every_row(r"\s*\d+\s+\d+\s+\S.*"):

@@ -1,4 +1,4 @@
-"""Timings of text-to-speech services: Azure, Amazon Polly, ElevenLabs, Cartesia, Inworld, Fish Audio.
+"""Timings of text-to-speech services: Azure, Amazon Polly, ElevenLabs, Cartesia, Inworld, Fish Audio, Hume, Resemble.
 
 Azure Speech viseme events (SDK ``VisemeReceived``): onset in ticks of 100 ns, or in another unit by the program that
 stored it, and one of 22 ids, as JSON (lines).
@@ -11,6 +11,9 @@ Cartesia Sonic (2026): ``phoneme_timestamps`` in IPA and ``word_timestamps``. Ch
 a character has no pronunciation of its own until the word is pronounced.
 Inworld TTS 1.5: ``timestampInfo.wordAlignment``, parallel lists, with ``phoneticDetails`` of IPA and visemes.
 Fish Audio: events with ``alignment.segments``, snapshots that replace each other, and the offset of their chunk.
+Hume Octave 2: ``timestamp`` messages, or ``timestamps`` of snippets: ``type`` (word, phoneme), ``text`` (IPA), ``time``
+in ms (dev.hume.ai, "Timestamps Guide"; types of hume-python-sdk).
+Resemble AI: lists ``graph_chars`` and ``phon_chars`` (IPA) with pairs of times in s that overlap (docs.resemble.ai).
 """
 
 import re
@@ -18,8 +21,17 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from fapengine.errors import DataError, UnsupportedError
+from fapengine.speech import ipa
 from fapengine.speech.formats.documents import Node, parse_document, rows_of_lists, walk
-from fapengine.speech.formats.entries import OVERLAP_S, Entry, track_of, until_next, with_words, without_overlaps
+from fapengine.speech.formats.entries import (
+    OVERLAP_S,
+    Entry,
+    only_name,
+    track_of,
+    until_next,
+    with_words,
+    without_overlaps,
+)
 from fapengine.speech.formats.table import UNITS, list_in, parse_columns, plain_name, unit_in
 from fapengine.speech.formats.word_lists import words_track
 from fapengine.speech.phone_track import PhoneTrack
@@ -276,3 +288,64 @@ def parse_fish(data: bytes) -> PhoneTrack:
             chunks[event.number_or("chunk_seq", 0.0)] = fish_words(event)
     words = [word for number in sorted(chunks) for word in chunks[number]]
     return words_track(words, "Fish Audio", "ask for words")
+
+
+def hume_stamps(document: Node) -> Iterator[tuple[str, Node]]:
+    """Find the generation and the timestamps of Hume's messages, or of one answer."""
+    for event in document.entries():
+        for part in [event, *walk(event, "generations[]")]:
+            for path in ("timestamp", "timestamps[]", "snippets[].[].timestamps[]"):
+                for stamp in walk(part, path):
+                    if stamp.has("text", "time", "type"):
+                        yield part.text_or("generation_id"), stamp
+
+
+def parse_hume(data: bytes, *, tier: str | None = None) -> PhoneTrack:
+    """Read the phones, or the words if no phones were requested; ``tier`` is the id of one of several generations."""
+    found: dict[str, dict[str, list[Entry]]] = {}
+    for generation, stamp in hume_stamps(parse_document(data, "Hume")):
+        start_ms, end_ms = (stamp["time"][key].number() for key in ("begin", "end"))
+        entry = Entry(start_ms / 1000, end_ms / 1000, stamp["text"].text(), stamp.where)
+        found.setdefault(generation, {}).setdefault(stamp["type"].text(), []).append(entry)
+    if not found:
+        raise DataError("Hume: contains no timestamp; ask for include_timestamp_types, of version 2")
+    chosen = found[only_name(set(found), tier, "Hume", "generations")]
+    words, phones = (sorted(chosen.get(kind, []), key=lambda each: each.start_s) for kind in ("word", "phoneme"))
+    if not phones:
+        return words_track(words, "Hume", "ask for include_timestamp_types=['word', 'phoneme']")
+    return track_of(with_words(without_overlaps(phones), words), "Hume", alphabet="ipa")
+
+
+def resemble_timings(document: Node) -> Iterator[Node]:
+    """Find the timings in an answer of Resemble's, a clip, or the messages of a stream."""
+    for event in document.entries():
+        for path in ("audio_timestamps", "item.timestamps", "timestamps"):
+            yield from (node for node in walk(event, path) if node.has("graph_chars"))
+
+
+def parse_resemble(data: bytes) -> PhoneTrack:
+    """Read the phones with the words around them; without phones the words. A phone lasts until the next."""
+    onsets: list[tuple[float, str, str]] = []
+    characters: list[Entry] = []
+    end_s = 0.0
+    for timings in resemble_timings(parse_document(data, "Resemble")):
+        characters += _pairs(timings, "graph")
+        for entry in _pairs(timings, "phon") if timings.has("phon_chars") else []:
+            is_phone, end_s = bool(ipa.letters(entry.label)), entry.end_s
+            if is_phone or entry.label.strip(" ːˑ"):  # a blank or a length mark belongs to the phone before
+                onsets.append((entry.start_s, entry.label if is_phone else "_", entry.where))
+    words = without_overlaps(words_of(characters))
+    if not onsets:
+        return track_of(words, "Resemble", level="character", spelled=True)
+    return track_of(with_words(until_next(onsets, end_s), words), "Resemble", alphabet="ipa")
+
+
+def _pairs(timings: Node, kind: str) -> list[Entry]:
+    """Entries of ``<kind>_chars``, each with its pair of ``<kind>_times``."""
+    labels, pairs = timings[f"{kind}_chars"].texts(), [pair.numbers() for pair in timings[f"{kind}_times"].items()]
+    count = sum(len(pair) == 2 for pair in pairs)
+    if not count == len(pairs) == len(labels):
+        where = timings.where or "the top"
+        raise DataError(f"{kind}_times: got {count} pairs of times, expected {len(labels)}", where=where)
+    rows = enumerate(zip(labels, pairs, strict=True))
+    return [Entry(pair[0], pair[1], label, f"{kind}_times[{at}]") for at, (label, pair) in rows]

@@ -98,6 +98,8 @@ SAMPLES: dict[str, str] = {
     "xlabel": "signal x\nnfields 1\n#\n0.1 100 pau\n0.4 100 m\n1.0 100 ay\n",
     "xlabel words": "#\n0.4 100 The\n1.0 100 birch\n",
     "htk": "0 4000000 m\n4000000 10000000 ay\n",
+    "mlf": '#!MLF!#\n"./plp/talk.rec"\n0 0 sp -0.1 sp\n0 4000000 M -52.3 my\n4000000 10000000 AY1 93.0\n.\n',
+    "allosaurus": "0.000 0.045 m\n0.400 0.045 aɪ\n",
     "htk context": "0 4000000 x^sil-m+ay=sil@1\n4000000 10000000 sil^m-ay+sil=x@1\n",
     "htk seconds": "0.0\t0.4\tm\n0.4\t1.0\tay\n",
     "flite": "pau:0.1 m:0.4 ay:1.0 \n",
@@ -191,6 +193,19 @@ SAMPLES: dict[str, str] = {
     "inworld words": json.dumps({"timestampInfo": {"wordAlignment": {
         "words": ["my", " ", "oh", "."], "wordStartTimeSeconds": [0, 0.4, 0.5, 1.0],
         "wordEndTimeSeconds": [0.4, 0.5, 1.0, 1.0]}}}),
+    "hume": lines(*(
+        {"type": "timestamp", "request_id": "r", "generation_id": "g", "snippet_id": "s",
+         "timestamp": {"type": kind, "text": said, "time": {"begin": begin, "end": end}}}
+        for kind, said, begin, end in (("word", "my", 0, 1000), ("phoneme", "m", 0, 400), ("phoneme", "aɪ", 400, 1000)))),
+    "hume words": json.dumps({"generations": [{"generation_id": "g", "audio": "", "snippets": [[
+        {"id": "s", "timestamps": [{"text": "my", "time": {"begin": 0, "end": 400}, "type": "word"},
+                                   {"text": "oh", "time": {"begin": 500, "end": 1000}, "type": "word"}]}]]}]}),
+    "resemble": json.dumps({"success": True, "audio_content": "", "audio_timestamps": {
+        "graph_chars": list("my."), "graph_times": [[0, 0.45], [0.4, 0.9], [0.8, 1.0]],
+        "phon_chars": ["m", "aɪ", "ː", "."], "phon_times": [[0, 0.45], [0.4, 0.8], [0.7, 0.9], [0.9, 1.0]]}}),
+    "resemble words": json.dumps({"item": {"timestamps": {
+        "graph_chars": list("my oh"), "graph_times": [[0, 0.2], [0.2, 0.4], [0.4, 0.5], [0.5, 0.7], [0.65, 1.0]],
+        "phon_chars": [], "phon_times": []}}}),
     "fish": "\n\n".join("data: " + line for line in lines(
         {"audio_base64": "", "content": "my", "alignment": None, "chunk_seq": 0, "chunk_audio_offset_sec": 0},
         {"audio_base64": "", "alignment": {"segments": [{"text": "m", "start": 0, "end": 0.2}], "audio_duration": 0.2},

@@ -52,10 +52,21 @@ OTHERS: dict[str, list[tuple[str, float, float]]] = {
     "align": [("_", 0.0, 0.4), ("bin", 0.4, 0.8), ("blue", 0.8, 1.0)],
     **{
         name: [("my", 0.0, 0.4), ("_", 0.4, 0.5), ("oh", 0.5, 1.0)]
-        for name in (*WORDS, "pocketsphinx words", "cartesia stream", "gentle words", "inworld words", "table words")
+        for name in (
+            *WORDS,
+            "pocketsphinx words",
+            "cartesia stream",
+            "gentle words",
+            "inworld words",
+            "table words",
+            "hume words",
+            "resemble words",
+        )
     },
     "openai-words": [("My", 0.0, 0.4), ("_", 0.4, 0.5), ("Oh", 0.5, 1.0)],
     "ctm words": [("montreal", 0.0, 0.4), ("_", 0.4, 0.5), ("aligner", 0.5, 1.0)],
+    "allosaurus": [("m", 0.0, 0.25), ("_", 0.25, 0.4), ("aɪ", 0.4, 0.5)],
+    "resemble": [("m", 0.0, 0.4), ("aɪ", 0.4, 0.9), ("_", 0.9, 1.0)],
     "inworld visemes": [("p", 0.0, 0.4), ("a", 0.4, 1.0)],
     "papagayo": [("m", 0.0, 0.4), ("a", 0.4, 1.0)],
     "papagayo json": [("m", 0.0, 0.4), ("a", 0.4, 1.0)],
@@ -72,7 +83,8 @@ LEVELS = {
     "headtts": "viseme", "papagayo json": "viseme", "rhubarb-json": "viseme",
     "rhubarb-xml": "viseme", "rhubarb-tsv": "viseme", "align": "word",
     "xlabel words": "word", **dict.fromkeys(WORDS, "word"), "gentle words": "word", "pocketsphinx words": "word",
-    "cartesia stream": "word", "inworld words": "word",
+    "cartesia stream": "word", "inworld words": "word", "hume words": "word",
+    "resemble words": "character",
     "table words": "word", "ctm words": "word", "inworld visemes": "viseme", "papagayo": "viseme", "moho": "viseme",
     "utau": "character",
 }  # fmt: skip
@@ -128,6 +140,9 @@ def test_format_is_found_and_read(name: str) -> None:
         "phone-list",
         "gentle",
         "pocketsphinx",
+        "mlf",
+        "hume",
+        "resemble",
     ],
 )
 def test_phones_know_their_word(name: str) -> None:
@@ -180,6 +195,14 @@ TELLING = [  # sample, what is replaced, by what, error, message
     ("phone-list", '"end": 0.4', '"end": 0.6', DataError, r"'AY' starts at 0\.4 s, expected 0\.6 s or later"),
     ("align", "10000 20000 bin", "10000 200_ bin", DataError, "line 2"),
     ("htk", "4000000 10000000 ay", "4000000", DataError, "expected 3 fields.*line 2"),
+    ("mlf", '"./plp/talk.rec"', "", DataError, "no recording.*goes above its labels"),
+    ("mlf", "4000000 10000000 AY1", "4000000 AY1", DataError, "time: got 'AY1', expected a number.*line 5"),
+    ("mlf", "\n.\n", '\n.\n"b.rec"\n0 1 a\n.\n', DataError, r"recordings \['b', 'talk'\].*tier=NAME"),
+    ("allosaurus", "0.400 0.045", "0.400s 0.045", DataError, "got '0.400s', expected a number.*line 2"),
+    ("hume", '"timestamp": {', '"audio": {', DataError, "no timestamp; ask for include_timestamp_types"),
+    ("hume", '"begin": 400', '"begin": null', DataError, r"got None, expected a number \(at line 3\.timestamp"),
+    ("resemble", "[[0, 0.45], [0.4, 0.8]", "[[0.4, 0.8]", DataError, r"phon_times: got 3 pairs of times, expected 4"),
+    ("resemble words", "[0.4, 0.5]", "[0.4]", DataError, "graph_times: got 4 pairs of times, expected 5.*item"),
     ("htk", "4000000 10000000 ay", "#", DataError, "expected 3 fields.*line 2"),
 ]  # fmt: skip
 
@@ -222,6 +245,15 @@ def test_refusals_of_the_whole(file_format: str | None, data: str, error: type[E
 def test_a_speaker_is_chosen() -> None:
     two = SAMPLES["mfa-csv"] + "0,0.5,OW1,phones,B\n"
     assert told(parse_timings(two.encode(), options=ParseOptions(tier="B"))) == [("oʊ", 0.0, 0.5)]
+
+
+def test_a_recording_or_a_generation_is_chosen() -> None:
+    two = SAMPLES["mlf"] + '"C:\\\\talk\\\\b.lab"\n0 5000000 OW1\n.\n'
+    assert told(parse_timings(two.encode(), options=ParseOptions(tier="b"))) == [("oʊ", 0.0, 0.5)]
+    two = SAMPLES["hume"] + "\n" + SAMPLES["hume"].replace('"g"', '"h"').replace("1000", "900")
+    assert parse_timings(two.encode(), options=ParseOptions(tier="h")).duration_s == 0.9
+    with pytest.raises(DataError, match=r"generations \['g', 'h'\]"):
+        parse_timings(two.encode())
 
 
 def test_far_too_long_a_document() -> None:
