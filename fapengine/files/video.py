@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fapengine._late import Late
-from fapengine.errors import DataError, ResourceError, UsageError
+from fapengine.errors import DataError, ResourceError, TruncatedError, UsageError
 from fapengine.files.paths import open_file, replacing
 from fapengine.files.provenance import check_signable, mark, mark_film
 
@@ -57,18 +57,20 @@ def check_samples(file: BinaryIO, path: Path) -> None:
     Raises
     ------
     DataError
-        If the file is empty, or a table of samples is a lie.
+        If the file is empty, or a table of samples is a lie; TruncatedError if an MP4 ends before its index does.
     """
     ends = [file.seek(0, os.SEEK_END)]
     if not ends[0]:
         raise DataError("the file is empty", where=str(path))
-    size, at = ends[0], 0
+    size, at, whole = ends[0], 0, set[bytes]()
     for _ in range(MAX_BOXES):
         file.seek(at)
         head = file.read(20)
         length, kind, body = int.from_bytes(head[:4], "big"), head[4:8], 8
         if length == 1:
             length, body = int.from_bytes(head[8:16], "big"), 16
+        if at + length <= size:
+            whole.add(kind)
         if kind in SAMPLES and int.from_bytes(head[SAMPLES[kind] :][:4], "big") > size:
             raise DataError(f"{path}: states more samples than it has bytes")
         if kind in BOXES and body <= length:
@@ -79,6 +81,8 @@ def check_samples(file: BinaryIO, path: Path) -> None:
         while at >= ends[-1]:
             if not ends.pop() or not ends:
                 file.seek(0)
+                if b"ftyp" in whole and b"moov" not in whole:
+                    raise TruncatedError(f"{path}: its index, moov, is not complete: cut off, or never closed")
                 return
     file.seek(0)
 

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from fapengine.errors import DataError, ResourceError, UnsupportedError, UsageError
+from fapengine.errors import DataError, ResourceError, TruncatedError, UnsupportedError, UsageError
 from fapengine.files import pictures, video
 from fapengine.files.fba import read_fba_film
 from fapengine.files.moving import write_moving
@@ -75,6 +75,14 @@ def test_a_video_that_states_more_samples_than_bytes_is_refused(tmp_path: Path, 
         decode_all(path)
     path.write_bytes(data[: at - 4] + b"\0\0\0\1" + data[at:])  # a box of a wrong length ends the walk
     inspect_film(path)
+
+
+def test_a_video_without_its_index_says_that_it_was_cut_off(tmp_path: Path) -> None:
+    path = tmp_path / "video.mp4"
+    write_moving(path, frames(3), rate_hz=25.0)
+    path.write_bytes(path.read_bytes()[:400])
+    with pytest.raises(TruncatedError, match=r"video\.mp4: its index, moov, is not complete: cut off"):
+        decode_all(path)
 
 
 def test_a_video_of_huge_frames_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from fapengine.errors import DataError, UsageError
+from fapengine.errors import DataError, TruncatedError, UsageError
 from fapengine.files.sound import MAX_RATE_HZ, inspect_sound, load_sound, stream_sound
 
 RATE_HZ = 48_000
@@ -146,6 +146,16 @@ def test_a_file_that_was_cut_off_says_so(tmp_path: Path, suffix: str, caplog: py
     said = re.escape(f"{path}: has {part / RATE_HZ:.2f} s") + f"{stated}: damaged or cut off"
     assert len(caplog.messages) == 1
     assert re.fullmatch(said, caplog.messages[0])
+
+
+def test_an_m4a_that_was_cut_off_says_so(tmp_path: Path) -> None:
+    """Its index stands behind the sound; without it nothing can be read."""
+    path = encoded(tmp_path / "talk.m4a")
+    data = path.read_bytes()
+    for size in (data.index(b"moov"), data.index(b"trak")):
+        path.write_bytes(data[:size])
+        with pytest.raises(TruncatedError, match=r"talk\.m4a: its index, moov, is not complete: cut off"):
+            load_sound(path)
 
 
 def test_an_mp3_without_a_count_is_not_said_to_be_cut_off(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
