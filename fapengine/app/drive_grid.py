@@ -6,8 +6,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fapengine._arrays import Array, Mask
 from fapengine._strict_toml import checked
 from fapengine.app.dense_film import MAX_WEIGHTS, MOVED_BONES, dotted_mesh, fitting
 from fapengine.app.drawing import crowd_size, open_crowd
@@ -31,8 +31,6 @@ from fapengine.profiles import Profile
 from fapengine.render.drawing import RenderOptions
 from fapengine.speaking import DEFAULT_PROFILE
 from fapengine.trajectory.closures import close_lips
-
-Array = NDArray[np.float64]
 
 HELD_OUT = 0.25
 """Fraction held out to be driven and scored if no other take is given: the last takes, or the end of a single one."""
@@ -98,7 +96,7 @@ class Driven:
     """(T, M, 3): displacements of all markers that follow from them."""
     recorded_mm: Array
     """(T, M, 3): recorded displacements; 0 for a marker that the driving take does not have."""
-    has: NDArray[np.bool_]
+    has: Mask
     """(M,): whether the driving take has a marker."""
     learned: tuple[int, ...]
     """Frames of each take that was learned from."""
@@ -114,7 +112,7 @@ class Driven:
         return np.asarray(np.linalg.norm(self.driven_mm - self.recorded_mm, axis=-1))
 
     @property
-    def judged(self) -> NDArray[np.bool_]:
+    def judged(self) -> Mask:
         """(M,): markers that are driven and recorded; the errors are theirs."""
         return self.has & ~np.isin(np.arange(len(self.labels)), self.choice.subset.primary)
 
@@ -257,7 +255,7 @@ def _wanted(options: DriveOptions, labels: tuple[str, ...]) -> int | list[int] |
 
 def _other_take(
     track: MarkerTrack, labels: tuple[str, ...], names: Sequence[str], reference: HeadReference
-) -> tuple[Array, NDArray[np.bool_]]:
+) -> tuple[Array, Mask]:
     """Displacements of another take from its own first position, and the markers that it has."""
     missing = [name for name in names if name not in track.labels]
     if missing:

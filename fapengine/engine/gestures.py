@@ -9,7 +9,6 @@ from collections.abc import Iterable
 from math import isfinite
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fapengine.engine.commands import Blink, Command, Express, Look, TurnHead
 from fapengine.errors import UsageError
@@ -22,8 +21,6 @@ from fapengine.trajectory.faps import Overlay
 from fapengine.trajectory.gestures import Channel, GestureGenerator, blink, gesture_faps, start_levels, varied_faps
 from fapengine.trajectory.ramps import Ramp, Ramps
 from fapengine.trajectory.style import Style
-
-Array = NDArray[np.float64]
 
 EASE_S = 0.3
 """Time over which a changed style takes effect."""

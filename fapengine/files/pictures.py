@@ -141,11 +141,6 @@ def opened(data: bytes, formats: tuple[str, ...], where: str) -> Iterator[Image.
         raise DataError(f"image: cannot be read ({type(error).__name__}: {text})", where=where) from error
 
 
-def linear_rgb(srgb: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Convert sRGB, 0 to 1, to linear RGB (IEC 61966-2-1)."""
-    return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
-
-
 def shrink(image: Picture, factor: int) -> Picture:
     """Scale an image, (H, W, C), down by a whole factor; each pixel becomes the mean of those that it replaces."""
     if factor == 1:

@@ -29,9 +29,9 @@ from fapengine.capture.marker_track import MarkerTrack, RawTrack, RecordedSound
 from fapengine.capture.table import format_table, format_trc, parse_table, parse_trc
 from fapengine.errors import DataError, UsageError, as_data_error
 from fapengine.files.paths import MAX_BYTES, locating, naming, open_file, read_bytes, write_bytes
-from fapengine.files.pictures import linear_rgb
 from fapengine.geometry.surface import Surface
 from fapengine.laboratory.setup import Paint
+from fapengine.mesh.colours import linear_rgb
 from fapengine.models.via_points import ViaPoints
 
 PARSERS: dict[str, Callable[[bytes], RawTrack]] = {

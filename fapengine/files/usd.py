@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from fapengine._arrays import Array
 from fapengine._late import Late
 from fapengine.files.paths import replacing
-from fapengine.files.pictures import linear_rgb
 from fapengine.files.provenance import mark
+from fapengine.mesh.colours import linear_rgb
 from fapengine.retarget.ict_notice import ICT_NOTICE, copyright_line
 from fapengine.retarget.puppet import DOUBLE_SIDED, JOINTS, Part, Puppet
 from fapengine.retarget.rig_weights import rig_weights

@@ -71,6 +71,11 @@ def _spot(points: Array, centre: tuple[float, float], size: tuple[float, float])
     return (spot(np.abs(points[..., 0]), points[..., 1], centre, size) * (points[..., 2] > 30))[..., None]
 
 
+def linear_rgb(srgb: Array) -> Array:
+    """Convert sRGB, (...) 0 to 1, to linear RGB (IEC 61966-2-1)."""
+    return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+
+
 def brow_colour(hair_colour: str) -> Array:
     """(3,) linear RGB of the brows for a hair colour; those of light hair are darker, so that faces stay readable."""
     hair = np.array(HAIR_COLOURS[hair_colour])

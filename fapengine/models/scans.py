@@ -34,6 +34,7 @@ from fapengine.errors import DataError, UsageError
 from fapengine.geometry.rigid import RigidMotion, fit_rigid
 from fapengine.geometry.smooth import smoothstep
 from fapengine.geometry.surface import Surface
+from fapengine.mesh.colours import linear_rgb
 from fapengine.mesh.default_head.mesh_builder import HAIR_U, SKIN_U, TEXTURE_SIZE
 from fapengine.mesh.face_mesh import FaceMesh, Material
 from fapengine.mesh.rig.placed_mesh import PlacedMesh
@@ -252,6 +253,5 @@ def _colours(scan: PlacedMesh, points: Array) -> tuple[Array, Array]:
     if source.texture is not None and source.uv is not None:
         size = np.array(source.texture.shape[1::-1])
         column, row = (at * size).astype(int).clip(0, size - 1).T
-        srgb = source.texture[row, column, :3] / 255.0
-        colours = colours * np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+        colours = colours * linear_rgb(source.texture[row, column, :3] / 255.0)
     return colours, (np.linalg.norm(places - points, axis=1) <= REACH_MM).astype(float)

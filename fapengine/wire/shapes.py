@@ -15,17 +15,15 @@ import json
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from fapengine._arrays import frozen
+from fapengine._arrays import Array, frozen
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import AU_RAD
 from fapengine.retarget.arkit import ask, join_shapes, speech_map, spoken_cost
 from fapengine.retarget.blend import ALL_MOODS, ARKIT_NAMES, BlendMap
 from fapengine.retarget.moods import MOODS, MoodHold, cost_share, mood_map, read_moods, without_moods
 from fapengine.retarget.visemes import OCULUS_NAMES, SHOWN, join_presets, oculus_map, shares, vowel_map
-
-Array = NDArray[np.float64]
 
 HEAD_TURNS = (49, 48, 50)
 """FAP numbers of yaw, pitch, roll."""
