@@ -151,8 +151,8 @@ class Resting(NamedTuple):
 
 BROWS, CORNERS = (31, 32, 33, 34, 35, 36), (12, 13, 59, 60, 6, 7, 53, 54)
 RESTING = (
-    *(Resting({number: 120.0}, (number,), 350.0) for number in (19, 20)),
-    *(Resting({number: 35.0}, (number,), 350.0) for number in (21, 22)),
+    *(Resting({number: 80.0}, (number,), 350.0) for number in (19, 20)),
+    *(Resting({number: 55.0}, (number,), 350.0) for number in (21, 22)),
     Resting(
         {12: 85.0, 13: 85.0, 59: 110.0, 60: 110.0, 6: 20.0, 7: 20.0, 53: 35.0, 54: 35.0}, (*CORNERS, *BROWS), 250.0
     ),
@@ -168,9 +168,9 @@ SMILING = (
 yields a little, and the brow rises, most at its outer end. A smile of mouth and cheeks alone left the eyes cold.
 """
 LIMITS = dict.fromkeys((27, 28), 20.0) | dict.fromkeys((39, 40, 65, 66), 200.0) | dict.fromkeys((67, 68), 150.0)
-LIMITS |= dict.fromkeys((61, 62), 120.0) | dict.fromkeys((63, 64), 100.0)
-"""FAP number to the largest magnitude that is drawn, FAPU: beyond it an eyeball leaves its socket, a cheek or a nose
-becomes a cone, and an ear comes off.
+LIMITS |= dict.fromkeys((61, 62), 120.0) | dict.fromkeys((63, 64), 100.0) | dict.fromkeys((21, 22), 400.0)
+"""FAP number to the largest magnitude that is drawn, FAPU: beyond it an eyeball leaves its socket, a lower lid covers
+the pupil, a cheek or a nose becomes a cone, and an ear comes off.
 """
 LIDS = ((19, 21, 1024.0), (20, 22, 1024.0))
 """FAPs of an eye's upper and lower lid, and their sum at which they meet, FAPU (IRISD, the opening at rest): the
