@@ -36,6 +36,14 @@ EDGE = ((0.93, 0.42, 0.99), (0.8, 0.04, 0.965), (0.5, -1.2, 1.12))
 """Around the margin: level, height above the eyeball, size of the opening."""
 STRETCH_ROUNDS, STRETCH_COLUMNS = 7, 58
 """Rounds of averaging of a closed lid, for so many columns."""
+DOME, DOME_RAD = 0.077, (-0.02, 0.30)
+"""Height of a closed lid over its margin's distance from the ball's centre, as a share of it; elevation, seen from
+there, of its middle, and half width.
+"""
+FURROW, FURROW_RAD = 0.144, (0.47, 0.13)
+"""The same of the furrow above it: depth; elevation at the middle of the eye, and half width."""
+CLEAR = 0.98
+"""Least distance of the lid's skin from the ball's centre, as a share of its margin's."""
 LASH_SWING = 1.85
 """Turn of a lash about its root, relative to that of its lid."""
 LASH_DOWN_RAD, LASH_TO_MIDDLE, LASH_CORNER_LIFT = 1.6, 0.45, 0.8
@@ -281,7 +289,7 @@ def lid_displacement(points: Array, eye: Eye, turn: Array, shut: float = 0.0) ->
 
 
 def _stretched(points: Array, eye: Eye) -> Array:
-    """(levels, N, 3) mm: the skin of an upper lid, averaged over neighbours, clear of the ball."""
+    """(levels, N, 3) mm: the skin of an upper lid, averaged over neighbours: a dome, a furrow above."""
     level = eye.lids.level[:, None]
     free = smoothstep((level - LINE) / 0.1) * smoothstep((1.9 - level) / 0.3)
     free = (free * eye.lids.upper * (1 - np.abs(eye.lids.t) ** 6))[..., None]
@@ -293,8 +301,13 @@ def _stretched(points: Array, eye: Eye) -> Array:
     off = moved - eye.centre
     distance = np.linalg.norm(off, axis=-1, keepdims=True)
     margin = points[np.flatnonzero(eye.lids.level == 1.0)[0]] - eye.centre
-    clear = 0.98 * np.linalg.norm(margin, axis=-1).min()
-    return np.where(free > 0, eye.centre + off * np.maximum(clear / distance, 1.0), points)
+    clear = CLEAR * np.linalg.norm(margin, axis=-1).min()
+    elevation = np.arctan2(off[..., 1:2], off[..., 2:])
+    across = (1 - eye.lids.t**2)[:, None]
+    high = DOME * np.exp(-(((elevation - DOME_RAD[0]) / DOME_RAD[1]) ** 2))
+    high -= FURROW * np.exp(-(((elevation - FURROW_RAD[0] * (0.5 + 0.5 * across)) / FURROW_RAD[1]) ** 2))
+    shaped = np.maximum(distance + free * across * high * clear / CLEAR, clear)
+    return np.where(free > 0, eye.centre + off * shaped / distance, points)
 
 
 def lash_displacement(lashes: Array, eye: Eye, turn: Array) -> Array:

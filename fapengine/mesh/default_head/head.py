@@ -61,6 +61,8 @@ LID_FOLDS_AT = 1.4
 UPPER_LIDS = (19, 20)
 OPEN_LID, SHUT_LID = 0.68, 0.78
 """Least light on an open and on a closed lid."""
+DOME_LIT = 0.5
+"""Part of its shade that a closed lid loses: beside the skin around it, it was a dark panel."""
 HAIR_NEAR_MM, HAIR_SHADE, JAW_SHADE = 20.0, 0.75, 0.7
 """Distance within which hair shades skin; fraction of the light that hair and jaw remove."""
 SOCKET_TURNED, UNDER_EYE_TURNED = 0.5, 0.7
@@ -272,6 +274,7 @@ def _light_lids(
     owner = basis.entry_vertices
     shut = points + basis.displacement(length)
     lit = average_over_mesh(ambient_light(shut, vertex_normals(shut, triangles)), links, 2)
+    lit += DOME_LIT * (1 - lit)
     folded = np.concatenate([eye.lids.indices[eye.lids.level < LID_FOLDS_AT].ravel() for eye in head.eyes])
     of_lid = closing[basis.entry_channels] & np.isin(owner, folded)
     lids = np.zeros(len(points), dtype=bool)
