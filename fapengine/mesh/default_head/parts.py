@@ -198,9 +198,8 @@ EAR_EDGE = np.array([(1.0, -1.2), (0.98, -3.2), (0.9, -5.5), (0.72, -10.0)])
 """Around the edge: share, height."""
 EAR_BUMPS = (
     (-2.0, (-0.02, 0.40), (0.24, 0.14)),  # triangular fossa
-    (5.2, (-0.44, -0.14), (0.15, 0.18)),  # tragus
+    (5.2, (-0.50, -0.14), (0.17, 0.23)),  # tragus
     (2.4, (0.16, -0.50), (0.18, 0.12)),  # antitragus
-    (2.6, (-0.42, 0.10), (0.22, 0.085)),  # root of the helix
     (2.6, (-0.05, -0.78), (0.45, 0.2)),  # lobe
 )
 """Height, mm, centre and size, relative to the ear's, back and up."""
@@ -226,7 +225,7 @@ def _relief(share: Array, up: Array, back: Array) -> Array:
 
 def build_ear(builder: MeshBuilder, style: HeadStyle, side: float, detail: float) -> Indices:
     """Add one ear; returns its indices, (R, S): rings by segments."""
-    around = np.linspace(0, 2 * np.pi, max(20, round(28 * detail)), endpoint=False)
+    around = np.linspace(0, 2 * np.pi, max(20, round(32 * detail)), endpoint=False)
     up, back = np.cos(around), np.sin(around)
     inside = resampled(EAR_INSIDE, detail) if detail >= 1 else np.array(EAR_INSIDE)[[0, 2, 3, 4, 6, 8, 9]]
     outline = 1 + 0.08 * up * np.abs(up) + 0.10 * back * up + 0.06 * smoothstep((-up - 0.35) / 0.6) * np.abs(back)
@@ -235,7 +234,7 @@ def build_ear(builder: MeshBuilder, style: HeadStyle, side: float, detail: float
     height[len(inside) :] = height[len(inside) - 1] * np.array([0.7, 0.3, 0.0, 0.0])[:, None] + EAR_EDGE[:, 1:]
     shell = 3.4 + 1.2 * back * share - 1.6 * (share**2)  # gently domed, and open at the back
     # Its front grows out of the cheek: no rim stands off there, from the root of the helix to the lobe.
-    lobe = 0.3 * smoothstep((-up - 0.5) / 0.4)
+    lobe = 0.6 * smoothstep((-up - 0.4) / 0.5)
     joined = smoothstep((lobe - back - 0.25) / 0.6) * smoothstep((0.8 - up) / 0.5)
     shell = shell - EAR_JOIN_MM * joined * smoothstep((share - 0.56) / 0.38)
     narrow = 1 - 0.06 * smoothstep((-up * share - 0.05) / 0.75)
