@@ -23,7 +23,7 @@ from fapengine.mesh.default_head.style import OVER_EARS, HeadStyle
 LARGER_EYES, APART_MM = 0.60, 3.8
 """Growth of the eyes, and how far each moves outwards, at charm 1."""
 MAX_CHARM = 0.7
-"""Charm beyond which eyes and nose stay as they are: skin between larger eyes would fold."""
+"""Charm beyond which eyes, nose and throat stay as they are: skin between larger eyes would fold."""
 DEEPER = 0.6
 """Fraction of a ball's growth by which it moves back into the head."""
 NEAR_MM, FAR_MM = 24.0, 70.0
@@ -113,9 +113,14 @@ def _with_face(points: Array, charm: float, childlike: float) -> Array:
     to_chin = smoothstep((z - 20.0) / 40.0) * (1 + smoothstep((-36.0 - y) / 30.0))
     moved[:, 0] *= 1 - charm * (0.08 + 0.10 * to_chin) * (1 - 0.3 * childlike) * jaw
     brows = np.exp(-(((y - 59.0) / np.where(y > 59.0, 17.0, 11.0)) ** 2) - ((np.abs(x) - 26.0) / 36.0) ** 4) * front
-    moved[:, 1] -= charm * 4.8 * brows  # the larger eyes have moved them up
+    moved[:, 1] -= charm * 2.8 * brows  # the larger eyes have moved them up
     cheeks = np.exp(-(((y - 2.0) / 20.0) ** 2) - ((np.abs(x) - 46.0) / 18.0) ** 2) * smoothstep((z - 50.0) / 30.0)
     moved[:, 2] += charm * (1.5 - 1.0 * childlike) * cheeks
+    # The rim of the orbit: in three-quarter view there is skin between the far eye and the contour.
+    rim = smoothstep((np.abs(x) - 42.0) / 12.0) * _faded(np.abs(x), 50.0, 80.0) * smoothstep((z - 15.0) / 60.0)
+    rim *= np.exp(-(((y - 38.0) / np.where(y > 38.0, 28.0, 22.0)) ** 2))
+    moved[:, 0] += charm * 2.5 * rim * np.sign(x)
+    moved[:, 2] += charm * 10.5 * rim
     # Full cheeks beside the mouth, down to a round jaw.
     full = np.exp(-(((y + 58.0) / 28.0) ** 2) - ((z - 68.0) / 32.0) ** 2) * smoothstep((np.abs(x) - 18.0) / 30.0)
     moved[:, 0] += charm * (5.0 - 2.0 * childlike) * full * np.sign(x)
@@ -132,6 +137,9 @@ def _with_face(points: Array, charm: float, childlike: float) -> Array:
     edge = np.interp(z, EDGE_Z_MM, EDGE_Y_MM)
     under = smoothstep((edge - y) / 26.0) * smoothstep((y + 122.0) / 40.0) * smoothstep((z + 25.0) / 40.0)
     moved[:, 0] *= 1 - charm * 0.26 * under
+    # The underside of the chin is level, not a slope down to the neck.
+    level = smoothstep((-73.0 - y) / 20.0) * smoothstep((y + 135.0) / 40.0) * _faded(z, 72.0, 104.0)
+    moved[:, 1] += min(charm, MAX_CHARM) * 12.0 * (1 - 0.7 * childlike) * level * smoothstep((z - 5.0) / 40.0)
     short = charm * 3.0 * (1 - 0.7 * childlike)  # a child's face is short already
     moved[:, 1] += short * smoothstep((28.0 - y) / 62.0) * smoothstep((y + 240.0) / 60.0)
     lower = smoothstep((-14.0 - y) / 64.0) * smoothstep((y + 240.0) / 60.0)
