@@ -69,7 +69,7 @@ SOCKET_TURNED, UNDER_EYE_TURNED = 0.5, 0.7
 """Share of the way that normals between an upper lid and its brow turn to the front, and below an eye, to the cheek."""
 MOUTH_CORNERS = 0.5
 """Least light on the ends of the lips."""
-EAR_JOINS_MM = 3.5
+EAR_JOINS_MM = 6.0
 """Height above the skin over which an ear takes on its light."""
 SCALP_DEG, SCALP_MM = (30.0, 60.0, 110.0, 140.0), (26.0, 50.0, 50.0, 62.0)
 """Height above the hairline up to which the scalp is drawn, by angle from the front: tips of hair leave it free."""

@@ -193,6 +193,8 @@ EAR_ROOT = (np.deg2rad(93.0), 10.0)
 EAR_HALF_LENGTH, EAR_HALF_WIDTH = 27.0, 16.5
 EAR_JOIN_MM = 9.5
 """Depth of the front of an ear inside the head."""
+EAR_FORWARD = 0.25
+"""How far its front reaches over the cheek there, as a share of half of its width: it rises gently."""
 EAR_INSIDE = (0.06, 0.22, 0.36, 0.48, 0.58, 0.67, 0.75, 0.83, 0.9, 0.96)
 EAR_EDGE = np.array([(1.0, -1.2), (0.98, -3.2), (0.9, -5.5), (0.72, -10.0)])
 """Around the edge: share, height."""
@@ -235,18 +237,20 @@ def build_ear(builder: MeshBuilder, style: HeadStyle, side: float, detail: float
     shell = 3.4 + 1.2 * back * share - 1.6 * (share**2)  # gently domed, and open at the back
     # Its front grows out of the cheek: no rim stands off there, from the root of the helix to the lobe.
     lobe = 0.6 * smoothstep((-up - 0.4) / 0.5)
-    joined = smoothstep((lobe - back - 0.25) / 0.6) * smoothstep((0.8 - up) / 0.5)
-    shell = shell - EAR_JOIN_MM * joined * smoothstep((share - 0.56) / 0.38)
+    joined = smoothstep((lobe - back - 0.25) / 0.6) * smoothstep((0.8 - up) / 0.5) * smoothstep((share - 0.56) / 0.38)
+    shell = shell - EAR_JOIN_MM * joined
     narrow = 1 - 0.06 * smoothstep((-up * share - 0.05) / 0.75)
     full = 1 + 0.07 * smoothstep((up - 0.2) / 0.5) * np.clip(back, 0, 1)
-    long, wide = EAR_HALF_LENGTH * outline * up * share, EAR_HALF_WIDTH * outline * narrow * full * back * share
+    forward = 1 + EAR_FORWARD * joined * smoothstep((0.3 - up) / 0.5)
+    long = EAR_HALF_LENGTH * outline * up * share
+    wide = EAR_HALF_WIDTH * outline * narrow * full * forward * back * share
     axes = np.stack([EAR_UP, EAR_BACK, np.cross(EAR_BACK, EAR_UP)])
     points = EAR_MIDDLE + np.stack([long, wide, height + shell], axis=-1) @ axes
     points = (points + faces.displacement(EAR_ROOT, style.weights)) * [side, 1, 1]
     palette = palette_of(style)
     albedo = palette.skin(points)
     deep = np.clip(-height / 4.5, 0, 1)[..., None]
-    albedo = (albedo + 0.22 * (palette.blush - albedo)) * (1 - 0.55 * deep)
+    albedo = (albedo + 0.22 * (1 - joined)[..., None] * (palette.blush - albedo)) * (1 - 0.55 * deep)
     albedo = albedo * (1 - 0.03 * BLOOD)  # as the texture does to the skin next to it
     grid = builder.add(points, albedo=albedo)
     builder.quads(grid if side > 0 else grid[:, ::-1], closed=True)
