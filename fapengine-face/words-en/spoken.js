@@ -9,45 +9,46 @@ const ADDRESSES = /\b(?:https?:\/\/|www\.)\S+|\b[\w.+-]{1,64}@[\w-]{1,64}\.\w\S*
 const FORMS = { year: (found) => year(Number(found)), decade: (found) => decade(Number(found)), roman };
 const { currencies, cents, date: dates, short_scales: shortScales, price, units, words, fractions, share, to: between } = SPOKEN;
 
-// Form of a word after a number: the only one; one or other.
-function formOf(forms, number) {
+// Form of a word after a number: the only one; one or other. As a part of a compound (a 5 km walk) it is the first one.
+function formOf(forms, number, isPart) {
   const [one, other = one] = forms.split("|");
+  if (isPart) return one;
   const [whole, part] = number.replace(/[.,\s](?=\d{3}(?!\d))/g, "").replace(",", ".").split(".");
   return whole === "1" && !part ? one : other;
 }
 
-function amount(number, symbol) {
+function amount(number, symbol, isPart) {
   const [, before, after] = CENTS.exec(number) ?? [];
   if (before === "0" && cents[symbol]) return `${Number(after)} ${formOf(cents[symbol], String(Number(after)))}`;
   const whole = before ?? number;
-  const unit = formOf(currencies[symbol], whole);
+  const unit = formOf(currencies[symbol], whole, isPart);
   if (!Number(after ?? 0)) return `${whole} ${unit}`;
   const rest = Number(after) < 10 && cents[symbol] ? ` ${formOf(cents[symbol], String(Number(after)))}` : "";
   return price.replace("{whole}", whole).replace("{unit}", unit).replace("{cents}", Number(after) + rest);
 }
 
 function symbolBefore({ groups, indices, index, input }) {
-  const { symbol, n, scale, short, to } = groups;
+  const { symbol, n, scale, short, to, one } = groups;
   const places = indices.groups;
   if (places.symbol[1] < places.n[0] && NUMBER_BEFORE.test(input.slice(Math.max(index - 2, 0), index))) return []; // 5 € 50
-  const many = formOf(currencies[symbol], "5");
+  const many = formOf(currencies[symbol], "5", one !== undefined);
   const second = to && between + to.slice(1);
   for (const [name, said] of [["scale", scale], ["short", short && ` ${shortScales[short]}`], ["to", second]]) {
     if (said) return [[...places.symbol, ""], [...places[name], `${said} ${many}`]];
   }
-  return [[...indices[0], amount(n, symbol)]];
+  return [[...indices[0], amount(n, symbol, one !== undefined)]];
 }
 
 function symbolAfter({ groups, indices }) {
-  const { symbol, n, scale } = groups;
-  if (scale) return [[...indices.groups.symbol, formOf(currencies[symbol], "5")]];
-  return [[...indices[0], amount(n, symbol)]];
+  const { symbol, n, scale, one } = groups;
+  if (scale) return [[...indices.groups.symbol, formOf(currencies[symbol], "5", one !== undefined)]];
+  return [[...indices[0], amount(n, symbol, one !== undefined)]];
 }
 
 function unit({ groups, indices }) {
-  const { n, x } = groups;
+  const { n, x, one } = groups;
   const gap = indices.groups.n[1] === indices.groups.x[0] ? " " : "";
-  if (!fractions[n]) return [[...indices.groups.x, gap + formOf(units[x], n)]];
+  if (!fractions[n]) return [[...indices.groups.x, gap + formOf(units[x], n, one !== undefined)]];
   return [[...indices.groups.x, `${gap}${fractions[n] === fractions["1/2"] ? "" : `${share} `}${formOf(units[x], "1")}`]];
 }
 

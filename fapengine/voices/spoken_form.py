@@ -17,7 +17,8 @@ them (``$5k``). ``starters`` begin a sentence after an abbreviation, whose point
 said before a number, ``share`` between a fraction and its unit. ``[mixed]`` has what a fraction becomes after a whole
 number, or after its unit (``2 kilos et demi``) if it is ``last``, and for a unit apart if that follows in its key, and
 before ``rate`` in a unit (``1½ km/h``); ``unit_first`` is true where a unit stands before its number, ``elides`` where
-a letter may belong to the next word (``l'eau``); ``to`` is said between two amounts. A fraction's sign (``½``) is what
+a letter may belong to the next word (``l'eau``); ``to`` is said between two amounts. After ``one_after`` a unit has its
+first form whatever the number (``a 5 km walk``). A fraction's sign (``½``) is what
 its digits are. ``[date]`` has ``months``, what is ``said``, and forms of ``year`` and of ``day``, by what stands before
 the date; ``year_first`` is true where 12/05/2024 may be one of two. ``phones`` is a pattern of telephone numbers beside
 the usual one. ``joined`` is the greatest number of digits before a space in a number that the voice would read in
@@ -299,6 +300,11 @@ def _number(language: str) -> str:
     return _SPACED_NUMBER if language in ("de", "es", "fr", "pt", "ru") else _NUMBER
 
 
+def _alone(table: dict[str, Any]) -> str:
+    """Pattern with a group that matches where the unit of any number has the form of one."""
+    return f"(?:(?P<one>{table['one_after']})|)" if "one_after" in table else "(?P<one>(?!))?"
+
+
 def _any_of(keys: dict[str, str]) -> str:
     return "|".join(re.escape(key) for key in sorted(keys, key=len, reverse=True))
 
@@ -311,6 +317,8 @@ def _prices(table: dict[str, Any], language: str) -> Iterator[_Rule]:
     short, of, to = table.get("short_scales", {"": ""}), table.get("of", ""), table.get("to", "–")
     number = _number(language)
     symbol, (edge, end) = f"(?P<symbol>{_any_of(currencies)})", _edges(table)
+    edge += _alone(table)
+    form = partial(_form_at, language)
 
     def amount(match: re.Match[str]) -> str:
         number, symbol = match["n"], match["symbol"]
@@ -320,7 +328,7 @@ def _prices(table: dict[str, Any], language: str) -> Iterator[_Rule]:
         whole = cents[1] if cents else number
         if language == "cmn" or "joined" in table:
             whole = _whole(whole, language)
-        unit = _form(currencies[symbol], whole, language)
+        unit = form(match, currencies[symbol], whole)
         whole = _agreed(table, language, whole, unit, match.string[: match.start()])
         if cents and int(cents[2]):
             parts = str(int(cents[2]))
@@ -334,7 +342,7 @@ def _prices(table: dict[str, Any], language: str) -> Iterator[_Rule]:
             match.string, max(match.start() - 2, 0), match.start()
         ):
             return []  # 5 € 50
-        many = _form(currencies[match["symbol"]], "5", language)
+        many = form(match, currencies[match["symbol"]], "5")
         for group, said in (("scale", match["scale"]), ("short", short.get(match["short"])), ("to", match["to"])):
             if said:
                 gap = " " if group == "short" else ""
@@ -346,7 +354,7 @@ def _prices(table: dict[str, Any], language: str) -> Iterator[_Rule]:
     def after(match: re.Match[str]) -> list[Edit]:
         if match["scale"]:
             joint = f"{of} " if of and not match["of"] and match["scale"] != "mil" else ""
-            return [(*match.span("symbol"), joint + _form(currencies[match["symbol"]], "5", language))]
+            return [(*match.span("symbol"), joint + form(match, currencies[match["symbol"]], "5"))]
         return [(*match.span(), amount(match))]
 
     yield _Rule(
@@ -406,7 +414,7 @@ def _units(table: dict[str, Any], language: str) -> Iterator[_Rule]:
         elif number in fractions:
             said += f"{share} " if share and number not in ("1/2", "½") else ""
             number = "0.5"
-        unit = _form(units[match["x"]], number, language)
+        unit = _form_at(language, match, units[match["x"]], number)
         if table.get("unit_first") and match["n"] not in fractions:
             return [(*match.span("n"), unit), (*match.span("x"), said + _in_mixed(match["n"], table))]
         agreed = _agreed(table, language, number, unit, match.string[: match.start()])
@@ -416,7 +424,8 @@ def _units(table: dict[str, Any], language: str) -> Iterator[_Rule]:
     number, (edge, end) = _number(language), _edges(table)
     if fractions:
         number = number.replace("(?>", rf"(?>{_MIXED}|{_any_of(fractions)}|", 1)
-    yield _Rule(re.compile(rf"{edge}{number}{_GAP}(?P<x>{_any_of(units)}){end}{_sentence(table)}"), edits)
+    pattern = rf"{edge}{_alone(table)}{number}{_GAP}(?P<x>{_any_of(units)}){end}{_sentence(table)}"
+    yield _Rule(re.compile(pattern), edits)
 
 
 def _words(table: dict[str, Any]) -> Iterator[_Rule]:
@@ -449,6 +458,11 @@ def _listed(table: dict[str, Any], language: str) -> Iterator[_Rule]:
             return [(*match.span(group), each["say"].format(number, *match.groups()) + _full_stop(match, group))]
 
         yield _Rule(pattern, edits)
+
+
+def _form_at(language: str, match: re.Match[str], forms: str, number: str) -> str:
+    """Form of a word after a number; where :func:`_alone` matches, that after one."""
+    return _form(forms, number if match["one"] is None else "1", language)
 
 
 def _form(forms: str, number: str, language: str) -> str:

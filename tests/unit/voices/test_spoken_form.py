@@ -32,6 +32,14 @@ CASES = [
      "половина литра, полтора часа, 2 с половиной километра, глава четвёртая"),
     ("pl", "½ litra, 1½ godziny", "pół litra, półtorej godziny"),
     ("de", "2½ min", "zweieinhalb Minuten"),
+    ("fr-fr", "À 1½ km/h, 5 km/h ou 3½ m/s, 2½ m².", "À 1 kilomètre et demi par heure, 5 kilomètres par heure ou "
+     "3 mètres et demi par seconde, 2 mètres carrés et demi."),
+    ("en-us", "A 2.4 m ceiling, 2.4 m high; a 5 km run of 5 km, an 8 lb bag, a 1½ mi walk, a 30 s clip, 5 m wide",
+     "A 2.4 metre ceiling, 2.4 metres high; a 5 kilometre run of 5 kilometres, an 8 pound bag, "
+     "a 1 and a half mile walk, a 30 second clip, 5 metres wide"),
+    ("en-us", "A $5 bill, a $3.50 tea, a $5 million house, a 10 € note, an $8–10 tip; $5 million, 10 €",
+     "A 5 dollar bill, a 3 dollar 50 tea, a 5 million dollar house, a 10 euro note, "
+     "an 8 to 10 dollar tip; 5 million dollars, 10 euros"),
     ("en-us", "2 1/2 kg", "2 and a half kilograms"),
     ("cmn", "1½杯，½kg", "1又二分之一杯，二分之一公斤"),
     ("sw", "½ kg, 1½ km", "nusu kilo, kilomita 1 na nusu"),
@@ -65,7 +73,7 @@ CASES = [
      "3.5 million dollars, 1 dollar, 99 pence in nineteen oh-five, 5 kilograms."),
     ("en-us", "Mail 192.168.1.1 on 3/4/2026.", "Mail 192.168.1.1 on 3/4/2026."),
     ("en-us", "In 1990 sales rose, 1990 people, 1500 soldiers, a 1200 km road, 1800 555 0199, 1984a.",
-     "In nineteen ninety sales rose, 1990 people, 1500 soldiers, a 1200 kilometres road, 1800 555 0199, 1984a."),
+     "In nineteen ninety sales rose, 1990 people, 1500 soldiers, a 1200 kilometre road, 1800 555 0199, 1984a."),
     ("en-us", "Mail a5m@5km.com or https://x.org/1990?x=5m, v1.5.3 km.",
      "Mail a5m@5km.com or https://x.org/1990?x=5m, v1.5.3 km."),
     ("en-us", "£1.5bn, $5M, $2-million, $20-30, -$5.",
@@ -213,6 +221,7 @@ def test_every_table_can_be_read_and_replaces_its_own_entries(language: str) -> 
             "to",
             "elides",
             "unit_first",
+            "one_after",
         },
         {"short_scales", "cents"},
     )
