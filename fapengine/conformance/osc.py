@@ -294,7 +294,12 @@ class Heard:
         return [wire for wire in self.wires if isinstance(wire, kind)]
 
 
-def listen(own: socket.socket, for_s: float, tell: Callable[[str], None] = lambda line: None) -> Heard:
+def listen(
+    own: socket.socket,
+    for_s: float,
+    tell: Callable[[str], None] = lambda line: None,
+    until: Callable[["Heard"], bool] = lambda heard: False,
+) -> Heard:
     """Receive from a sender, and answer as an engine does, except to the first hello and the first phones.
 
     Parameters
@@ -305,6 +310,8 @@ def listen(own: socket.socket, for_s: float, tell: Callable[[str], None] = lambd
         Time from the first packet.
     tell : callable
         Called with a line that names the sender of the first packet.
+    until : callable
+        Called after each packet; ends the listening where it is true.
     """
     heard, stop_s = Heard(), None
     held: dict[int, int] = {}
@@ -321,6 +328,8 @@ def listen(own: socket.socket, for_s: float, tell: Callable[[str], None] = lambd
         heard.packets.append(packet)
         for answer in _answers(heard, packet, round(now_s * 1e6), held):
             own.sendto(codec.encode(answer), peer)
+        if until(heard):
+            break
     return heard
 
 

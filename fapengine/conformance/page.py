@@ -217,7 +217,7 @@ async def watch(port: int, for_s: float, tell: Callable[[str], None], host: str 
             while not socket.closed:
                 values = [0] * fap.FAP_COUNT
                 values[2] = round(200 + 200 * math.sin(number / 6))
-                await socket.send_bytes(FRAME.pack(FRAME_KIND, number, loop.time()) + struct.pack("<68i", *values))
+                await socket.send_bytes(FRAME.pack(FRAME_KIND, number, loop.time(), *values))
                 if number % 30 == 7:
                     await socket.send_bytes(struct.pack("<I", 77) + b"of a later version")
                     await socket.send_str(text_of("later", version=2))

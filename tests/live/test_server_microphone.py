@@ -4,7 +4,6 @@ import json
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -49,8 +48,7 @@ def test_what_the_microphone_hears_moves_a_face(null_sink: Mapping[str, str], tm
         open_mm.extend(-(frame.values[3] + frame.values[4]) * FAPU_MM for frame in more)
         return np.array(open_mm)
 
-    wait(lambda: len(opening()) > 60)
-    time.sleep(1.0)  # the ear starts
+    wait(lambda: len(opening()) > 120)  # the recognizer has started
     assert np.abs(opening()).max() < 0.5  # nobody speaks
 
     def shut() -> int:

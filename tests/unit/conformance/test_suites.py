@@ -6,10 +6,8 @@ import re
 import shlex
 import socket
 import sys
-import threading
-import time
-from collections.abc import Callable
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable, Coroutine, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -27,10 +25,14 @@ from fapengine.conformance.fba import DECODER_CASES, ENCODER_CASES, Program
 from fapengine.server.config import Listen
 from fapengine.server.intake.listeners import bound
 from fapengine.speech.phone_track import Phone
+from fapengine.wire import osc
 from fapengine.wire.speech_osc import receiver, schema
+from tests.leaping import run_leaping, until
 from tests.live.stage import config_of, on_a_loop, running
 
 ROOT = Path(__file__).resolve().parents[3]
+LIMIT_S = 300.0
+"""A sender that never does what is waited for would be listened to for ever."""
 DECODER = (
     "import sys; from pathlib import Path; from fapengine.codec.decoder import decode; from fapengine.codec.fapfile \
 import format_fap; Path(sys.argv[2]).write_text(format_fap(decode(Path(sys.argv[1]).read_bytes()).track))"
@@ -92,70 +94,81 @@ def test_our_own_page_passes() -> None:
     assert failed(found) == []
 
 
-@contextmanager
-def listening(monkeypatch: pytest.MonkeyPatch, say: Callable[[int], None], seconds: float = 3.0):
-    """What the suite of senders hears of somebody."""
-    own, heard = bound("127.0.0.1", 0, socket.SOCK_DGRAM), []
-    thread = threading.Thread(target=lambda: heard.append(suites.listen(own, seconds)))
-    thread.start()
-    say(own.getsockname()[1])
-    thread.join()
-    own.close()
-    yield heard[0]
+def heard_of(
+    speaking: Callable[[int], AbstractContextManager[object]], is_enough: Callable[[suites.Heard], bool]
+) -> list[str]:
+    """What fails of somebody who speaks to a port."""
+    with bound("127.0.0.1", 0, socket.SOCK_DGRAM) as own, speaking(own.getsockname()[1]):
+        return failed(run(suites.SENDER_CASES, suites.listen(own, LIMIT_S, until=is_enough)))
 
 
-def says(port: int) -> None:
-    phones = [Phone(label, 0.1 * n, 0.1 * n + 0.1) for n, label in enumerate("mamama")]
-    with Client("127.0.0.1", port, session="anna") as face:
-        face.send_phones(phones)
-        time.sleep(2.5)
+def test_our_own_sender_passes_and_one_that_never_repeats_fails() -> None:
+    @contextmanager
+    def ours(port: int) -> Iterator[None]:
+        with Client("127.0.0.1", port, session="anna") as face:
+            face.send_phones([Phone(label, 0.1 * n, 0.1 * n + 0.1) for n, label in enumerate("mamama")])
+            yield
 
+    assert heard_of(ours, lambda heard: not failed(run(suites.SENDER_CASES, heard))) == []
 
-def test_our_own_sender_passes_and_one_that_never_repeats_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    with listening(monkeypatch, says) as heard:
-        assert failed(run(suites.SENDER_CASES, heard)) == []
-
-    def once(port: int) -> None:
-        import socket
-
-        from fapengine.wire import osc
-
+    @contextmanager
+    def once(port: int) -> Iterator[None]:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as own:
-            own.sendto(osc.message("/fap/1/hello", "s", "anna"), ("127.0.0.1", port))
-            own.sendto(
-                osc.message("/fap/1/phones", "siiiisiiif", "anna", 0, 0, 2, 1, "m", 0, 100, 0, 1.0), ("127.0.0.1", port)
-            )
-            own.sendto(osc.message("/fap/1/nonsense", "s", "anna"), ("127.0.0.1", port))
+            own.connect(("127.0.0.1", port))
+            own.send(osc.message("/fap/1/hello", "s", "anna"))
+            own.send(osc.message("/fap/1/phones", "siiiisiiif", "anna", 0, 0, 2, 1, "m", 0, 100, 0, 1.0))
+            own.send(osc.message("/fap/1/nonsense", "s", "anna"))
+            yield
 
-    with listening(monkeypatch, once, 0.3) as heard:
-        found = {line[:3] for line in failed(run(suites.SENDER_CASES, heard))}
+    found = {line[:3] for line in heard_of(once, lambda heard: len(heard.packets) == 3)}
     assert found == {"1.1", "1.3", "1.4", "1.5", "2.1", "2.2", "2.4", "2.5"}
 
 
-def test_our_own_viewer_passes_as_a_client_and_one_that_says_nonsense_fails() -> None:
-    async def body(connect: Callable[[str], object]) -> page.PageClient:
+def watched(
+    connect: Callable[[str, list[str]], Coroutine[None, None, None]], monkeypatch: pytest.MonkeyPatch
+) -> list[str]:
+    """What fails of somebody who connects to an address, given the texts that have arrived; in virtual time."""
+    note, came = page._note, []
+
+    def noted(client: page.PageClient, data: str | bytes) -> None:
+        note(client, data)
+        came.append(data)
+
+    monkeypatch.setattr(page, "_note", noted)
+
+    async def body() -> page.PageClient:
         lines: list[str] = []
         watching = asyncio.create_task(page.watch(0, 3.0, lines.append))
-        while not lines:
-            await asyncio.sleep(0.01)
-        await connect(re.search(r"ws://[\d.:]+/ws", lines[0])[0])  # type: ignore[index,misc]
+        await until(lambda: lines)
+        await connect(re.search(r"ws://[\d.:]+/ws", lines[0])[0], came)  # type: ignore[index]
         return await watching
 
-    async def ours(url: str) -> None:
-        viewer = WebSocketViewer(url)
-        asyncio.get_running_loop().call_later(2.9, viewer.close)
+    return failed(run(page.CLIENT_CASES, run_leaping(body())))
 
-    assert failed(run(page.CLIENT_CASES, asyncio.run(body(ours)))) == []
 
-    async def broken(url: str) -> None:
+def test_our_own_viewer_passes_as_a_client_and_one_that_says_nonsense_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def ours(url: str, came: list[str]) -> None:
+        viewer = WebSocketViewer(url)  # it goes by the real clock
+        try:
+            await until(lambda: came)
+            await asyncio.sleep(0.5)
+            await until(lambda: viewer.counts.refused and viewer.counts.frames >= 20)
+            count = len(came)
+            await asyncio.sleep(1.0)  # the suite disconnects it
+            await until(lambda: len(came) > count)
+        finally:
+            await asyncio.to_thread(viewer.close)
+
+    assert watched(ours, monkeypatch) == []
+
+    async def broken(url: str, came: list[str]) -> None:
         import aiohttp
 
         async with aiohttp.ClientSession() as client, client.ws_connect(url) as socket:
             await socket.send_str('{"type": "blink", "misspelt": 1}')
-            await asyncio.sleep(0.1)
+            await until(lambda: came)
 
-    found = {line[:3] for line in failed(run(page.CLIENT_CASES, asyncio.run(body(broken))))}
-    assert found == {"1.2", "1.3", "1.4", "2.1"}
+    assert {line[:3] for line in watched(broken, monkeypatch)} == {"1.2", "1.3", "1.4", "2.1"}
 
 
 class Called(Program):
