@@ -236,7 +236,7 @@ def load_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64], Any]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # of NumPy, for a part without texture coordinates
-            mesh: Any = trimesh.load(path, process=False, maintain_order=True)
+            mesh: Any = _loaded(path, trimesh, maintain_order=True)
             if isinstance(mesh, trimesh.Scene):
                 mesh = _one_mesh(mesh, path, trimesh) if path.suffix.lower() == ".obj" else mesh.to_mesh()
         vertices, triangles = np.array(mesh.vertices, np.float64), np.array(getattr(mesh, "faces", ()), np.int64)
@@ -247,6 +247,40 @@ def load_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64], Any]:
     if not len(triangles):
         raise DataError("mesh: contains no triangles", where=str(path))
     return vertices, triangles, mesh.visual
+
+
+def _loaded(path: Path, trimesh: Any, *, maintain_order: bool = False) -> Any:
+    if path.suffix.lower() != ".obj":
+        return trimesh.load(path, process=False, maintain_order=maintain_order)
+    file, resolver = io.BytesIO(_with_material(read_bytes(path), path)), trimesh.resolvers.FilePathResolver(str(path))
+    return trimesh.load(file, file_type="obj", resolver=resolver, process=False, maintain_order=maintain_order)
+
+
+def load_textured(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64], Any, NDArray[np.int64]]:
+    """Read a mesh as :func:`load_mesh` does, and the vertex of the file that each vertex is.
+
+    Along the seams of the image of an OBJ with one material, further copies of vertices follow those of the file.
+    """
+    vertices, triangles, visual = load_mesh(path)
+    own = np.arange(len(vertices))
+    if path.suffix.lower() != ".obj" or getattr(getattr(visual, "material", None), "image", None) is None:
+        return vertices, triangles, visual, own
+    import trimesh
+
+    painted = _loaded(path, trimesh)  # a vertex for each of its texture coordinates, in another order
+    uv = getattr(painted.visual, "uv", None) if isinstance(painted, trimesh.Trimesh) else None
+    if uv is None or np.shape(painted.faces) != triangles.shape:
+        return vertices, triangles, visual, own
+    source = np.zeros(len(painted.vertices), np.int64)
+    source[painted.faces] = triangles
+    copies = np.setdiff1d(np.arange(len(source)), np.unique(source, return_index=True)[1])
+    place = source.copy()
+    place[copies] = len(vertices) + np.arange(len(copies))
+    both = np.concatenate([own, source[copies]])
+    placed = np.zeros((len(both), 2))
+    placed[place] = uv
+    visual.uv = placed
+    return vertices[both], place[painted.faces], visual, both
 
 
 def _one_mesh(scene: Any, path: Path, trimesh: Any) -> Any:
@@ -273,6 +307,24 @@ def _one_mesh(scene: Any, path: Path, trimesh: Any) -> Any:
         colours[used] = part.visual.vertex_colors[used] if material is None else material.main_color
     faces = np.concatenate([part.faces for part in parts])
     return trimesh.Trimesh(vertices, faces, vertex_colors=colours, process=False)
+
+
+_LIBRARY = re.compile(rb"^mtllib[ \t]+(.+?)\s*$", re.MULTILINE)
+
+
+def library_of(data: bytes, path: Path) -> bytes:
+    """Text of the materials that an OBJ names, which are in its folder; empty without any."""
+    named = _LIBRARY.search(data)
+    beside = path.with_name(Path(named[1].decode("utf-8", "replace")).name) if named else path
+    return read_bytes(beside) if named and beside.is_file() else b""
+
+
+def _with_material(data: bytes, path: Path) -> bytes:
+    """Let an OBJ that uses no material of its library, as FLAME's and VOCA's, use the first."""
+    first = re.search(rb"^\s*newmtl[ \t]+(.+?)\s*$", library_of(data, path), re.MULTILINE)
+    if first is None or re.search(rb"^usemtl\b", data, re.MULTILINE):
+        return data
+    return _LIBRARY.sub(rb"\g<0>\nusemtl " + first[1].replace(b"\\", b"\\\\"), data, count=1)
 
 
 def _check_indices(data: bytes, path: Path) -> None:
@@ -320,7 +372,10 @@ def _painting(visual: Any, count: int) -> tuple[NDArray[np.uint8] | None, NDArra
     image = getattr(material, "image", None) or getattr(material, "baseColorTexture", None)
     if image is None or uv is None or np.shape(uv) != (count, 2) or not np.isfinite(uv).all():
         return None, None
-    return np.asarray(image.convert("RGBA"), np.uint8), np.asarray(uv, np.float64) * [1.0, -1.0] + [0.0, 1.0]
+    texture = np.asarray(image.convert("RGBA"), np.uint8)
+    if np.ptp(texture, axis=(0, 1)).max() == 0:
+        return None, None  # a single colour is a default
+    return texture, np.asarray(uv, np.float64) * [1.0, -1.0] + [0.0, 1.0]
 
 
 def _albedo(visual: Any) -> NDArray[np.float64] | None:

@@ -11,7 +11,7 @@ from fapengine.files.gltf.document import Fetch, parse_gltf
 from fapengine.files.gltf.scene import read_scene
 from fapengine.files.paths import locating, read_bytes
 from fapengine.files.pictures import MAX_PIXELS
-from fapengine.files.recordings import MESHES, find_paint, load_mesh
+from fapengine.files.recordings import MESHES, find_paint, library_of, load_textured
 from fapengine.laboratory.setup import Paint
 from fapengine.mesh.rig.blendshape_mesh import Blendshape, BlendshapeMesh
 
@@ -46,6 +46,9 @@ def load_ict_folder(folder: Path) -> BlendshapeMesh:
     if neutral is None:
         raise UsageError(f"{folder}: contains no {' or '.join(NEUTRAL_NAMES)}; expected a folder as of ICT-FaceKit")
     vertices, triangles, surface, names = _obj(neutral)
+    source, paint = np.arange(len(vertices)), Paint()
+    if b"map_Kd" in library_of(read_bytes(neutral), neutral):
+        _, triangles, paint, source = _painted(neutral)
     still = MIN_MOTION_SHARE * float(np.linalg.norm(np.ptp(vertices, axis=0)))
     blendshapes = {}
     for path in meshes:
@@ -56,20 +59,21 @@ def load_ict_folder(folder: Path) -> BlendshapeMesh:
             raise DataError(
                 f"OBJ: got {len(moved)} vertices, expected {len(vertices)} as in {neutral.name}", where=str(path)
             )
-        moves = moved - vertices
+        moves = (moved - vertices)[source]
         kept = np.flatnonzero(np.abs(moves).max(axis=1) > still)
         blendshapes[path.stem] = Blendshape(kept, moves[kept])
     notes: tuple[str, ...] = ()
     if len(vertices) == ICT_VERTICES:
         ends = [end for _, end in ICT_SURFACES]
         surface, names = np.searchsorted(ends, np.arange(len(vertices)), side="right"), [n for n, _ in ICT_SURFACES]
+    surface = surface[source]
     hidden = [number for number, name in enumerate(names) if name.startswith(ICT_TRANSLUCENT)]
     if hidden:
         triangles = triangles[~np.isin(surface[triangles[:, 0]], hidden)]
         notes = tuple(f"{names[number]}: left out, as it is translucent" for number in hidden)
     return BlendshapeMesh(
-        vertices=vertices, triangles=triangles, blendshapes=blendshapes, surfaces=tuple(names), surface=surface,
-        notes=notes,
+        vertices=vertices[source], triangles=triangles, blendshapes=blendshapes, surfaces=tuple(names), surface=surface,
+        notes=notes, texture=paint.texture, uv=paint.uv, albedo=paint.albedo,
     )  # fmt: skip
 
 
@@ -165,7 +169,8 @@ def load_neutral(path: Path) -> BlendshapeMesh:
     Returns
     -------
     BlendshapeMesh
-        Vertices in the file's order, units and axes; its texture or the colours of its vertices, if any.
+        Vertices in the file's order, units and axes, then copies along the seams of its texture; that texture, or the
+        colours of its vertices, if any.
 
     Raises
     ------
@@ -179,11 +184,17 @@ def load_neutral(path: Path) -> BlendshapeMesh:
     if path.suffix.lower() not in MESHES:
         expected = ", ".join(dict.fromkeys((*MESHES, *RIG_ENDINGS)))
         raise UsageError(f"{path}: got ending {path.suffix!r}, expected one of {expected}")
-    vertices, triangles, visual = load_mesh(path)
+    vertices, triangles, paint, _ = _painted(path)
+    return BlendshapeMesh(
+        vertices=vertices, triangles=triangles, blendshapes={}, texture=paint.texture, uv=paint.uv, albedo=paint.albedo
+    )
+
+
+def _painted(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64], Paint, NDArray[np.int64]]:
+    """Vertices, (N, 3), triangles and colours of a mesh, and the vertex of the file that each is, (N,)."""
+    vertices, triangles, visual, source = load_textured(path)
     paint = find_paint(visual, len(vertices)) or Paint()
     if paint.texture is not None and paint.texture.shape[0] * paint.texture.shape[1] > MAX_PIXELS:
         size = f"{paint.texture.shape[1]}x{paint.texture.shape[0]}"
         raise UnsupportedError(f"texture: got {size} pixels, expected at most {MAX_PIXELS}", where=str(path))
-    return BlendshapeMesh(
-        vertices=vertices, triangles=triangles, blendshapes={}, texture=paint.texture, uv=paint.uv, albedo=paint.albedo
-    )
+    return vertices, triangles, paint, source

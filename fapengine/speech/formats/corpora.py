@@ -33,16 +33,8 @@ from dataclasses import replace
 
 from fapengine.errors import DataError, UnsupportedError
 from fapengine.speech.alphabets.guess import guess
-from fapengine.speech.formats.documents import NUMBER, Node, decode_text, number_of, parse_document, walk
-from fapengine.speech.formats.entries import (
-    Entry,
-    in_sequence,
-    only_name,
-    track_of,
-    until_next,
-    with_words,
-    without_overlaps,
-)
+from fapengine.speech.formats.documents import NUMBER, Node, decode_text, number_of, only_name, parse_document, walk
+from fapengine.speech.formats.entries import Entry, in_sequence, track_of, until_next, with_words, without_overlaps
 from fapengine.speech.formats.table import parse_columns
 from fapengine.speech.formats.textgrid import PHONE_TIERS, WORD_TIERS, Tier, choose_tier
 from fapengine.speech.formats.word_lists import labelled_track, words_track

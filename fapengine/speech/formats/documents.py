@@ -48,6 +48,14 @@ def number_of(text: str, what: str, where: str, low: float = -1e300, high: float
     return value
 
 
+def only_name(names: set[str], wanted: str | None, what: str, kind: str) -> str:
+    """Return the wanted name, or the only one; DataError if there are several."""
+    if len(names) > 1 and wanted not in names:
+        shown = sorted(name[:40] for name in names)[:8]
+        raise DataError(f"{what}: got the {kind} {shown}, expected one; name one with tier=NAME")
+    return wanted if len(names) > 1 and wanted else next(iter(names), "")
+
+
 @dataclass(frozen=True, slots=True)
 class Node:
     """A JSON value and its place."""

@@ -38,14 +38,6 @@ class Entry:
     word: str = ""
 
 
-def only_name(names: set[str], wanted: str | None, what: str, kind: str) -> str:
-    """Return the wanted name, or the only one; DataError if there are several."""
-    if len(names) > 1 and wanted not in names:
-        shown = sorted(name[:40] for name in names)[:8]
-        raise DataError(f"{what}: got the {kind} {shown}, expected one; name one with tier=NAME")
-    return wanted if len(names) > 1 and wanted else next(iter(names), "")
-
-
 def until_next(
     onsets: Sequence[tuple[float, str, str] | tuple[float, str, str, str]], end_s: float | None = None
 ) -> list[Entry]:

@@ -22,16 +22,8 @@ from dataclasses import replace
 
 from fapengine.errors import DataError, UnsupportedError
 from fapengine.speech import ipa
-from fapengine.speech.formats.documents import Node, parse_document, rows_of_lists, walk
-from fapengine.speech.formats.entries import (
-    OVERLAP_S,
-    Entry,
-    only_name,
-    track_of,
-    until_next,
-    with_words,
-    without_overlaps,
-)
+from fapengine.speech.formats.documents import Node, only_name, parse_document, rows_of_lists, walk
+from fapengine.speech.formats.entries import OVERLAP_S, Entry, track_of, until_next, with_words, without_overlaps
 from fapengine.speech.formats.table import UNITS, list_in, parse_columns, plain_name, unit_in
 from fapengine.speech.formats.word_lists import words_track
 from fapengine.speech.phone_track import PhoneTrack

@@ -9,6 +9,7 @@ from PIL import Image
 from fapengine.capture.landmarks import Picture
 from fapengine.capture.marker_track import MarkerTrack
 from fapengine.errors import DataError, ResourceError, UsageError
+from fapengine.files.heads.meshes import load_neutral, load_rig
 from fapengine.files.recordings import load_markers, load_mesh, load_painted, load_surface, save_markers
 
 TRIANGLE = "v 0 0 90\nv 60 0 90\nv 0 {y} 90\nv 60 60 80\nf 1 2 3\nf 2 4 3\n"
@@ -149,6 +150,50 @@ def test_an_obj_of_several_materials_has_its_vertices_once(tmp_path):
     (tmp_path / "points.obj").write_text("v 1 2 3\nv 2 3 4\n")
     with pytest.raises(DataError, match="contains no triangles"):
         load_surface(tmp_path / "points.obj")
+
+
+SQUARE = """mtllib scan.mtl
+v 0 0 0
+v 1 0 0
+v 1 1 0
+v 0 1 0
+vt 0.1 0.5
+vt 0.9 0.5
+f 1/1 2/2 3/2 4/1
+"""
+
+
+def test_an_obj_that_uses_no_material_has_the_image_of_its_library(tmp_path):
+    """As FLAME's and VOCA's templates; without the image, one colour is no paint."""
+    (tmp_path / "scan.obj").write_text(SQUARE)
+    assert load_painted(tmp_path / "scan.obj")[1] is None
+    (tmp_path / "scan.mtl").write_text("newmtl skin\nmap_Kd halves.png\n")
+    Image.fromarray(np.repeat(np.uint8([[[0, 255, 0], [0, 0, 255]]]), 2, axis=0)).save(tmp_path / "halves.png")
+    paint = load_neutral(tmp_path / "scan.obj")
+    assert paint.texture[0, :, :3].tolist() == [[0, 255, 0], [0, 0, 255]]
+    assert paint.uv[:, 0].tolist() == [0.1, 0.9, 0.9, 0.1]
+
+
+def test_along_a_seam_of_the_image_vertices_have_copies(tmp_path):
+    (tmp_path / "neutral.obj").write_text(SQUARE.replace("f 1/1 2/2 3/2 4/1", "f 1/1 2/1 3/1\nf 1/2 3/2 4/2"))
+    (tmp_path / "jawOpen.obj").write_text(SQUARE.replace("v 1 1 0", "v 1 3 0"))
+    (tmp_path / "scan.mtl").write_text("newmtl skin\nmap_Kd halves.png\n")
+    Image.fromarray(np.repeat(np.uint8([[[0, 255, 0], [0, 0, 255]]]), 2, axis=0)).save(tmp_path / "halves.png")
+    rig = load_rig(tmp_path)
+    assert rig.vertices[:, :2].tolist() == [[0, 0], [1, 0], [1, 1], [0, 1], [0, 0], [1, 1]]
+    assert rig.uv[rig.triangles][..., 0].tolist() == [[0.1] * 3, [0.9] * 3]
+    assert rig.dense("jawOpen")[:, 1].tolist() == [0, 0, 2, 0, 0, 2]
+
+
+def test_a_folder_of_obj_shapes_has_the_image_of_its_neutral_face(tmp_path):
+    (tmp_path / "neutral.obj").write_text(SQUARE)
+    (tmp_path / "jawOpen.obj").write_text(SQUARE.replace("v 0 1 0", "v 0 2 0"))
+    assert load_rig(tmp_path).texture is None
+    (tmp_path / "scan.mtl").write_text("newmtl skin\nmap_Kd halves.png\n")
+    Image.fromarray(np.repeat(np.uint8([[[0, 255, 0], [0, 0, 255]]]), 2, axis=0)).save(tmp_path / "halves.png")
+    rig = load_rig(tmp_path)
+    assert rig.texture.shape == (2, 2, 4)
+    assert rig.uv[:, 0].tolist() == [0.1, 0.9, 0.9, 0.1]
 
 
 def test_an_index_beyond_all_vertices_is_refused_before_it_costs_memory(tmp_path, monkeypatch):
