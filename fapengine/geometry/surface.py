@@ -224,24 +224,30 @@ def sphere_directions(count: int) -> Array:
     return np.stack([np.cos(azimuth) * np.sin(polar), np.cos(polar), np.sin(azimuth) * np.sin(polar)], axis=-1)
 
 
-def ambient_light(points_mm: Array, normals: Array, *, directions: int = 60, cell_mm: float = 5.0) -> Array:
-    """(V,): fraction of ambient light that reaches each vertex, from depth maps in many directions.
+def ambient_light(
+    points_mm: Array, normals: Array, of: Indices | slice = slice(None), *, directions: int = 60, cell_mm: float = 5.0
+) -> Array:
+    """(N,): fraction of ambient light that reaches vertices, from depth maps in many directions.
 
     For each direction the vertices are sorted into the cells of a map; a vertex more than two cells behind the nearest
-    one of its cell is in shadow. Cosine-weighted over the vertex's hemisphere.
+    one of its cell is in shadow. Cosine-weighted over the vertex's hemisphere. ``of`` are the vertices asked for, all
+    by default.
     """
-    light, total = np.zeros(len(points_mm)), np.zeros(len(points_mm))
+    normals = normals[of]
+    light, total = np.zeros(len(normals)), np.zeros(len(normals))
     rays = sphere_directions(directions)
     sides = unit_vectors(np.cross(rays, [0.3, 0.8, 0.52]))
     for ray, side, up in zip(rays, sides, np.cross(rays, sides), strict=True):
+        cosine = np.clip(normals @ ray, 0.0, None)
+        if not cosine.any():
+            continue
         cells = np.floor(np.stack([points_mm @ side, points_mm @ up]) / cell_mm).astype(np.int64)
         cells -= cells.min(axis=1, keepdims=True)
         key = cells[0] * (cells[1].max() + 1) + cells[1]
         depth = points_mm @ ray
         nearest = np.full(key.max() + 1, -np.inf)
         np.maximum.at(nearest, key, depth)
-        cosine = np.clip(normals @ ray, 0.0, None)
-        light += cosine * (depth > nearest[key] - 2.0 * cell_mm)
+        light += cosine * (depth[of] > nearest[key[of]] - 2.0 * cell_mm)
         total += cosine
     return light / np.maximum(total, 1e-9)
 

@@ -268,7 +268,7 @@ class BasisCollector:
 
     def __init__(self, vertex_count: int) -> None:
         self._count = vertex_count
-        self._channels: list[Channel] = []
+        self._channels: dict[Channel, int] = {}
         self._entries: list[tuple[Indices, int, Array]] = []
 
     def add(self, channel: Channel, vertices: Indices, displacement_mm: Array) -> None:
@@ -286,13 +286,12 @@ class BasisCollector:
         self._add(channel, vertices, rows)
 
     def _add(self, channel: Channel, vertices: Indices, rows: Array) -> None:
-        if channel not in self._channels:
-            self._channels.append(channel)
-        self._entries.append((vertices, self._channels.index(channel), rows + 0.0))  # -0 becomes 0
+        column = self._channels.setdefault(channel, len(self._channels))
+        self._entries.append((vertices, column, rows + 0.0))  # -0 becomes 0
 
     def gathered(self) -> tuple[DeformationBasis, Array]:
         """Return the basis, and the change of the shade of each entry, (N,)."""
-        basis, rows = gather(self._count, self._channels, self._entries)
+        basis, rows = gather(self._count, tuple(self._channels), self._entries)
         return basis, rows[:, 3]
 
 

@@ -327,7 +327,8 @@ def _skin_fields(
     around = {}
     for owner in OWNERS:
         away = np.linalg.norm(at - points[feature_points[fap.spec(owner).point]], axis=1)
-        around[owner] = int(away.argmin()), np.clip(1 - (away / CORRECTION_MM) ** 2, 0, None) ** 2
+        near = np.flatnonzero(away < CORRECTION_MM)
+        around[owner] = int(away.argmin()), near, (1 - (away[near] / CORRECTION_MM) ** 2)[:, None] ** 2
     for puff in PUFF_CHEEKS:
         outwards = np.array(fap.HEAD_AXES[fap.spec(puff).positive], dtype=np.float64)
         corner = points[feature_points["8.3" if outwards[0] > 0 else "8.4"]]
@@ -345,13 +346,13 @@ def _skin_fields(
         elif number in LOWER_LIP_FAPS:
             moves *= 1 - (between * above)[:, None]
         # At an owner's point, along its direction, its own field becomes 1 and all others 0.
-        for owner, (nearest, bump) in around.items():
+        for owner, (nearest, near, bump) in around.items():
             direction = np.array(fap.HEAD_AXES[fap.spec(owner).positive])
             gain = moves[nearest] @ direction
             if owner == number:
                 moves /= gain
             elif number != JAW_FAP:
-                moves -= gain * bump[:, None] * direction
+                moves[near] -= gain * bump * direction
     return fields
 
 

@@ -122,18 +122,17 @@ def above_hairline(angle: Array, y: Array) -> Array:
     return np.asarray((y - line) / np.hypot(1.0, steep))
 
 
-class Scalp:
-    """The bare head of a person as a point cloud for projections."""
-
-    def __init__(self, style: HeadStyle) -> None:
-        angle, y = np.meshgrid(np.linspace(-np.pi, np.pi, 181)[:-1], np.linspace(-60.0, 142.0, 90))
-        self.points, self.normals = position(angle, y, style).reshape(-1, 3), normal(angle, y, style).reshape(-1, 3)
-        self._tree = cKDTree(self.points)
-
-    def under(self, points: Array) -> tuple[Array, Array]:
-        """Project points, (N, 3) mm, onto the scalp: the feet and their normals, (N, 3) each."""
-        distance, near = (np.asarray(result) for result in self._tree.query(points, k=6))
-        weight = (1 / (distance + 0.5) ** 2)[..., None]
-        normals = unit_vectors((self.normals[near] * weight).sum(axis=1))
-        foot = (self.points[near] * weight).sum(axis=1) / weight.sum(axis=1)
-        return points - ((points - foot) * normals).sum(axis=1, keepdims=True) * normals, normals
+def under_hair(points: Array, style: HeadStyle) -> tuple[Array, Array]:
+    """Project points, (..., 3) mm, onto the bare head of a person: the feet and their normals, (..., 3) each."""
+    angle, y = (
+        grid.ravel() for grid in np.meshgrid(np.linspace(-np.pi, np.pi, 181)[:-1], np.linspace(-60.0, 142.0, 90))
+    )
+    scalp = position(angle, y, style)
+    distance, near = (np.asarray(result) for result in cKDTree(scalp).query(points, k=6))
+    weight = (1 / (distance + 0.5) ** 2)[..., None]
+    used, outs = np.zeros(len(scalp), dtype=bool), np.empty_like(scalp)
+    used[near] = True
+    outs[used] = normal(angle[used], y[used], style)
+    normals = unit_vectors((outs[near] * weight).sum(axis=-2))
+    foot = (scalp[near] * weight).sum(axis=-2) / weight.sum(axis=-2)
+    return points - ((points - foot) * normals).sum(axis=-1, keepdims=True) * normals, normals

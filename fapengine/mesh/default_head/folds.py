@@ -19,7 +19,7 @@ from scipy.ndimage import gaussian_filter
 from fapengine._arrays import Array, Indices
 from fapengine.geometry.smooth import smoothstep
 from fapengine.mesh.default_head.mesh_builder import TEXTURE_SIZE, skin_places
-from fapengine.mesh.default_head.painting import grain, painted_radius
+from fapengine.mesh.default_head.painting import grain, painted_radius, where
 from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fapu import Fapu
@@ -132,19 +132,12 @@ def _dimples(x: Array, y: Array) -> Array:
     """(...) mm: the skin of a raised chin, like orange peel."""
     peel = gaussian_filter(grain(x.shape, 41), (4.2, 2.9), mode="nearest")
     spread, dimples = peel.std(), np.zeros(x.shape)
-    at = _where(x, y, -112.0, -16.0, 69.0)  # beyond, there is none
+    at = where(x, y, -112.0, -16.0, 69.0)  # beyond, there is none
     peel = np.clip(peel[at] / spread, -1.5, 2.0)
     # Squared twice: NumPy takes a hundred times as long for the fourth power of a negative number.
     here: Array = np.exp(-(((x[at] / 13.0) ** 2) ** 2) - (((y[at] + 64.0) / 9.0) ** 2) ** 2)
     dimples[at] = 0.15 * peel * here
     return dimples
-
-
-def _where(x: Array, y: Array, low: float, high: float, reach: float) -> tuple[slice, slice]:
-    """Rows and columns of the texels between two heights, and up to a distance from the middle, mm."""
-    rows = np.flatnonzero((y[:, 0] > low) & (y[:, 0] < high))
-    columns = np.flatnonzero(np.abs(x[rows]).min(axis=0) < reach)
-    return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
 
 
 @lru_cache(maxsize=1)
@@ -161,7 +154,7 @@ def fold_map() -> NDArray[np.uint8]:
     x, front = away * np.sin(angle), np.broadcast_to(np.cos(angle) > 0.2, y.shape)
     height, region = np.zeros(y.shape), np.zeros(y.shape)
     for low, high, reach, furrows in FURROWS:
-        at = _where(x, y, low, high, reach)
+        at = where(x, y, low, high, reach)
         for distance, here, half, depth in furrows(x[at], y[at]):
             near = (distance / half) ** 2
             height[at] += depth * here * front[at] * (0.35 * np.exp(-near / 6.0) - np.exp(-near))

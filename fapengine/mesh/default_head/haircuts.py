@@ -20,7 +20,7 @@ from scipy.ndimage import gaussian_filter, gaussian_filter1d, map_coordinates
 from fapengine._arrays import Array
 from fapengine.geometry.smooth import smoothstep
 from fapengine.geometry.surface import unit_vectors
-from fapengine.mesh.default_head.faces import Scalp, hairline, position
+from fapengine.mesh.default_head.faces import hairline, position, under_hair
 from fapengine.mesh.default_head.style import HeadStyle
 from fapengine.mesh.default_head.surface import AXIS_Z_MM
 
@@ -295,7 +295,7 @@ def _grouped(cut: Cut, t: Array) -> Array:
 
 def _on_head(style: HeadStyle, s: Array, shares: Array) -> tuple[Array, Array]:
     """Lines of hair on the scalp: (S, T, 3) mm and outward normals at shares of the way from the parting, (T,)."""
-    scalp, u, side = Scalp(style), np.abs(s), np.where(s < 0, -1.0, 1.0)
+    u, side = np.abs(s), np.where(s < 0, -1.0, 1.0)
 
     def place(degrees: ArrayLike, y: ArrayLike) -> Array:
         return position(np.deg2rad(degrees), np.asarray(y, dtype=np.float64), style)
@@ -308,35 +308,36 @@ def _on_head(style: HeadStyle, s: Array, shares: Array) -> tuple[Array, Array]:
     start = (1 - along) ** 2 * crown + 2 * along * (1 - along) * top + along**2 * first
     bend = place(np.interp(u, BEND_AT, BEND[0]) * side, np.interp(u, BEND_AT, BEND[1]))
     end = place(np.interp(u, (0, 0.5, 1, BEYOND), (180, 118, 67, 54)) * side, np.full(len(s), EARS_MM))
-    edge = smoothstep((1 - u) / 0.22)
-    lines, outs = [], []
-    for share in shares:
-        line = (1 - share) ** 2 * start + 2 * share * (1 - share) * bend + share**2 * end
-        foot, out = scalp.under(np.minimum(line, TOP_MM))
-        angle = np.arctan2(foot[:, 0], foot[:, 2] - AXIS_Z_MM)
-        degrees = np.rad2deg(np.abs(angle))
-        # The first line is near the hairline, and none is below it.
-        least = hairline(angle) + 1.0 - np.interp(np.rad2deg(angle), *FRONT)
-        lowest = np.maximum(hairline(angle) - FRONT_MM[0], FRONT_MM[1] - 40.0 * smoothstep((degrees - 36.0) / 4.0))
-        lowest = np.minimum(least, lowest - 80.0 * smoothstep((degrees - 45.0) / 10.0))
-        least = np.maximum(least - BEYOND_MM * np.clip(u - 1, 0, None), lowest)
-        y = np.maximum(least, foot[:, 1] + smoothstep((u - 0.88) / 0.12) * (least - foot[:, 1]))
-        before = smoothstep((68.0 - degrees) / 10.0)[:, None]
-        foot = foot + before * (position(angle, y, style) - foot)
-        rise = np.interp(share, *RISE) * (0.2 + 0.8 * edge)
-        over_ear = smoothstep((degrees - 58.0) / 18.0) * smoothstep((140.0 - degrees) / 26.0)
-        rise += EAR_MM * over_ear * smoothstep((90.0 - foot[:, 1]) / 50.0) * (0.3 + 0.7 * edge)
-        height = 1.0 + 1.2 * smoothstep((36.0 - degrees) / 20.0) + rise
-        at_left = (1 - edge) * smoothstep((s - 0.8) / 0.2) * smoothstep(share / 0.05) * smoothstep((0.75 - share) / 0.2)
-        lines.append(foot + (height + at_left * (LEFT_EDGE_MM - height))[:, None] * out)
-        outs.append(out)
-    return _even(lines, outs, shares)
+    foot, out = under_hair(np.minimum(_parabola(start, bend, end, shares), TOP_MM), style)
+    s, u, edge = s[:, None], u[:, None], smoothstep((1 - u) / 0.22)[:, None]
+    angle = np.arctan2(foot[..., 0], foot[..., 2] - AXIS_Z_MM)
+    degrees = np.rad2deg(np.abs(angle))
+    # The first line is near the hairline, and none is below it.
+    least = hairline(angle) + 1.0 - np.interp(np.rad2deg(angle), *FRONT)
+    lowest = np.maximum(hairline(angle) - FRONT_MM[0], FRONT_MM[1] - 40.0 * smoothstep((degrees - 36.0) / 4.0))
+    lowest = np.minimum(least, lowest - 80.0 * smoothstep((degrees - 45.0) / 10.0))
+    least = np.maximum(least - BEYOND_MM * np.clip(u - 1, 0, None), lowest)
+    y = np.maximum(least, foot[..., 1] + smoothstep((u - 0.88) / 0.12) * (least - foot[..., 1]))
+    before = smoothstep((68.0 - degrees) / 10.0)[..., None]
+    foot = foot + before * (position(angle, y, style) - foot)
+    rise = np.interp(shares, *RISE) * (0.2 + 0.8 * edge)
+    over_ear = smoothstep((degrees - 58.0) / 18.0) * smoothstep((140.0 - degrees) / 26.0)
+    rise = rise + EAR_MM * over_ear * smoothstep((90.0 - foot[..., 1]) / 50.0) * (0.3 + 0.7 * edge)
+    height = 1.0 + 1.2 * smoothstep((36.0 - degrees) / 20.0) + rise
+    at_left = (1 - edge) * smoothstep((s - 0.8) / 0.2) * smoothstep(shares / 0.05) * smoothstep((0.75 - shares) / 0.2)
+    return _even(foot + (height + at_left * (LEFT_EDGE_MM - height))[..., None] * out, out, shares)
 
 
-def _even(lines: list[Array], outs: list[Array], shares: Array) -> tuple[Array, Array]:
+def _parabola(start: Array, bend: Array, end: Array, shares: Array) -> Array:
+    """(S, T, 3) mm: lines from their starts to their ends, (S, 3) each, at shares of the way, (T,)."""
+    share = shares[:, None]
+    return (1 - share) ** 2 * start[:, None] + 2 * share * (1 - share) * bend[:, None] + share**2 * end[:, None]
+
+
+def _even(lines: Array, outs: Array, shares: Array) -> tuple[Array, Array]:
     """Make steps even along each line, so that no chord of a strand cuts into the forehead: as :func:`_on_head`."""
-    fields = np.concatenate([np.stack(lines, axis=1), np.stack(outs, axis=1)], axis=2)
-    way = np.cumsum(np.linalg.norm(np.diff(fields[..., :3], axis=1, prepend=fields[:, :1, :3]), axis=2), axis=1)
+    fields = np.concatenate([lines, outs], axis=2)
+    way = np.cumsum(np.linalg.norm(np.diff(lines, axis=1, prepend=lines[:, :1]), axis=2), axis=1)
     for line, own in zip(fields, way, strict=True):
         line[:] = np.stack([np.interp(shares * own[-1], own, column) for column in line.T], axis=1)
     return fields[..., :3], unit_vectors(fields[..., 3:], 1e-6)
@@ -344,7 +345,7 @@ def _even(lines: list[Array], outs: list[Array], shares: Array) -> tuple[Array, 
 
 def _from_crown(style: HeadStyle, cut: Cut, s: Array, shares: Array) -> tuple[Array, Array]:
     """Lines of short hair from the crown to their ends, as :func:`_on_head`; those of ``s`` and ``s`` + 2 are one."""
-    scalp, degrees = Scalp(style), (180.0 * (1 - s) + 180.0) % 360.0 - 180.0
+    degrees = (180.0 * (1 - s) + 180.0) % 360.0 - 180.0
     before = (1 - cut.close) * np.exp(-((degrees / SWEPT_DEG) ** 2))
     last = degrees - TO_RIGHT_DEG * before
     most, width, wide = FRINGE_AT_DEG
@@ -358,20 +359,17 @@ def _from_crown(style: HeadStyle, cut: Cut, s: Array, shares: Array) -> tuple[Ar
     end = position(np.deg2rad(last), np.where(np.abs(degrees) < 60.0, np.maximum(low, lowest), low), style)
     bends = np.interp(np.abs(degrees), SHORT_DEG, BENDS_MM)
     bend = position(np.deg2rad(degrees + FROM_LEFT_DEG * before), bends, style)
-    lines, outs = [], []
-    for share in shares:
-        line = (1 - share) ** 2 * np.array(CROWN_MM) + 2 * share * (1 - share) * bend + share**2 * end
-        foot, out = scalp.under(np.minimum(line, TOP_MM))
-        angle = np.arctan2(foot[:, 0], foot[:, 2] - AXIS_Z_MM)
-        on_face = smoothstep((68.0 - np.rad2deg(np.abs(angle))) / 10.0)[:, None]
-        foot = foot + on_face * (position(angle, foot[:, 1], style) - foot)
-        now = np.abs(degrees + share * (last - degrees))
-        front, side = np.exp(-((now / SWEPT_DEG) ** 2)), np.exp(-(((now - SIDES_DEG) / SIDES_WIDE_DEG) ** 2))
-        parts = np.stack([front, side, np.maximum(1 - front - side, 0.0)])
-        rise = np.array([np.interp(share, SHORT_AT, part) for part in SHORT_RISE]) @ (parts / parts.sum(axis=0))
-        lines.append(foot + (1.0 + (1 - cut.close) * rise)[:, None] * out)
-        outs.append(out)
-    return _even(lines, outs, shares)
+    lines = _parabola(np.broadcast_to(CROWN_MM, end.shape), bend, end, shares)
+    foot, out = under_hair(np.minimum(lines, TOP_MM), style)
+    angle = np.arctan2(foot[..., 0], foot[..., 2] - AXIS_Z_MM)
+    on_face = smoothstep((68.0 - np.rad2deg(np.abs(angle))) / 10.0)[..., None]
+    foot = foot + on_face * (position(angle, foot[..., 1], style) - foot)
+    now = np.abs(degrees[:, None] + shares * (last - degrees)[:, None])
+    front, side = np.exp(-((now / SWEPT_DEG) ** 2)), np.exp(-(((now - SIDES_DEG) / SIDES_WIDE_DEG) ** 2))
+    parts = np.stack([front, side, np.maximum(1 - front - side, 0.0)])
+    rises = np.stack([np.interp(shares, SHORT_AT, part) for part in SHORT_RISE])[:, None]
+    rise = (rises * (parts / parts.sum(axis=0))).sum(axis=0)
+    return _even(foot + (1.0 + (1 - cut.close) * rise)[..., None] * out, out, shares)
 
 
 def _hanging(cut: Cut, s: Array, shares: Array, ears: Array, flat: Array) -> Array:

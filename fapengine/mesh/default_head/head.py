@@ -272,9 +272,6 @@ def _light_lids(
     length = np.array([max(each.stop - each.start, 0.0) if each.fap in UPPER_LIDS else 0.0 for each in basis.channels])
     closing = length > 0
     owner = basis.entry_vertices
-    shut = points + basis.displacement(length)
-    lit = average_over_mesh(ambient_light(shut, vertex_normals(shut, triangles)), links, 2)
-    lit += DOME_LIT * (1 - lit)
     folded = np.concatenate([eye.lids.indices[eye.lids.level < LID_FOLDS_AT].ravel() for eye in head.eyes])
     of_lid = closing[basis.entry_channels] & np.isin(owner, folded)
     lids = np.zeros(len(points), dtype=bool)
@@ -290,6 +287,12 @@ def _light_lids(
         lids[owner[plain & np.isin(owner, above)]] = True
     of_lid = closing[basis.entry_channels] & lids[owner]
     whole = sum(length[[channel.fap == UPPER_LIDS[0] for channel in basis.channels]])
+    # Their light when shut, averaged over two rounds, so two rings around them are needed.
+    near = np.flatnonzero(average_over_mesh(lids.astype(float), links, 2))
+    shut, lit = points + basis.displacement(length), np.zeros(len(points))
+    lit[near] = ambient_light(shut, vertex_normals(shut, triangles), near)
+    lit = average_over_mesh(lit, links, 2)
+    lit += DOME_LIT * (1 - lit)
     change = share * (np.maximum(lit, SHUT_LID) - occlusion) / whole
     shades[lids[owner]] = 0.0
     shades[of_lid] = change[owner[of_lid]]

@@ -26,6 +26,8 @@ WING_CREASE = 0.2
 """Shade in the crease around a wing of the nose."""
 FADE_MM = 13.0
 """Height over which skin at the hairline takes on the hair's colour."""
+ROOTS_FROM_MM = 0.0
+"""Height below which no skin of the texture is at the hairline or a brow."""
 LARGE = 20.0
 """Size of spots in texels from which filtering by Fourier transforms takes less time."""
 CUT = 2.5
@@ -119,6 +121,13 @@ def _strands(shape: tuple[int, int], style: HeadStyle) -> Array:
     return np.clip(0.70 + contrast * from_parting * np.where(shine < 0, 0.6, 1.0) * shine, 0.5, 1.0)
 
 
+def where(x: Array, y: Array, low: float, high: float, reach: float) -> tuple[slice, slice]:
+    """Rows and columns of the texels between two heights, and up to a distance from the middle, mm."""
+    rows = np.flatnonzero((y[:, 0] > low) & (y[:, 0] < high))
+    columns = np.flatnonzero(np.abs(x[rows]).min(axis=0) < reach)
+    return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+
+
 def painted_radius(angle: Array, y: Array, style: HeadStyle, step: int) -> Array:
     """(H, W) mm: distance of the skin from the axis at texels, from every ``step``-th one, softened."""
     coarse = radius(angle[::step, ::step], y[::step, ::step], style)
@@ -136,7 +145,8 @@ def _skin(style: HeadStyle) -> Array:
     mottle = 0.014 * _cloud(shape, 1, 2.2) + 0.014 * _cloud(shape, 2, 8.0) + 0.018 * _cloud(shape, 3, 28.0)
     # At the borders the texture continues as one colour, and a closing lid would draw spots out to streaks.
     within = smoothstep((y[:, :1] - BOTTOM_MM) / 12.0) * smoothstep((SPAN_RAD - np.abs(angle)) / 0.15)
-    within = within * (1 - _lids(x, y, front, style))
+    eyes_here = where(x, y, 18.0, 60.0, 60.0)
+    within[eyes_here] *= 1 - _lids(x[eyes_here], y[eyes_here], front[eyes_here], style)
     mottle = 0.03 + within * mottle
     fine = 0.022 * within * np.clip(_cloud(shape, 4, 0.7), -2, 2)
     freckles = _freckles(x, y, style)
@@ -150,15 +160,14 @@ def _skin(style: HeadStyle) -> Array:
         here = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
         light[:, *here] *= np.moveaxis(part(x[here], y[here], front[here], style), -1, 0)
     _hairs(light, x, y, angle, front, style)
-    rows = np.flatnonzero((y[:, 0] > -50.0) & (y[:, 0] < 54.0))  # beyond, what follows is 0
-    nose = slice(rows[0], rows[-1] + 1)
+    nose = where(x, y, -50.0, 54.0, 35.0)  # beyond, what follows is 0
     x, y = x[nose], y[nose]
     hole = nostril(x, y, style.nose_width) * front[nose]
     across = np.abs(x) / style.nose_width
     wing = np.hypot((across - 12.4) / 6.6, (y - 2.0) / 9.0)
     crease = np.exp(-(((wing - 1.0) / 0.16) ** 2)) * smoothstep((across - 13.5) / 4.0) * front[nose]
-    _remove(light[:, nose], WING_CREASE * crease, BLOOD)
-    light[:, nose] *= 1 - 0.5 * hole
+    _remove(light[:, *nose], WING_CREASE * crease, BLOOD)
+    light[:, *nose] *= 1 - 0.5 * hole
     return light
 
 
@@ -243,6 +252,9 @@ def _hairs(light: Array, x: Array, y: Array, angle: Array, front: Mask, style: H
     hair_tint = np.clip(np.array(HAIR_COLOURS[style.hair_colour]) / light_skin, 0, 1)
     brow_tint = np.clip(brow_colour(style.hair_colour) / light_skin, 0, 1)
     shape = (y.shape[0], y.shape[1])
+    # Below, only a beard has hairs.
+    rows = slice(0 if style.beard else int(np.searchsorted(y[:, 0], ROOTS_FROM_MM)), None)
+    x, y, front = x[rows], y[rows], front[rows]
     middle, half = parts.brow_line(np.linspace(0, 1, 101), style)
     reach = 2.0 * max(half.max(), 0.5)  # beyond, a brow has no hairs
     near = (y[:, 0] > middle[:, 1].min() - reach) & (y[:, 0] < middle[:, 1].max() + reach)
@@ -251,20 +263,20 @@ def _hairs(light: Array, x: Array, y: Array, angle: Array, front: Mask, style: H
     off = y[near] - np.interp(across, middle[:, 0], middle[:, 1])
     off /= np.maximum(np.interp(across, middle[:, 0], half), 0.5)
     ends = smoothstep((across - middle[0, 0] + 1.5) / 9.5) * smoothstep((middle[-1, 0] + 0.5 - across) / 10.0)
-    ragged = off + 0.05 * _mirrored(_cloud(shape, 21, (2.0, 0.9)))[near]
+    ragged = off + 0.05 * _mirrored(_cloud(shape, 21, (2.0, 0.9))[rows][near])
     brow = smoothstep((1.25 - np.abs(ragged)) / 0.85) * ends * front[near]
     brow *= np.interp(share, (0, 0.25, 1), (0.70, 0.94, 0.90))
-    brow *= np.clip(0.96 + 0.05 * _mirrored(_cloud(shape, 22, (1.0, 0.8)))[near], 0, 1)
+    brow *= np.clip(0.96 + 0.05 * _mirrored(_cloud(shape, 22, (1.0, 0.8))[rows][near]), 0, 1)
     bearded = root = np.zeros(())
     if style.beard:
         bearded = (
             style.beard * _bearded(x, y, angle, style) * (0.86 + 0.14 * np.clip(_cloud(shape, 24, (2.2, 0.7)), -2, 1))
         )
     if style.hair:
-        depth = above_hairline(angle, y) / FADE_MM + 0.06 * _cloud(shape, 23, (5.0, 0.9))
+        depth = above_hairline(angle, y) / FADE_MM + 0.06 * _cloud(shape, 23, (5.0, 0.9))[rows]
         root = 0.93 * smoothstep((depth + 0.25) / 1.3)
-    for plane, of_brow, of_hair in zip(light, 1 - brow_tint, 1 - hair_tint, strict=True):
-        left = np.ones(shape)
+    for plane, of_brow, of_hair in zip(light[:, rows], 1 - brow_tint, 1 - hair_tint, strict=True):
+        left = np.ones(y.shape)
         left[near] -= brow * of_brow
         left *= 1 - bearded * of_brow
         plane *= np.minimum(left, 1 - root * of_hair)

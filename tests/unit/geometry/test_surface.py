@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fapengine.errors import UsageError
-from fapengine.geometry.surface import Surface, vertex_normals
+from fapengine.geometry.surface import Surface, ambient_light, vertex_normals
 
 
 def hill(count=21, size=100.0):
@@ -88,3 +88,14 @@ def test_values_are_carried_linearly():
     surface = Surface(vertices, triangles)
     places = surface.closest(points)[0]
     np.testing.assert_allclose(surface.carry(values, points), places[:, :2] / [100, 50], atol=1e-9)
+
+
+def test_some_vertices_get_the_same_ambient_light_as_with_all_others():
+    vertices, triangles = hill(81)
+    vertices = np.concatenate([vertices, vertices + [0, 0, 40.0]])  # the upper sheet shades the lower one
+    normals = vertex_normals(vertices, np.concatenate([triangles, triangles + len(vertices) // 2]))
+    light = ambient_light(vertices, normals)
+    chosen = np.arange(3, len(vertices), 7)
+    np.testing.assert_allclose(ambient_light(vertices, normals, chosen), light[chosen], atol=1e-12)
+    lower, upper = np.split(light, 2)
+    assert upper.mean() > 2 * lower.mean()

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion, binary_fill_holes, uniform_filter1d
 
-from fapengine.mesh.default_head.faces import Scalp, hairline
+from fapengine.mesh.default_head.faces import hairline, under_hair
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.default_head.mesh_builder import MeshBuilder
 from fapengine.mesh.default_head.strands import build_strands
@@ -46,7 +46,7 @@ def test_the_front_edge_covers_the_hairline_and_is_on_the_skin(haircut: str) -> 
     for middle in np.arange(-35.0, 36.0, 5.0):
         near = points[np.abs(degrees - middle) < 5.0]
         edge = near[[near[:, 1].argmin()]]
-        foot, out = Scalp(style).under(edge)
+        foot, out = under_hair(edge, style)
         assert -25.0 < edge[0, 1] - hairline(np.deg2rad(middle)) < 0.0, middle
         assert -1.5 < ((edge - foot) * out).sum() < 10.0, middle  # mm; locks of a fringe are lifted
 
