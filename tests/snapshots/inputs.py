@@ -48,11 +48,16 @@ MADE = (
 """Commands that make the other inputs, one of the other."""
 
 
-def make_inputs(folder: Path) -> None:
-    """Write all inputs into a folder."""
+def write_texts(folder: Path) -> None:
+    """Write those that are spelled here into a folder."""
     for name, text in _texts().items():
         (folder / name).parent.mkdir(exist_ok=True)
         (folder / name).write_text(text, encoding="utf-8")
+
+
+def make_inputs(folder: Path) -> None:
+    """Write all inputs into a folder."""
+    write_texts(folder)
     for path in sorted((TESTS / "fuzz" / "corpus").iterdir()):
         (folder / path.name).write_bytes(path.read_bytes())
     (folder / "gltf_transform.glb").write_bytes((TESTS / "vectors" / "gltf" / "gltf_transform.glb").read_bytes())

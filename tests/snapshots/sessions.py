@@ -30,6 +30,10 @@ from tests.snapshots.digests import DIGITS, NUMBER, rounded
 
 FOLDER = Path(__file__).with_name("sessions")
 DIGESTS = FOLDER / "digests.txt"
+VOICED = ("client-tells-words", "page-that-plays", "words-and-marks")
+"""Conversations with a voice, which may speak a little differently the second time in one process; the others are
+tests of the engine.
+"""
 RATE_HZ = 60
 START_S = 1000.0
 """Engine time of the beginning."""

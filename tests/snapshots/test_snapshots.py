@@ -63,6 +63,6 @@ def test_a_job_makes_what_it_made(job: jobs.Job, fresh: Fresh, inputs: Path, tmp
     assert ", ".join(result.keys) == KEYS.get(job.name, "")
 
 
-@pytest.mark.parametrize("name", CONVERSATIONS)
+@pytest.mark.parametrize("name", sessions.VOICED)
 def test_a_face_moves_as_it_moved(name: str, fresh: Fresh) -> None:
     assert fresh.call(sessions.replay, name) == REPLAYED[name]

@@ -174,6 +174,23 @@ def test_texts_that_are_none(name: str, text: str, message: str) -> None:
         read(text, name)
 
 
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [
+        ("moho", "11 rest", "{} rest"),
+        ("papagayo", "my.wav\n10\n10", "my.wav\n10\n{}"),
+        ("papagayo", "\t5 AI", "\t{} AI"),
+    ],
+)
+def test_frames_have_nine_digits_at_most(name: str, old: str, new: str) -> None:
+    assert old in SAMPLES[name]
+    wishes = {"columns": "fps=10"} if name == "moho" else {}
+    with pytest.raises(DataError, match="expected at most"):  # it is read, and very long
+        read(SAMPLES[name].replace(old, new.format(10**9 - 1)), name, **wishes)
+    with pytest.raises(DataError, match=r"got '1000000000.*expected a (frame|count)"):
+        read(SAMPLES[name].replace(old, new.format(10**9)), name, **wishes)
+
+
 def test_papagayo_with_two_voices() -> None:
     voice = SAMPLES["papagayo"].split("\n1\n", 1)[1]
     two = SAMPLES["papagayo"].replace("\n1\n", "\n2\n", 1) + voice.replace("Voice 1", "Voice 2").replace("MBP", "FV")
