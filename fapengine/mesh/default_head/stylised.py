@@ -23,7 +23,7 @@ from fapengine.mesh.default_head.style import OVER_EARS, HeadStyle
 LARGER_EYES, APART_MM = 0.60, 3.8
 """Growth of the eyes, and how far each moves outwards, at charm 1."""
 MAX_CHARM = 0.7
-"""Charm beyond which eyes, nose and throat stay as they are: skin between larger eyes would fold."""
+"""Charm beyond which eyes, their rim, nose and throat stay as they are: skin between larger eyes would fold."""
 DEEPER = 0.6
 """Fraction of a ball's growth by which it moves back into the head."""
 NEAR_MM, FAR_MM = 24.0, 70.0
@@ -118,9 +118,9 @@ def _with_face(points: Array, charm: float, childlike: float) -> Array:
     moved[:, 2] += charm * (1.5 - 1.0 * childlike) * cheeks
     # The rim of the orbit: in three-quarter view there is skin between the far eye and the contour.
     rim = smoothstep((np.abs(x) - 42.0) / 12.0) * _faded(np.abs(x), 50.0, 80.0) * smoothstep((z - 15.0) / 60.0)
-    rim *= np.exp(-(((y - 38.0) / np.where(y > 38.0, 28.0, 22.0)) ** 2))
-    moved[:, 0] += charm * 2.5 * rim * np.sign(x)
-    moved[:, 2] += charm * 10.5 * rim
+    rim *= min(charm, MAX_CHARM) * np.exp(-(((y - 38.0) / np.where(y > 38.0, 28.0, 22.0)) ** 2))
+    moved[:, 0] += 2.5 * rim * np.sign(x)
+    moved[:, 2] += 10.5 * rim
     # Full cheeks beside the mouth, down to a round jaw.
     full = np.exp(-(((y + 58.0) / 28.0) ** 2) - ((z - 68.0) / 32.0) ** 2) * smoothstep((np.abs(x) - 18.0) / 30.0)
     moved[:, 0] += charm * (5.0 - 2.0 * childlike) * full * np.sign(x)

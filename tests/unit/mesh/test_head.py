@@ -156,6 +156,21 @@ def test_lids_close_fully_and_lie_on_the_ball(head: FaceMesh) -> None:
     assert np.allclose(closed[other], head.vertices_mm[other], atol=1e-4)
 
 
+def test_a_closed_lid_is_a_dome_below_a_furrow(head: FaceMesh) -> None:
+    off = deform(head, frame(close_t_l_eyelid=1024)) - head.eye_pivots_mm[0]
+    lid = (head.material == Material.SKIN) & (np.abs(off[:, 0]) < 4) & (off[:, 2] > 10)
+    height, elevation = np.linalg.norm(off[lid, 1:], axis=1), np.rad2deg(np.arctan2(off[lid, 1], off[lid, 2]))
+    dome, furrow = height[np.abs(elevation) < 8], height[np.abs(elevation - 20) < 6]
+    assert dome.min() > furrow.min() + 0.5  # mm
+
+
+def test_skin_stands_beside_the_far_eye_in_three_quarter_view(head: FaceMesh) -> None:
+    to_contour = np.array([np.cos(np.deg2rad(35)), 0.0, np.sin(np.deg2rad(35))])
+    corner = head.point_mm("3.7")
+    level = (head.material == Material.SKIN) & (np.abs(head.vertices_mm[:, 1] - corner[1]) < 3)
+    assert (head.vertices_mm[level] @ to_contour).max() > corner @ to_contour + 2  # mm
+
+
 def test_mirrored_faps_mirror_the_face(head: FaceMesh) -> None:
     pairs = [(number, number + 1) for number in (6, 8, 10, 12, 19, 21, 31, 33, 35, 37, 39, 53, 55, 57, 59)]
     for left, right in pairs:
