@@ -34,6 +34,7 @@ from fapengine.retarget.rig_weights import GAZE, Choice, choose_blendshapes
 
 WANTED_POINTS = "feature points 8.1 to 8.4 and 2.1, better also 2.2, 2.3, 3.1 to 3.6, 9.3 and 9.15"
 """What a mesh without blendshapes needs, and what it needs for lids that close."""
+SHAPELESS = "no blendshapes: a blink may leave gaps at the corners; complete=True makes shapes from the built-in head"
 
 
 def import_head_file(
@@ -100,6 +101,8 @@ def _with_lips(
         return head_of_bones(mesh, standard, choice.jaw[0], blinks), choice
     if complete:
         mesh, choice = _completed(mesh, choice, vertices, standard)
+    elif not mesh.blendshapes:
+        mesh = replace(mesh, notes=(*mesh.notes, SHAPELESS))
     return import_head(mesh, choice.blended, vertices, standard, choice.own_faps), choice
 
 

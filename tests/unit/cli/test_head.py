@@ -14,11 +14,9 @@ import numpy as np
 import pytest
 import trimesh
 from PIL import Image
-from typer.testing import CliRunner
 
 from fapengine.app import head_check
 from fapengine.app.head_check import poses
-from fapengine.cli.main import app
 from fapengine.errors import DataError, ProfileError, ResourceError, UnsupportedError, UsageError
 from fapengine.files.heads import meshes
 from fapengine.files.heads.import_file import import_head_file
@@ -30,19 +28,12 @@ from fapengine.mesh.default_head.style import MEASURED
 from fapengine.mesh.face_mesh import Material
 from fapengine.mesh.rig.blendshape_mesh import Blendshape
 from fapengine.mpeg4.track import FapTrack
+from tests.command import ran as run
 from tests.unit.files.glb import Builder, square, write_rig
 from tests.unit.mesh.rigs import own_rig
 
 LEVEL = "coarse"
 """Of heads that are brought: few vertices, all feature points."""
-
-
-def run(*arguments: object):
-    result = CliRunner().invoke(app, [*map(str, arguments)])
-    if result.exception is not None and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    assert result.exit_code == 0, result.output
-    return result
 
 
 @pytest.fixture(scope="module")
@@ -355,7 +346,9 @@ def test_a_head_of_ours_has_a_coarser_level(imported):
 
 
 def test_points_may_be_places(brought, imported, tmp_path):
-    run("head", "import", brought / "face.ply", "--points", brought / "places.csv", "-o", tmp_path / "h")
+    options = ("--points", brought / "places.csv", "-o", tmp_path / "h", "--json")
+    found = json.loads(run("head", "import", brought / "face.ply", *options).stdout)
+    assert [note for note in found["notes"] if "complete=True makes shapes from the built-in head" in note]
     one, other = load_head(str(imported)), load_head(str(tmp_path / "h"))
     for name in one.feature_points:
         np.testing.assert_allclose(one.point_mm(name), other.point_mm(name), atol=0.01)
