@@ -39,6 +39,6 @@ def find_kind(source: Source) -> FileKind:
     if other := find_other(source.data):
         raise UnsupportedError(f"{source.path}: got {other}")
     raise UnsupportedError(
-        f"{source.path}: got {source.data[:4].hex(' ')}, expected {', '.join(kind.name for kind in FILE_KINDS)}",
+        f"{source.path}: got {source.data[:20]!r}, expected {', '.join(kind.name for kind in FILE_KINDS)}",
         where="byte 0",
     )

@@ -32,7 +32,9 @@ OTHER_FILES = {
     b"; FBX": "FBX, expected a file that was exported as .glb, by Blender for example",
     b"BLENDER": "a project of Blender, expected a file that it exported as .glb",
     b"PK\x03\x04": "a ZIP archive, expected the file in it",
-    b"<": "a web page or XML, expected the file that a link leads to",
+    b"#usda": "USD, expected a file that was exported as .glb, by Blender for example",
+    b"PXR-USDC": "USD, expected a file that was exported as .glb, by Blender for example",
+    b"<": "a web page, or XML of a kind that is not read here; expected the file that a link leads to",
 }
 """Files that are often given by mistake: first bytes, and what the error says."""
 

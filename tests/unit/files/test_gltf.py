@@ -544,6 +544,7 @@ def test_numbers_that_are_none() -> None:
         (b"Kaydara FBX Binary  \0", "got FBX, .* exported as .glb"),
         (b"PK\x03\x04", "a ZIP archive"),
         (b"\n<!doctype html>", "a web page"),
+        (b"PXR-USDC\0\x08", "got USD, .* exported as .glb"),
     ],
 )  # fmt: skip
 def test_files_with_another_content_are_named(data: bytes, message: str) -> None:
