@@ -16,9 +16,11 @@ export function restShare(text) {
 
 // FAPs within their limits, with the pose at rest added (fapengine/mesh/deform.py): (68,). Of /setup.json, rest is rows
 // of values, FAPs to which they yield, and the limit of these; smile is rows of the FAP of a lip corner, where it begins
-// and ends to act, and the values that it adds; limits is rows of a FAP and the most that is drawn; lids
-// is rows of the FAPs of an upper and a lower lid, and their sum at which they meet.
-export function withRest(faps, { rest, smile, limits, lids }, share, rested = new Float64Array(faps.length)) {
+// and ends to act, and the values that it adds; lips is rows of the FAPs of an upper and a lower lip, inner and then
+// outer; parted is how much farther a smile parts them, as a fraction of their opening, the opening where that is 0, and
+// the upper lip's share; limits is rows of a FAP and the most that is drawn; lids is rows of the FAPs of an upper and a
+// lower lid, and their sum at which they meet.
+export function withRest(faps, { rest, smile, lips, parted, limits, lids }, share, rested = new Float64Array(faps.length)) {
   rested.set(faps);
   for (const [number, limit] of limits) rested[number - 1] = clamp(fapOf(faps, number), -limit, limit);
   for (const [values, yieldsTo, limit] of share ? rest : []) {
@@ -26,9 +28,18 @@ export function withRest(faps, { rest, smile, limits, lids }, share, rested = ne
     const left = share * (1 - moved ** 3 * (10 + moved * (6 * moved - 15)));
     for (const [number, value] of values) rested[number - 1] += left * value;
   }
+  let smiles = 0;
   for (const [corner, start, stop, values] of share ? smile : []) {
     const smiling = share * clamp((fapOf(faps, corner) - start) / (stop - start), 0, 1);
+    smiles += smiling / smile.length;
     for (const [number, value] of values) rested[number - 1] += smiling * value;
+  }
+  const [fraction, limit, upperShare] = parted;
+  for (const [upper, lower, upperOuter, lowerOuter] of share ? lips : []) {
+    const opening = clamp(-fapOf(faps, upper) - fapOf(faps, lower), 0, limit);
+    const added = fraction * smiles * opening * (1 - opening / limit);
+    for (const number of [upper, upperOuter]) rested[number - 1] -= upperShare * added;
+    for (const number of [lower, lowerOuter]) rested[number - 1] -= (1 - upperShare) * added;
   }
   for (const [upper, lower, shut] of lids) {
     rested[lower - 1] = Math.min(rested[lower - 1], Math.max(shut - rested[upper - 1], 0));

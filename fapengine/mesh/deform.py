@@ -5,7 +5,8 @@ The renderer uses :func:`channel_weights` and :func:`bone_transforms` and does t
 The pose at rest, for display only (:func:`with_rest`): lids over the iris and a slight smile; and limits of what is
 drawn. The standard's neutral face shows the whole iris and a level mouth, which looks like a stare. This pose is added
 to FAPs before they are drawn, on any head, and never sent or written. Each value fades where the face does something
-itself: lids as they move, the smile as the mouth or the brows show an expression. Eyes smile with raised lip corners.
+itself: lids as they move, the smile as the mouth or the brows show an expression. Eyes smile with raised lip corners,
+and lips that smile part farther.
 """
 
 from dataclasses import dataclass
@@ -160,12 +161,15 @@ RESTING = (
 )
 SMILE_FAPU = (60.0, 380.0)
 """FAPU of a lip corner over which its eye smiles, too."""
-SMILING = (
-    (12, {19: -60.0, 21: 85.0, 31: 20.0, 33: 40.0, 35: 60.0}),
-    (13, {20: -60.0, 22: 85.0, 32: 20.0, 34: 40.0, 36: 60.0}),
-)
-"""FAP of each lip corner, and what a whole smile adds to FAPs of its eye and brow: the lower lid rises, the upper lid
-yields a little, and the brow rises, most at its outer end. A smile of mouth and cheeks alone left the eyes cold.
+SMILING = ((12, {19: -60.0, 21: 85.0}), (13, {20: -60.0, 22: 85.0}))
+"""FAP of each lip corner, and what a whole smile adds to FAPs of its eye: the lower lid rises, and the upper lid yields
+a little. A smile of mouth and cheeks alone left the eyes cold; one that raised the brows wrinkled the forehead.
+"""
+LIPS = ((4, 5, 51, 52), (8, 10, 55, 57), (9, 11, 56, 58))
+"""FAPs of upper and lower lip, of their inner and then their outer contour: middle, and left and right of it."""
+PARTED, PARTED_FAPU, UPPER_SHARE = 0.7, 700.0, 0.4
+"""How much farther a whole smile parts lips, as a fraction of the opening between them; the opening to which that
+falls to 0, FAPU; and the upper lip's share: the upper teeth are seen up to their necks. Shut lips stay shut.
 """
 LIMITS = dict.fromkeys((27, 28), 20.0) | dict.fromkeys((39, 40, 65, 66), 200.0) | dict.fromkeys((67, 68), 150.0)
 LIMITS |= dict.fromkeys((61, 62), 120.0) | dict.fromkeys((63, 64), 100.0) | dict.fromkeys((21, 22), 400.0)
@@ -197,11 +201,21 @@ def with_rest(faps: ArrayLike, share: float) -> Array:
         columns = fap.columns(*values)
         left = share * (1 - smoothstep(moved / limit))
         rested[..., columns] += left[..., None] * np.array([*values.values()])
-    start, stop = SMILE_FAPU
     for corner, values in SMILING if share else ():
-        smile = share * np.clip((given[..., fap.column(corner)] - start) / (stop - start), 0, 1)
-        rested[..., fap.columns(*values)] += smile[..., None] * np.array([*values.values()])
+        rested[..., fap.columns(*values)] += share * _smile(given, corner) * np.array([*values.values()])
+    smile = _smile(given, *(corner for corner, _ in SMILING)).mean(axis=-1)
+    for upper, lower, upper_outer, lower_outer in LIPS if share else ():
+        opening = np.clip(-given[..., fap.columns(upper, lower)].sum(axis=-1), 0.0, PARTED_FAPU)
+        added = (share * PARTED * smile * opening * (1 - opening / PARTED_FAPU))[..., None]
+        rested[..., fap.columns(upper, upper_outer)] -= UPPER_SHARE * added
+        rested[..., fap.columns(lower, lower_outer)] -= (1 - UPPER_SHARE) * added
     for upper, lower, shut in LIDS:
         room = np.maximum(shut - rested[..., fap.column(upper)], 0.0)
         rested[..., fap.column(lower)] = np.minimum(rested[..., fap.column(lower)], room)
     return rested
+
+
+def _smile(faps: Array, *corners: int) -> Array:
+    """(..., N): fraction, 0..1, of a whole smile that the FAPs of lip corners show."""
+    start, stop = SMILE_FAPU
+    return np.clip((faps[..., fap.columns(*corners)] - start) / (stop - start), 0.0, 1.0)

@@ -52,12 +52,16 @@ OUTER_WITH_INNER = 0.6
 """Fraction by which the outer contour beside a corner is lifted by the FAP of the inner corner instead of its own, so
 that neither corner, lifted alone, is a hook; at the outer corner it is 0.
 """
-SMILE_TEETH_FAPU, TEETH_FALL_MM = (100.0, 330.0), (0.4, 4.5)
+SMILE_TEETH_FAPU, TEETH_FALL_MM = (100.0, 330.0), (2.4, 7.0)
 """FAPU of both corners over which the upper and the lower teeth come down, and how far: a smile shows the upper ones
 alone, with a dark gap between their edges and the lip, but films of speech show both.
 """
 SMILE_CURVE = 0.0044
 """Rise of the upper teeth in a smile, 1/mm of their distance from the middle squared: they follow the lower lip."""
+HIDDEN_TEETH_FAPU, HIDDEN_TEETH_MM = (390.0, 500.0), 1.6
+"""FAPU of the jaw over which the upper teeth move up behind their lip, and how far: of their tips, which a wide open
+mouth showed below it, one saw white dashes.
+"""
 THROAT_FAPU = (340.0, 560.0)
 """FAPU of the jaw over which the throat becomes dark: from the widest vowels on."""
 BACK_BY_STRETCH = dict.fromkeys((6, 7, 53, 54), 0.5)
@@ -66,12 +70,16 @@ ROLL_OUT = 0.28
 """Pushed lips roll out: their outer edge and the skin around it move this fraction less than the inner edge. If all
 moved alike, u would look like a beak.
 """
-PURSE_FAPU, PURSE_MM, PURSE_OUT_MM, PURSE_FORWARD_MM = (200.0, 550.0), 3.0, 2.4, 4.8
-"""FAPU of a lower lip pushed forward over which lips purse, as in u: how far their corners come in, how much thicker
-lips become near them, and how far lips come forward, the corners 1.5 times as far.
-So the outline is round, and closed lips stay closed.
+PURSE_FAPU, PURSE_MM, PURSE_FORWARD_MM, PURSE_BACK_MM = (200.0, 550.0), 3.0, 4.8, 3.0
+"""FAPU of a lower lip pushed forward over which lips purse, as in u: how far their corners come in; how far lips come
+forward, the corners 1.5 times as far; and how far their middle stays back. So the outline is round and no beak, and
+closed lips stay closed.
 """
-PURSED_BOW_MM = 1.6
+PURSE_OUT = ((2.0, 1.6), (1.8, 3.0))
+"""How much thicker the upper and the lower lip become between middle and corners, mm; and a power that says where: the
+higher, the nearer to the corners.
+"""
+PURSED_BOW_MM = 2.3
 """How far the peaks of the upper lip's bow come down: pursed, they were the corners of a beak."""
 PURSED_CHEEK_MM = np.array([46.0, 36.0])
 """How far beyond and above pursed corners the skin follows them: skin that stayed was a crease beside them."""
@@ -182,6 +190,9 @@ def build_basis(
             curve = SMILE_CURVE * points[row, 0] ** 2 if teeth is head.upper_teeth else 0.0 * points[row, 0]
             fall = (curve - way)[:, None] * [0.0, 0.5 / (stop - start), 0.0]
             collector.add(Channel(number, start, stop), row, fall)
+    row = head.upper_teeth.ravel()
+    up = np.array([0.0, HIDDEN_TEETH_MM / np.ptp(HIDDEN_TEETH_FAPU), 0.0])
+    collector.add(Channel(JAW_FAP, *HIDDEN_TEETH_FAPU), row, np.broadcast_to(up, (len(row), 3)))
     collector.add_shade(Channel(JAW_FAP, *THROAT_FAPU), throat(head))
     chin = points[feature_points[fap.spec(JAW_FAP).point]]
     jaw_weight = _jaw_weight(points, head, skin, fields[JAW_FAP], chin)
@@ -261,7 +272,8 @@ def _lips(head: HeadParts, linear: Linear, collector: BasisCollector) -> None:
     arch = (ARCH_MM / (ARCH_FAPU[1] - ARCH_FAPU[0]) * 4 * bent * (1 - bent) * both * on_upper)[..., None]
     collector.add(Channel(JAW_FAP, *ARCH_FAPU), vertices, (arch * [0.0, 1.0, 0.0]).reshape(-1, 3)[unique])
     pursed = _pursed(t) * both[..., None]
-    pursed[..., 1] = PURSE_OUT_MM * 4 * t**4 * (1 - t**4) * np.where(upper, outer, -outer)
+    above, below = (mm * 4 * np.abs(t) ** power * (1 - np.abs(t) ** power) for mm, power in PURSE_OUT)
+    pursed[..., 1] = np.where(upper, above, -below) * outer
     beside = np.clip(np.abs(t) / HALF_WAY, 0, 1)
     pursed[..., 1] -= PURSED_BOW_MM * 16 * (beside * (1 - beside)) ** 2 * outer * upper
     whole = PURSE_FAPU[1] - PURSE_FAPU[0]
@@ -280,7 +292,7 @@ def _pursed(t: Array) -> Array:
         [
             -PURSE_MM * t,
             np.zeros_like(t),
-            PURSE_FORWARD_MM * t**2 * (2.4 - 0.9 * t**2),
+            PURSE_FORWARD_MM * t**2 * (2.4 - 0.9 * t**2) - PURSE_BACK_MM * (1 - t**2),
         ],
         axis=-1,
     )

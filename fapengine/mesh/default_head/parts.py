@@ -46,16 +46,21 @@ ROUND_TOOTH = 0.16
 """Slope of the light on a tooth beside its gaps."""
 IN_SHADE = np.array([1.0, 1.1, 1.3])
 """Powers of the shade of teeth in red, green and blue: what light is left there has been reflected by lips."""
-DARK_BACK_MM, DARK_BACK = (6.0, 25.0), np.array([0.62, 0.69, 0.71])
-"""Distances along the arch over which teeth become darker, away from the opening, and by what fraction of red, green
-and blue: the light there comes from gums and cheeks.
+DARK_UPPER, DARK_LOWER = ((6.0, 25.0), np.array([0.62, 0.69, 0.71])), ((6.0, 17.0), np.array([0.88, 0.92, 0.92]))
+"""Distances along the arch over which teeth become darker, away from the opening, mm, and by what fraction of red,
+green and blue: the light there comes from gums and cheeks. Lower teeth soon lie in the dark.
 """
+LOWER_FALL = 0.12
+"""Slope of lower teeth downwards to the back: turned with an open jaw, they would stand up there as a stub."""
+UPPER_ARCH_MM, LOWER_ARCH_MM = (30.0, 105.4, 32.0), (27.5, 102.0, 30.0)
+"""Half width, front and depth of a dental arch: broad, so that teeth fill a smile from corner to corner."""
 
 
 def build_teeth(builder: MeshBuilder, detail: float, *, upper: bool) -> Indices:
     """Add one row of teeth with its gum; returns indices, (R, C): rows by columns, the end of the gum first."""
-    half_width, front_z, depth = (28.5, 105.4, 38.0) if upper else (26.0, 102.0, 36.0)
+    half_width, front_z, depth = UPPER_ARCH_MM if upper else LOWER_ARCH_MM
     edge_y, gum_y = (-35.2, -25.5) if upper else (-32.7, -42.2)
+    dark_mm, dark = DARK_UPPER if upper else DARK_LOWER
     inside = np.array(IN_TOOTH) if detail >= 1 else np.array(IN_TOOTH)[[0, 1, 3]]
     edges = np.cumsum([0.0, *(UPPER_WIDTHS_MM if upper else LOWER_WIDTHS_MM)])
     teeth = len(edges) - 1
@@ -79,9 +84,10 @@ def build_teeth(builder: MeshBuilder, detail: float, *, upper: bool) -> Indices:
         tip = length * (1 - 0.10 * (1 - round_off))
         scallop = 0.14 * (1 - round_off) * (abs(height) < 0.1)
         y = gum_y + direction * abs(edge_y - gum_y) * (np.where(height > 0, height * tip, height) + scallop)
+        y = y - LOWER_FALL * np.clip(np.abs(along) - dark_mm[0], 0, None) * (not upper)
         rows.append(np.stack([xz[:, 0], y, xz[:, 1]], axis=-1))
         gap = 0.76 + 0.24 * round_off
-        far = 1 - smoothstep((np.abs(along) - DARK_BACK_MM[0]) / np.ptp(DARK_BACK_MM))[:, None] * DARK_BACK
+        far = 1 - smoothstep((np.abs(along) - dark_mm[0]) / np.ptp(dark_mm))[:, None] * dark
         # A smile shows the light half above the upper edges; the edges of lower teeth are in their shadow.
         shade = np.interp(height, (0.0, 0.3, 0.7, 1.0), (1.17, 1.0, 0.76, 0.70) if upper else (0.78, 0.78, 0.72, 0.58))
         colour = colours.GUM if is_gum else colours.TEETH * (shade * gap)[:, None] ** IN_SHADE

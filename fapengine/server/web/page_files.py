@@ -24,7 +24,17 @@ from fapengine.engine.command_table import Command, fields_of
 from fapengine.errors import ResourceError
 from fapengine.expressions import EXPRESSION_NAMES
 from fapengine.mesh.default_head.style import PEOPLE
-from fapengine.mesh.deform import LIDS, LIMITS, RESTING, SMILE_FAPU, SMILING
+from fapengine.mesh.deform import (
+    LIDS,
+    LIMITS,
+    LIPS,
+    PARTED,
+    PARTED_FAPU,
+    RESTING,
+    SMILE_FAPU,
+    SMILING,
+    UPPER_SHARE,
+)
 from fapengine.mesh.face_mesh import PUPIL_SHARE, FaceMesh, lid_share
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fap import FapSpec, FapUnit
@@ -90,6 +100,8 @@ def setup(*, voices: dict[str, str], rate_wpm: int = DEFAULT_RATE_WPM) -> dict[s
         "wall": PAGE_WALL,
         "rest": [[list(rest.values.items()), rest.yields_to, rest.limit] for rest in RESTING],
         "smile": [[corner, *SMILE_FAPU, list(values.items())] for corner, values in SMILING],
+        "parted": [PARTED, PARTED_FAPU, UPPER_SHARE],
+        "lips": LIPS,
         "limits": list(LIMITS.items()),
         "lids": LIDS,
         "groups": [{"name": name, "faps": [_slider(row) for row in fap.FAPS if row.group == group]}

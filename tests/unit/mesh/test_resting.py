@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fapengine.mesh.default_head.head import build_head
-from fapengine.mesh.deform import LIMITS, RESTING, SMILE_FAPU, deform, with_rest
+from fapengine.mesh.deform import BROWS, LIMITS, LIPS, RESTING, SMILE_FAPU, deform, with_rest
 from fapengine.mpeg4 import fap
 
 
@@ -65,13 +65,35 @@ def test_a_raised_lower_lid_yields_to_a_blink() -> None:
 
 def test_a_smile_reaches_the_eye_of_its_side() -> None:
     half, whole = (with_rest(frame(f12=value), 1.0) - with_rest(frame(f13=value), 1.0) for value in (220.0, 500.0))
-    eye, other = ([fap.column(number + side) for number in (21, 31, 33, 35)] for side in (0, 1))
-    assert (whole[eye] > 15).all()
+    eye, other = ([fap.column(number + side) for number in (19, 21)] for side in (0, 1))
+    assert whole[eye] == pytest.approx([-60, 85])
     assert whole[other] == pytest.approx(-whole[eye])
+    assert not whole[fap.columns(*BROWS)].any()
     assert half[eye] == pytest.approx(whole[eye] / 2)
     assert with_rest(frame(f12=500.0), 0.0) == pytest.approx(frame(f12=500.0))
     level = with_rest(frame(f12=SMILE_FAPU[0]), 1.0) - with_rest(frame(f12=-SMILE_FAPU[0]), 1.0)
     assert level[eye] == pytest.approx(0.0)
+
+
+SMILES = {"f12": 500.0, "f13": 500.0}
+
+
+def openings(faps: np.ndarray) -> np.ndarray:
+    """(3, 2) FAPU: opening between the lips, by inner and by outer contours: middle, left and right."""
+    return np.array([[-faps[fap.columns(*pair)].sum() for pair in (row[:2], row[2:])] for row in LIPS])
+
+
+def test_open_lips_that_smile_part_farther_and_shut_ones_stay_shut() -> None:
+    lips = dict.fromkeys(("f4", "f8", "f9", "f51", "f55", "f56"), -90.0)
+    lips |= dict.fromkeys(("f5", "f10", "f11", "f52", "f57", "f58"), -150.0)
+    whole, half, none = (openings(with_rest(frame(**does, **lips), 1.0)) for does in (SMILES, {"f12": 500.0}, {}))
+    assert none == pytest.approx(240.0)
+    assert (whole > 340.0).all()
+    assert half == pytest.approx((whole + none) / 2)
+    shut = frame(**SMILES, f4=80.0, f5=-80.0, f8=30.0, f10=-10.0)
+    assert openings(with_rest(shut, 1.0))[:, 0] == pytest.approx(openings(shut)[:, 0])
+    wide = [openings(with_rest(frame(**SMILES, f5=-value), 1.0))[0, 0] for value in np.linspace(0, 900, 61)]
+    assert (np.diff(wide) > 0).all()
 
 
 def test_lips_stay_shut() -> None:
