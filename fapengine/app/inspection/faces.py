@@ -21,6 +21,7 @@ from fapengine.files.recordings import MESHES
 from fapengine.mesh.default_head.style import parse_person
 from fapengine.mesh.face_mesh import FaceMesh
 from fapengine.mesh.rig.blendshape_mesh import BlendshapeMesh
+from fapengine.mesh.rig.import_head import can_follow_bones
 from fapengine.models.viseme_space import name_components
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fap import VISEMES
@@ -254,7 +255,7 @@ def _mesh(mesh: BlendshapeMesh, path: Path) -> dict[str, Any]:
     choice = choose_blendshapes(moving)
     if choice.blended or choice.own_faps:
         how, points = "make a head of it", ""
-    elif mesh.bones:
+    elif can_follow_bones(mesh):
         how, points = f"bones alone move a head of it ({', '.join(mesh.bones)}), not its lips", ""
     else:
         how, points = "a head of it needs feature points", " --points FILE"

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
-from fapengine.app.inspection.faces import shape_sets
+from fapengine.app.inspection.faces import _mesh, shape_sets
 from fapengine.app.inspection.feature_points import MOVED, SIDE, TITLE_PX, VIEWS, _is_named
 from fapengine.cli.main import app
 from fapengine.errors import DataError, FapEngineError
@@ -20,6 +20,7 @@ from fapengine.files.motion import save_fap
 from fapengine.files.moving import write_moving
 from fapengine.files.pictures import load_picture, save_png
 from fapengine.files.sound import save_wav
+from fapengine.mesh.rig.blendshape_mesh import BlendshapeMesh, RigBone
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fap import FEATURE_POINT_NAMES
 from fapengine.mpeg4.track import FapTrack
@@ -260,3 +261,13 @@ def test_what_is_none_of_them_is_refused(tmp_path: Path) -> None:
 def test_well_known_files_of_other_kinds_are_named(tmp_path: Path, name: str, data: bytes, message: str) -> None:
     (tmp_path / name).write_bytes(data)
     assert message in refused(tmp_path / name)
+
+
+@pytest.mark.parametrize(("weight", "told"), [(0.0, "needs feature points"), (1.0, "bones alone move a head")])
+def test_a_head_of_bones_is_promised_only_if_they_carry_vertices(weight: float, told: str) -> None:
+    """Headwear has the bones of its skeleton, and none of them is a head's."""
+    flat = BlendshapeMesh(
+        vertices=np.eye(3), triangles=np.array([[0, 1, 2]]), blendshapes={},
+        bones={"head": RigBone(np.full(3, weight), np.zeros(3))},
+    )  # fmt: skip
+    assert told in _mesh(flat, Path("cap.glb"))["next"]
