@@ -6,29 +6,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from typer.testing import CliRunner
 
 from fapengine import lab
 from fapengine.app.drive_grid import face_faps
 from fapengine.capture.marker_track import MarkerTrack
-from fapengine.cli.main import app
 from fapengine.errors import DataError, UsageError
 from fapengine.files.heads.load import load_head
 from fapengine.files.profiles import load_profile
 from fapengine.files.recordings import load_markers, save_markers
 from fapengine.mpeg4 import fap
+from tests.command import ran, run
 from tests.videos import load_video
 
 RATE_HZ = 50.0
 SKULL = {"H1": (60.0, 90.0, 30.0), "H2": (-60.0, 90.0, 30.0), "H3": (0.0, 120.0, 0.0)}
-
-
-def run(*words: object) -> str:
-    result = CliRunner().invoke(app, [*map(str, words)])
-    if result.exception is not None and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    assert result.exit_code == 0, result.output
-    return result.stdout
 
 
 def mask(columns: int, rows: int) -> np.ndarray:
@@ -66,9 +57,9 @@ def talk(tmp_path: Path) -> Path:
 def test_three_markers_drive_a_face_of_three_muscles(talk):
     out = talk.with_name("out.npz")
     words = ("drive", talk, "--skull", "H1,H2,H3", "--take", talk.with_name("other.npz"), "-o", out, "--json")
-    found = json.loads(run(*words))
+    found = json.loads(ran(*words).stdout)
     assert len(found["markers"]) <= 3
-    found = json.loads(run(*words, "--markers", "3"))
+    found = json.loads(ran(*words, "--markers", "3").stdout)
     assert found["mean_mm"] < 0.01 * found["still_mm"]
     assert (found["learned_frames"], found["driven_frames"]) == (160, 160)
     with np.load(out) as arrays:
@@ -107,7 +98,7 @@ def test_a_mesh_is_moved_vertex_by_vertex(tmp_path):
     for number, moved in enumerate(motion(rest, 24, 3)):
         trimesh.Trimesh(rest + moved, triangles, process=False).export(tmp_path / "scans" / f"f{number}.ply")
     words = ("drive", tmp_path / "scans", "--fps", "25", "--markers", "3", "-o", tmp_path / "out.npz", "--json")
-    found = json.loads(run(*words))
+    found = json.loads(ran(*words).stdout)
     assert found["points"] == 400
     assert found["mean_mm"] < 0.02 * found["still_mm"]
 
@@ -123,7 +114,7 @@ def test_a_session_drives_and_its_markers_are_edited(talk, tmp_path):
             MarkerTrack(positions_mm=moved, labels=tuple(f"m{n}" for n in range(42)), rate_hz=RATE_HZ),
         )
     words = ("drive", folder, "--markers", "m8,m1,m4", "-o", tmp_path / "out.npz", "--json")
-    found = json.loads(run(*words))
+    found = json.loads(ran(*words).stdout)
     assert (found["learned_takes"], found["learned_frames"], found["driven_frames"]) == (3, 180, 60)
     plain = load_markers(tmp_path / "out.npz").markers
     run(*words, "--scale", "m8=1.5", "--delay", "m1=40ms", "--remove", "m4")

@@ -17,14 +17,9 @@ from fapengine.files.pictures import load_picture
 from fapengine.files.sound import save_wav
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack
+from tests.command import ran, run
 
 CORPUS = Path(__file__).resolve().parents[2] / "fuzz" / "corpus"
-
-
-def run(*words: object) -> str:
-    result = CliRunner().invoke(app, [str(word) for word in words], catch_exceptions=False)
-    assert result.exit_code == 0, result.output
-    return result.stdout
 
 
 @pytest.fixture
@@ -206,8 +201,8 @@ def test_a_sentence_as_visemes_and_a_rate_that_is_missed(tmp_path: Path) -> None
     assert float(run("encode", source, "--visemes", "-o", stream).split()[-2]) < 1.0
     told = CliRunner().invoke(app, ["encode", str(source), "--kbps", "1", "-o", str(stream)]).stderr
     assert "is more than the 1 asked for; --moving-only and --visemes" in told
-    assert json.loads(run("encode", source, "--kbps", 1, "-o", stream, "--json"))["missed"]
-    assert not json.loads(run("encode", source, "--kbps", 100, "-o", stream, "--json"))["missed"]
+    assert json.loads(ran("encode", source, "--kbps", 1, "-o", stream, "--json").stdout)["missed"]
+    assert not json.loads(ran("encode", source, "--kbps", 100, "-o", stream, "--json").stdout)["missed"]
 
 
 def test_a_table_computes_faps_that_were_not_sent(tmp_path: Path) -> None:

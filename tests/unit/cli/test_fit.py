@@ -31,20 +31,13 @@ from fapengine.mesh.default_head.head import build_head
 from fapengine.models.viseme_space import MARKERS
 from fapengine.speech.phone_track import Phone, PhoneTrack
 from fapengine.trajectory.targets import weights_of
+from tests.command import ran as run
 
 SKULL = {"LFHD": (55, 90, 70), "RFHD": (-55, 90, 70), "LBHD": (70, 70, -40), "RBHD": (-70, 70, -40)}
 SPOKEN = ["p", "b", "m", "f", "t", "s", "i", "u", "l"]
 TOML = 'subject = "S07"\nhead = ["LFHD", "RFHD", "LBHD", "RBHD"]\nlanguage = "en-GB"\nlicence = "CC0-1.0"\n'
 ENDINGS = (".c3d", ".trc", ".csv", ".tsv", ".npz")
 TAKES = 8
-
-
-def run(*arguments: object):
-    result = CliRunner().invoke(app, [*map(str, arguments)])
-    if result.exception is not None and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    assert result.exit_code == 0, result.output
-    return result
 
 
 def textgrid(phones: PhoneTrack) -> str:

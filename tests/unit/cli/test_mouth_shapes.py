@@ -4,20 +4,11 @@ import json
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 import fapengine
-from fapengine.cli.main import app
 from fapengine.errors import UsageError
 from fapengine.speech.formats.registry import parse_timings
-
-
-def run(*arguments: object) -> str:
-    result = CliRunner().invoke(app, [*map(str, arguments)], env={"COLUMNS": "200"})
-    if result.exception is not None and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    assert result.exit_code == 0, result.output
-    return result.output
+from tests.command import run
 
 
 def test_say_writes_shapes_and_the_sound_that_they_name(tmp_path: Path) -> None:

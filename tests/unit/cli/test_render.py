@@ -6,10 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from typer.testing import CliRunner
 
 import fapengine
-from fapengine.cli.main import app
 from fapengine.codec.encoder import encode
 from fapengine.errors import UsageError
 from fapengine.files.motion import save_fap
@@ -17,15 +15,14 @@ from fapengine.files.pictures import load_picture
 from fapengine.files.provenance import SYNTHETIC
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.track import FapTrack
+from tests import command
 from tests.videos import load_video
 
 FRAMES = 5
 
 
 def run(*words: object) -> str:
-    result = CliRunner().invoke(app, ["render", *map(str, words), "--size", "96x64"], catch_exceptions=False)
-    assert result.exit_code == 0, result.output
-    return result.stdout
+    return command.run("render", *words, "--size", "96x64")
 
 
 @pytest.fixture(scope="module")

@@ -7,24 +7,15 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import fapengine
-from fapengine.cli.main import app
 from fapengine.errors import DataError, UsageError
 from fapengine.files.sound import save_wav
 from fapengine.files.timings import load_timings
 from fapengine.mpeg4.track import FapTrack
 from fapengine.retarget.blend import ARKIT_NAMES
+from tests.command import run
 from tests.unit.files.glb import Builder
-
-
-def run(*arguments: object, code: int = 0) -> str:
-    result = CliRunner().invoke(app, [*map(str, arguments)], env={"COLUMNS": "200"})
-    if result.exception is not None and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    assert result.exit_code == code, result.output
-    return result.output
 
 
 def rig() -> bytes:

@@ -13,14 +13,7 @@ from fapengine.errors import DataError, UnsupportedError, UsageError
 from fapengine.files.pictures import LIPS, MAX_ROWS, OTHER, ROUND, SILENT, UNKNOWN, VOWEL, colour, draw_timeline
 from fapengine.files.sound import save_wav
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
-
-
-def run(*arguments: object) -> str:
-    result = CliRunner().invoke(app, [*map(str, arguments)], env={"COLUMNS": "200"})
-    if result.exception is not None and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    assert result.exit_code == 0, result.output
-    return result.output
+from tests.command import run
 
 
 @pytest.fixture

@@ -8,10 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from typer.testing import CliRunner
 
 from fapengine.app.dense_film import drive, sparse_mesh
-from fapengine.cli.main import app
 from fapengine.errors import DataError, ProfileError, UsageError
 from fapengine.files.gltf.document import JSON_CHUNK, parse_gltf, split_glb
 from fapengine.files.heads import import_file
@@ -25,20 +23,13 @@ from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.default_head.style import PEOPLE
 from fapengine.models.adapted_head import Nearness
 from fapengine.mpeg4.track import FapTrack
+from tests.command import run
 from tests.videos import load_video
 
 from .dense_made import MOVING, SKULL, MadeFace, make_face
 
 SMALL = ("--size", "96x96")
 LABELS = ("_", "m", "i", "p", "u", "s", "i", "m", "t", "_")
-
-
-def run(*words: object) -> str:
-    result = CliRunner().invoke(app, [*map(str, words)])
-    if result.exception is not None and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    assert result.exit_code == 0, result.output
-    return result.output
 
 
 @pytest.fixture(scope="module")

@@ -8,9 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from typer.testing import CliRunner
 
-from fapengine.cli.main import app
 from fapengine.errors import DataError, UsageError
 from fapengine.files.heads.load import load_head, load_head_info
 from fapengine.geometry.rigid import fit_rigid
@@ -25,6 +23,7 @@ from fapengine.models import scans
 from fapengine.models.adapted_head import adapt_head
 from fapengine.models.scans import has_colours, paint_from_scan
 from fapengine.mpeg4 import fap
+from tests.command import ran as run
 
 BLUE, RED = np.array([40, 60, 200]), np.array([200, 50, 40])
 """sRGB of the left and the right half of the scanned face."""
@@ -61,14 +60,6 @@ def scanned(tmp_path_factory) -> tuple[Path, np.ndarray]:
     (folder / "face.csv").write_text("\n".join(["point,x,y,z", *rows]))
     (folder / "three.csv").write_text("\n".join(["point,x,y,z", *rows[:3]]))
     return folder, place
-
-
-def run(*arguments: object):
-    result = CliRunner().invoke(app, [*map(str, arguments)])
-    if result.exception is not None and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    assert result.exit_code == 0, result.output
-    return result
 
 
 @pytest.fixture(scope="module")

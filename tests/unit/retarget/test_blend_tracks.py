@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from typer.testing import CliRunner
 
-from fapengine.cli.main import app
 from fapengine.errors import DataError, TruncatedError, UsageError
 from fapengine.files.motion import load_fap, save_fap
 from fapengine.mpeg4 import fap
@@ -18,14 +16,7 @@ from fapengine.mpeg4.track import FapTrack
 from fapengine.retarget.arkit import arkit_map
 from fapengine.retarget.blend import ARKIT_NAMES, shape_rows
 from fapengine.retarget.blend_tracks import format_blend_csv, parse_blend_track
-
-
-def run(*arguments: object) -> str:
-    result = CliRunner().invoke(app, [*map(str, arguments)])
-    if result.exception is not None and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    assert result.exit_code == 0, result.output
-    return result.output
+from tests.command import run
 
 
 def weights(frames: int = 4) -> np.ndarray:
