@@ -30,6 +30,8 @@ NEAR_MM, FAR_MM = 24.0, 70.0
 """Distance from an eye up to which skin moves with it fully, and from which not at all."""
 LEVEL_MM = 25.0
 """Distance from which skin moves no farther, so that it is not pushed together into a crease."""
+TEMPLE_MM, STEEPEST = 46.0, 3.0
+"""Distance from the middle of the face from which skin slides down no slope steeper than this, or it would fold."""
 NEAR_LIDS_MM, FAR_LIDS_MM = 15.0, 31.0
 """The same for the way back."""
 EAR_GROWTH, COVERED_EAR_GROWTH = np.array([0.0, -0.04, 0.0]), np.array([-0.22, 0.08, 0.06])
@@ -91,6 +93,9 @@ def _enlarge(eye: Eye, points: Array, moved: Array, depth: LinearNDInterpolator,
     # Skin slides over the face; only the lids follow the ball.
     slid, near = np.zeros(len(points)), shift.any(axis=1)
     slid[near] = np.nan_to_num(depth(points[near, :2] + shift[near]) - depth(points[near, :2]))
+    temple = np.abs(points[:, 0]) > TEMPLE_MM
+    steepest = STEEPEST * np.linalg.norm(shift[temple], axis=1)
+    slid[temple] = np.clip(slid[temple], -steepest, steepest)
     moved[:, 2] += (1 - with_lids) * slid + with_lids * (growth * off[:, 2] + back)
     lids = eye.lids
     rigid = np.concatenate([eye.ball.ravel(), eye.lashes.ravel(), lids.indices[lids.level <= 1.0].ravel()])

@@ -206,6 +206,18 @@ def _hairs(head: FaceMesh, low_mm: float, high_mm: float) -> Indices:
     return np.flatnonzero(near)
 
 
+@pytest.mark.parametrize("seed", [5, 12])
+def test_temples_of_narrow_faces_do_not_fold(seed: int) -> None:
+    head = build_head(random_person(seed))
+    skin = head.triangles[(head.material[head.triangles] == Material.SKIN).all(axis=1)]
+    corners = head.vertices_mm.astype(np.float64)[skin]
+    middle = corners.mean(axis=1)
+    temples = (np.abs(middle[:, 0]) > 60) & (middle[:, 2] > 30) & (middle[:, 1] > 0) & (middle[:, 1] < 60)
+    faces = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert temples.sum() > 200
+    assert (np.sum(faces * middle * [1, 0, 1], axis=1)[temples] > 0).all()
+
+
 def test_a_frown_lowers_a_brow_without_flattening_it() -> None:
     head, frown = build_head(PEOPLE["man"], level="coarse"), np.zeros(fap.FAP_COUNT)
     for number, value in ((31, -148.0), (33, -221.0), (35, -52.0)):
