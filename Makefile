@@ -27,6 +27,8 @@ MOMENTS := 200
 SEED := 1
 CORE_TESTS := $(addprefix tests/unit/,capture codec engine geometry ground laboratory mesh models mpeg4 profiles retarget scoring speech \
     trajectory wire)
+# Of make tests: --write-slow measures which tests are slow and which files are long.
+OPTIONS :=
 SENTENCE := Bright sunshine shimmers on the ocean.
 
 .PHONY: native wheels nightly people faults oracles pyodide conformance detector help demo test tests check quick coverage matrix release-check licences bench soak fuzz fuzz-replay fresh-machine \
@@ -50,7 +52,7 @@ test:  ## everything that CI runs
 # One thread each for linear algebra: three processes with two threads each on two cores wait for each other.
 PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 4 --dist loadfile -q
 tests: $(VENV)/.read-tests detector
-	$(PYTEST) -m "not nightly" --at-least $(TESTS_AT_LEAST)
+	$(PYTEST) $(OPTIONS) -m "not nightly" --at-least $(TESTS_AT_LEAST)
 
 # What takes too long for every change; the hosted CI runs it every night.
 nightly: $(VENV)/.read-tests detector  ## the tests that make test leaves out because they take long

@@ -12,7 +12,7 @@ from xdist.scheduler import LoadFileScheduling
 from xdist.workermanage import WorkerController
 
 LIST = Path(__file__).with_name("file_times.txt")
-"""Seconds on the wall that each long file takes; ``pytest --write-slow`` measures them."""
+"""Seconds on the wall that each long file takes; ``make tests OPTIONS=--write-slow`` measures them."""
 WAITS = (
     "tests/browser/", "tests/examples/", "tests/live/", "tests/end_to_end/test_batch.py",
     "tests/unit/app/test_watch_live.py", "tests/unit/audio/", "tests/unit/clients/", "tests/unit/conformance/",
@@ -27,9 +27,9 @@ def waits(name: str) -> bool:
     return name.startswith(WAITS)
 
 
-def file_times() -> dict[str, float]:
-    """Seconds that each long file takes."""
-    rows = (line.split(maxsplit=1) for line in LIST.read_text().splitlines())
+def listed_times(path: Path) -> dict[str, float]:
+    """Read a list of names and the seconds that each takes."""
+    rows = (line.split(maxsplit=1) for line in path.read_text(encoding="utf-8").splitlines())
     return {name: float(seconds) for seconds, name in rows}
 
 
@@ -46,7 +46,7 @@ class TwoQueues(LoadFileScheduling):
 
     def _assign_work_unit(self, node: WorkerController) -> None:
         if self._times_s is None:
-            self._times_s = file_times()
+            self._times_s = listed_times(LIST)
         computes = int(node.gateway.id.removeprefix("gw")) % WORKERS_IN_TURN == 0
         self.workqueue.move_to_end(next_file(self.workqueue, self._times_s, computes=computes), last=False)
         super()._assign_work_unit(node)

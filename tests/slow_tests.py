@@ -2,11 +2,10 @@
 
 Processor time is measured, not time on the wall: that is nearly the same on a busy machine. A file that takes long as a
 whole is listed as one, since its first test pays for what the others share. The wall's time of long files is kept too,
-for :mod:`.queues`, in ``file_times.txt``.
+for :mod:`.queues`, in ``file_times.txt``. A run with workers measures too: ``make tests OPTIONS=--write-slow``.
 """
 
 import resource
-import time
 from collections import Counter
 from collections.abc import Generator
 from pathlib import Path
@@ -20,6 +19,8 @@ SLOW_TEST_S, SLOW_FILE_S = 0.7, 8.0
 """Processor time from which a test, or a whole file, is slow."""
 LONG_FILE_S = 4.0
 """Time on the wall from which a file is long."""
+CPU = "cpu_s"
+"""Name of the processor time in a report."""
 
 
 def names(nodeid: str) -> tuple[str, str]:
@@ -29,26 +30,37 @@ def names(nodeid: str) -> tuple[str, str]:
 
 def listed() -> set[str]:
     """Names of slow tests and files."""
-    return {line.split(maxsplit=1)[1] for line in LIST.read_text().splitlines()}
+    return set(queues.listed_times(LIST))
 
 
 class Meter:
-    """Measures tests; at the end, what was measured replaces what the list said of the same files. Stateful."""
+    """Measures tests, also those of workers; at the end, what was measured replaces what the lists said of their files.
+
+    Stateful. Each process tells the processor time of its tests in their reports, which reach the one that lists them.
+    """
 
     def __init__(self) -> None:
         self.seconds: Counter[str] = Counter()
         self.wall: Counter[str] = Counter()
+        self._told_s = 0.0
+
+    def pytest_collection_finish(self) -> None:
+        self._told_s = _cpu_s()
 
     @pytest.hookimpl(wrapper=True)
-    def pytest_runtest_protocol(self, item: pytest.Item) -> Generator[None, object, object]:
-        start_s, cpu_s = time.monotonic(), _cpu_s()
-        try:
-            return (yield)
-        finally:
-            self.seconds[names(item.nodeid)[0]] += _cpu_s() - cpu_s
-            self.wall[names(item.nodeid)[1]] += time.monotonic() - start_s
+    def pytest_runtest_makereport(self) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+        report = yield
+        before_s, self._told_s = self._told_s, _cpu_s()
+        report.user_properties.append((CPU, self._told_s - before_s))
+        return report
 
-    def pytest_sessionfinish(self) -> None:
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        self.seconds[names(report.nodeid)[0]] += sum(value for name, value in report.user_properties if name == CPU)
+        self.wall[names(report.nodeid)[1]] += report.duration
+
+    def pytest_sessionfinish(self, session: pytest.Session) -> None:
+        if hasattr(session.config, "workerinput"):
+            return
         files: Counter[str] = Counter()
         for name, taken_s in self.seconds.items():
             files[names(name)[1]] += taken_s
@@ -58,10 +70,15 @@ class Meter:
             for name, taken_s in self.seconds.items()
             if taken_s >= SLOW_TEST_S and names(name)[1] not in slow
         }
-        kept = [line for line in LIST.read_text().splitlines() if names(line.split(maxsplit=1)[1])[1] not in files]
-        lines = [*kept, *(f"{taken_s:5.1f} {name}" for name, taken_s in slow.items())]
-        LIST.write_text("".join(f"{line}\n" for line in sorted(lines, key=lambda line: line.split(maxsplit=1)[1])))
-        times = {name: taken_s for name, taken_s in queues.file_times().items() if name not in self.wall} | self.wall
+        slow |= {  # nightly tests, and those of files that were not asked for
+            name: taken_s
+            for name, taken_s in queues.listed_times(LIST).items()
+            if name not in files and name not in self.seconds and names(name)[1] not in slow
+        }
+        LIST.write_text("".join(f"{taken_s:5.1f} {name}\n" for name, taken_s in sorted(slow.items())))
+        times = {
+            name: taken_s for name, taken_s in queues.listed_times(queues.LIST).items() if name not in self.wall
+        } | self.wall
         long = sorted((taken_s, name) for name, taken_s in times.items() if taken_s >= LONG_FILE_S)
         queues.LIST.write_text("".join(f"{taken_s:5.1f} {name}\n" for taken_s, name in reversed(long)))
 

@@ -70,7 +70,7 @@ def test_programs_that_run_on_are_started_in_one_way(path: Path) -> None:
 def test_the_queues_are_of_files_that_are_there() -> None:
     names = [str(path.relative_to(TESTS.parent)) for path in FILES]
     assert all(any(name.startswith(start) for name in names) for start in queues.WAITS)
-    assert set(queues.file_times()) <= set(names)
+    assert set(queues.listed_times(queues.LIST)) <= set(names)
 
 
 def test_each_worker_takes_the_longest_file_of_its_queue_and_then_of_the_other() -> None:
