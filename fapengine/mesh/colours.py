@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fapengine._arrays import Array
-from fapengine.geometry.smooth import spot
+from fapengine.geometry.smooth import smoothstep, spot
 
 TONES = np.array(
     [[0.78, 0.505, 0.368], [0.69, 0.395, 0.258], [0.50, 0.25, 0.138], [0.27, 0.118, 0.060], [0.11, 0.051, 0.028]]
@@ -67,8 +67,9 @@ BLOOD = np.array([0.35, 1.0, 0.9])
 
 
 def _spot(points: Array, centre: tuple[float, float], size: tuple[float, float]) -> Array:
-    """(..., 1): a spot on either side of the face, 1 in its middle."""
-    return (spot(np.abs(points[..., 0]), points[..., 1], centre, size) * (points[..., 2] > 30))[..., None]
+    """(..., 1): a spot on either side of the face, 1 in its middle, that ends before the ears."""
+    front = smoothstep((points[..., 2] - 10.0) / 50.0)
+    return (spot(np.abs(points[..., 0]), points[..., 1], centre, size) * front)[..., None]
 
 
 def linear_rgb(srgb: Array) -> Array:
@@ -101,7 +102,7 @@ class Palette:
         return cls(base, blush, lips, np.array(HAIR_COLOURS[hair_colour]), brow_colour(hair_colour))
 
     def skin(self, points: Array) -> Array:
-        """(..., 3) skin: redder cheeks, nose, ears and chin, darker around the eyes, lighter bridge and forehead."""
+        """(..., 3) skin: redder cheeks, nose and chin, darker around the eyes, lighter bridge and forehead."""
         colour = np.broadcast_to(self.base, points.shape).copy()
         for centre, size, share in (
             ((46, 0), (20, 15), 0.64), ((0, 0), (13, 10), 0.55), ((0, -66), (15, 9), 0.25), ((20, 0), (5, 10), 0.22),
