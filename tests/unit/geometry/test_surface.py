@@ -92,7 +92,7 @@ def test_values_are_carried_linearly():
 
 def test_some_vertices_get_the_same_ambient_light_as_with_all_others():
     vertices, triangles = hill(81)
-    vertices = np.concatenate([vertices, vertices + [0, 0, 40.0]])  # the upper sheet shades the lower one
+    vertices = np.concatenate([vertices, vertices + np.array([0, 0, 40.0])])  # the upper sheet shades the lower one
     normals = vertex_normals(vertices, np.concatenate([triangles, triangles + len(vertices) // 2]))
     light = ambient_light(vertices, normals)
     chosen = np.arange(3, len(vertices), 7)
