@@ -190,7 +190,7 @@ def _shape_weights(
         for name, weight in rig_weights([bound], faps, meanings, looks=looks, rate_hz=motion.rate_hz)[0].items():
             for bind in bound[name]:
                 by_mesh[bind.mesh][:, bind.target] += bind.weight * weight
-            used |= {name: None} if weight.any() else {}
+            used |= {name: None} if bound[name] and weight.any() else {}
     return {number: weights for number, weights in by_mesh.items() if weights.any()}, tuple(used)
 
 

@@ -154,6 +154,17 @@ def test_expressions_of_a_vrm_move_what_they_bind(tmp_path: Any) -> None:
     assert set(reached.shapes) == {"ih", "blink"}
 
 
+def test_an_expression_of_textures_alone_moves_no_shape() -> None:
+    builder = Builder()
+    node = builder.node(mesh=mesh(builder, ["M_A"]))
+    preset = {
+        "ih": {"morphTargetBinds": [{"node": node, "index": 0, "weight": 1.0}]},
+        "blink": {"textureTransformBinds": [{"material": 0}]},
+    }
+    builder.doc["extensions"] = {"VRMC_vrm": {"expressions": {"preset": preset}}}
+    assert add_clip(builder.glb(), nothing, motion())[1].shapes == ("ih",)
+
+
 def test_a_mapping_tells_what_other_names_mean(tmp_path: Any) -> None:
     builder = Builder()
     node = builder.node(mesh=mesh(builder, ["Auf", "Kiefer", "jawOpen"]))
