@@ -170,9 +170,9 @@ def _as_child(points: Array, childlike: float) -> Array:
     below = np.clip(18.0 - y, 0, 98.0)
     moved[:, 1] += childlike * 0.20 * (below - 8.0 * (1 - np.exp(-below / 8.0)))
     # Full below the height of the mouth as well, or so short a cheek would overhang and show a ridge.
-    full = np.exp(-(((y + 44.0) / 27.0) ** 2)) * smoothstep((np.abs(x) - 24.0) / 18.0) * smoothstep((z - 30.0) / 40.0)
-    moved[:, 0] += childlike * 2.0 * full * np.sign(x)
-    moved[:, 2] += childlike * 4.0 * full
+    full = np.exp(-(((y + 35.0) / 34.0) ** 2)) * smoothstep((np.abs(x) - 24.0) / 18.0) * smoothstep((z - 30.0) / 40.0)
+    moved[:, 0] += childlike * 1.6 * full * np.sign(x)
+    moved[:, 2] += childlike * 3.2 * full
     skull = smoothstep((y - 30.0) / 60.0)
     moved[:, :3:2] *= 1 + childlike * 0.035 * skull[:, None]
     moved[:, 2] -= childlike * 6.0 * smoothstep((-60.0 - y) / 20.0) * smoothstep((z - 40.0) / 30.0)
