@@ -131,6 +131,7 @@ def build_lids(
     middle = (1 - t**2) ** 0.8
     grids, levels = [border], [2.0]
     outside = resampled(OUTSIDE, detail)
+    outside[-2] = min(outside[-2], LINE)  # or a closing lid stretches the line of lashes
     flats = np.stack([_around_eye(rim_flat, at_border[:, :2], t, level) for level in outside])
     around = angle_of(flats[..., 0], flats[..., 1], style)  # all rings at once, which takes a third of the time
     faces, outs = position(around, flats[..., 1], style), normal(around, flats[..., 1], style)

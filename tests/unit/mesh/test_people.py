@@ -244,6 +244,17 @@ def test_lashes_of_a_shut_eye_point_down() -> None:
     assert (-way[:, 1] > 0.8 * way[:, 0]).all()  # at the corner, too
 
 
+@pytest.mark.parametrize("level", ["coarse", "calls", "normal"])
+def test_a_closing_lid_does_not_stretch_the_line_of_lashes(level: str) -> None:
+    head = build_head(level=level)
+    shut = np.zeros(68)
+    shut[[fap.column(19), fap.column(20)]] = 1024
+    kinds = head.material[head.triangles]
+    edge = head.triangles[(kinds == Material.LASH).any(axis=1) & (kinds == Material.SKIN).any(axis=1)]
+    assert len(edge) > 20
+    assert np.ptp(deform(head, shut)[edge, 1], axis=1).max() < 4.0  # mm
+
+
 def test_surface_of_several_values_is_the_interpolating_cubic_spline_of_each() -> None:
     rng = np.random.default_rng(7)
     across, along = np.sort(rng.uniform(0.0, 3.0, 9)), np.sort(rng.uniform(-50.0, 50.0, 11))
