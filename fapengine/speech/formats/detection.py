@@ -57,7 +57,7 @@ def is_three_columns(sample: Sample) -> bool:
 
 def is_allosaurus(sample: Sample) -> bool:
     """Return whether each row is an onset, the same length and a phone."""
-    if not sample.every_row(r"\s*\d+\.\d+\s+\d\.\d+\s+\S.*"):
+    if not sample.every_row(r"\s*\d+\.\d+\s+\d\.\d+\s+[^\s\d].*"):
         return False
     onsets, lengths = zip(*(map(float, row.split()[:2]) for row in sample.rows), strict=True)
     return len(set(lengths)) == 1 and max(onsets) > lengths[0]

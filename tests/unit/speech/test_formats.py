@@ -268,6 +268,10 @@ def test_the_alphabet_can_be_said() -> None:
         parse_timings(b"0 4000000 zh\n", options=ParseOptions(alphabet="runes"))
 
 
+def test_a_table_of_numbers_is_not_allosaurus() -> None:
+    assert guess_format(b"0.1 0.045 0.00\n0.2 0.045 1.00\n") is FORMATS["htk"]
+
+
 def test_the_name_decides_where_the_content_does_not(tmp_path: Path) -> None:
     assert guess_format(b"odd", ending=".LAB") is FORMATS["htk"]
     odd = tmp_path / "odd.lab"
