@@ -52,9 +52,9 @@ OUTER_WITH_INNER = 0.6
 """Fraction by which the outer contour beside a corner is lifted by the FAP of the inner corner instead of its own, so
 that neither corner, lifted alone, is a hook; at the outer corner it is 0.
 """
-SMILE_TEETH_FAPU, TEETH_FALL_MM = (100.0, 330.0), (2.4, 7.0)
-"""FAPU of both corners over which the upper and the lower teeth come down, and how far: a smile shows the upper ones
-alone, with a dark gap between their edges and the lip, but films of speech show both.
+SMILE_TEETH_FAPU, SMILE_FALL_MM = (100.0, 330.0), (2.4, 7.0, 8.0)
+"""FAPU of both corners over which the upper teeth, the lower ones and the tongue come down, and how far: a smile shows
+the upper teeth alone, with a dark gap between their edges and the lip, but films of speech show all.
 """
 SMILE_CURVE = 0.0044
 """Rise of the upper teeth in a smile, 1/mm of their distance from the middle squared: they follow the lower lip."""
@@ -185,9 +185,9 @@ def build_basis(
         collector.add_shade(Channel(number, -np.inf, np.inf), teeth)
     for number in RAISE_CORNERS:
         start, stop = SMILE_TEETH_FAPU
-        for teeth, way in zip((head.upper_teeth, head.lower_teeth), TEETH_FALL_MM, strict=True):
-            row = teeth.ravel() if teeth is head.upper_teeth else teeth[CROWNS].ravel()
-            curve = SMILE_CURVE * points[row, 0] ** 2 if teeth is head.upper_teeth else 0.0 * points[row, 0]
+        for part, way in zip((head.upper_teeth, head.lower_teeth[CROWNS], head.tongue), SMILE_FALL_MM, strict=True):
+            row = part.ravel()
+            curve = SMILE_CURVE * points[row, 0] ** 2 * (part is head.upper_teeth)
             fall = (curve - way)[:, None] * [0.0, 0.5 / (stop - start), 0.0]
             collector.add(Channel(number, start, stop), row, fall)
     row = head.upper_teeth.ravel()

@@ -9,6 +9,7 @@ from design.face_page import pose
 from fapengine.files.profiles import load_profile
 from fapengine.mesh.default_head.head import build_head
 from fapengine.mesh.default_head.style import HeadStyle
+from fapengine.mesh.deform import with_rest
 from fapengine.mesh.face_mesh import Bone, FaceMesh, Material
 from fapengine.mpeg4 import fap
 from fapengine.render.camera import Camera
@@ -50,15 +51,19 @@ def test_teeth_of_a_smile_are_light_and_no_khaki() -> None:
 def test_a_smile_shows_the_upper_teeth_alone_and_a_vowel_both() -> None:
     head = build_head()
 
-    def seen(name: str | np.ndarray, bone: Bone) -> int:
-        change = np.abs(draw(head, name, MOUTH) - draw(without(head, teeth_of(head, bone)), name, MOUTH))
+    upper, lower, tongue = teeth_of(head, Bone.NONE), teeth_of(head, Bone.JAW), head.material == Material.TONGUE
+
+    def seen(does: str | np.ndarray, part: np.ndarray) -> int:
+        change = np.abs(draw(head, does, MOUTH) - draw(without(head, part), does, MOUTH))
         return int((change.max(axis=-1) > 20).sum())
 
-    assert seen("joy", Bone.NONE) > 800
-    assert seen("joy", Bone.JAW) < 8
-    assert seen("ɑ", Bone.NONE) > 100 < seen("ɑ", Bone.JAW)
+    joy = with_rest(pose(load_profile("grid_s1_en"), "joy"), 1.0)
+    assert seen("joy", upper) > 800
+    assert seen(joy, upper) > 2000  # 1,200 before: a thin strip
+    assert [seen(does, part) for does in ("joy", joy) for part in (lower, tongue)] == pytest.approx([0] * 4, abs=8)
+    assert min(seen("ɑ", part) for part in (upper, lower, tongue)) > 100
     surprise = 0.8 * pose(load_profile("grid_s1_en"), "surprise")
-    assert seen(surprise, Bone.NONE) < 8  # 32 before: the tips, two white dashes below the lip
+    assert seen(surprise, upper) < 8  # 32 before: the tips, two white dashes below the lip
 
 
 @pytest.mark.parametrize("name", ["surprise", "fear"])
