@@ -10,6 +10,7 @@ from fapengine.host.listeners import HubFrames
 from fapengine.mpeg4 import fap
 from fapengine.retarget.blend import ARKIT_NAMES
 from fapengine.server.sinks.encoders import SingleFaceEncoder, livelink_face, vmc_face
+from fapengine.server.sinks.kinds import parse_sink
 from tests.unit.retarget.living_speech import RATE_HZ, held, living
 
 DEVICE = "01234567-89AB-CDEF-0123-456789ABCDEF"
@@ -28,7 +29,9 @@ def test_live_link_is_read_as_it_was_meant() -> None:
     faps = living().copy()
     faps[:, fap.column(49)] = 20_000  # yaw, 1e-5 rad
     told = []
-    for (data,) in datagrams(livelink_face(DEVICE, name="änna"), faps):
+    for (data,) in datagrams(
+        livelink_face(parse_sink(f"livelink://127.0.0.1?name=änna&device={DEVICE}"), RATE_HZ), faps
+    ):
         is_seen, face = PyLiveLinkFace.decode(data)
         assert is_seen
         assert face.name == "änna"
@@ -47,7 +50,7 @@ def test_live_link_is_read_as_it_was_meant() -> None:
 def test_vmc_is_read_as_it_was_meant(spelling: str) -> None:
     now: dict[str, float] = {}
     rows, bones = [], set()
-    for tick in datagrams(vmc_face(spelling=spelling), living()):
+    for tick in datagrams(vmc_face(parse_sink(f"vmc://127.0.0.1?names={spelling}"), RATE_HZ), living()):
         for message in (each for data in tick for each in messages(data)):
             arguments = tuple(message.arguments)
             if message.addrpattern == BlendShapeEvent.ADDRESS_PATTERN:

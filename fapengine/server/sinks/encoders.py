@@ -1,10 +1,13 @@
 """Encoders of frames for each kind of receiver: values in, datagrams out. Sockets are in the other modules.
 
+Those of sinks take an address, the frame rate in Hz, and epochs, and raise UsageError if an option's value is wrong.
+
 When a face goes away a neutral frame follows, so that no receiver keeps its mouth open. The first frame is neutral too,
 because an earlier server may have been killed.
 """
 
 from collections.abc import Callable, Mapping
+from secrets import randbits
 from typing import Protocol
 
 import numpy as np
@@ -15,6 +18,7 @@ from fapengine.errors import UsageError
 from fapengine.host.listeners import HubFrames
 from fapengine.mpeg4 import fap
 from fapengine.retarget.blend import ARKIT_NAMES
+from fapengine.server.sinks.kinds import SinkAddress
 from fapengine.wire import fap_osc, livelink, osc, rtp, vmc, vrchat, vts
 from fapengine.wire.fap_osc import FapFrame, SessionFrames
 from fapengine.wire.shapes import ArkitFollower, PresetFollower, VisemeFollower, encode_weights
@@ -24,7 +28,12 @@ REFRESH_S = 1.0
 MAX_REPEATED = 120
 """Maximum number of planes that are repeated for skipped frames."""
 
+PERFORMER_PORT = 39540
+"""Port of VMC programs that move their model themselves and read shapes only; see :mod:`fapengine.wire.vmc`."""
+
 Faps = NDArray[np.int32]
+Epochs = Mapping[str, int] | None
+"""Epoch of each session (:mod:`fapengine.server.ownership`), if several processes show sessions."""
 
 
 class FrameEncoder(Protocol):
@@ -80,8 +89,8 @@ class SingleFaceEncoder:
 class OscFrameEncoder:
     """An encoder of ``/fap/1/frame`` for all sessions, or for one. Stateful."""
 
-    def __init__(self, session: str | None = None, epochs: Mapping[str, int] | None = None) -> None:
-        self._session = session
+    def __init__(self, address: SinkAddress, rate_hz: float, epochs: Epochs = None) -> None:
+        self._session = address.session
         self._stream = SessionFrames(epochs=epochs)
         self._shown: tuple[str, ...] = ()
 
@@ -104,7 +113,7 @@ class OscFrameEncoder:
         return self._stream.encode(sessions, faps, time_us)
 
 
-def named_faps(session: str | None = None) -> SingleFaceEncoder:
+def named_faps(address: SinkAddress, rate_hz: float, epochs: Epochs = None) -> SingleFaceEncoder:
     """Return an encoder of ``/fap/<n>``, one message per FAP."""
     mask = np.arange(1, fap.FAP_COUNT + 1) >= 3
     nothing = {"visemes": np.zeros(fap_osc.VISEME_WIDTH), "expressions": np.zeros(fap_osc.EXPRESSION_WIDTH)}
@@ -115,27 +124,15 @@ def named_faps(session: str | None = None) -> SingleFaceEncoder:
             FapFrame(session="face", number=0, time_us=0, values=values, mask=mask, **nothing)  # type: ignore[arg-type]
         )
 
-    return SingleFaceEncoder(write, session)
+    return SingleFaceEncoder(write, address.session)
 
 
-def vmc_face(
-    session: str | None = None, *, spelling: str = "arkit", performer: bool = False, rate_hz: float = 60.0
-) -> SingleFaceEncoder:
+def vmc_face(address: SinkAddress, rate_hz: float, epochs: Epochs = None) -> SingleFaceEncoder:
     """Return an encoder of VMC: the shapes that changed, head and eyes; all shapes once per second.
 
-    Raises UsageError if the spelling is unknown.
-
-    Parameters
-    ----------
-    session : str, optional
-        See :class:`SingleFaceEncoder`.
-    spelling : str
-        ``"arkit"`` (Perfect Sync), ``"pascal"``, or ``"vrm0"`` or ``"vrm1"``: an avatar's presets.
-    performer : bool
-        Send shapes only, to a receiver that moves its model itself.
-    rate_hz : float
-        Frame rate.
+    ``names`` are ``arkit`` (Perfect Sync), ``pascal``, or ``vrm0`` or ``vrm1``: an avatar's presets.
     """
+    spelling = address.options.get("names", "arkit")
     spellings = {
         "arkit": ARKIT_NAMES, "pascal": vmc.PASCAL_NAMES, "vrm0": vmc.VRM0_SHOWN, "vrm1": vmc.VRM1_SHOWN,
     }  # fmt: skip
@@ -147,19 +144,17 @@ def vmc_face(
 
     def write(number: int, time_s: float, faps: Faps) -> list[bytes]:
         weights = changed.of(follower.follow(faps))
-        if performer:
+        if address.port == PERFORMER_PORT:
             return vmc.encode_shapes(weights)
         begin_s[:] = begin_s or [time_s]
         return vmc.encode_frame(weights, time_s=time_s - begin_s[0], bones=vmc.head_and_eyes(faps))
 
-    return SingleFaceEncoder(write, session)
+    return SingleFaceEncoder(write, address.session)
 
 
-def vrchat_face(session: str | None = None, *, prefix: str = "", rate_hz: float = 60.0) -> SingleFaceEncoder:
-    """Return an encoder of VRChat's parameters: those that changed, and all once per second.
-
-    Raises UsageError if no OSC address may contain the prefix.
-    """
+def vrchat_face(address: SinkAddress, rate_hz: float, epochs: Epochs = None) -> SingleFaceEncoder:
+    """Return an encoder of VRChat's parameters: those that changed, and all once per second."""
+    prefix = address.options.get("prefix", "")
     osc.head(f"/{prefix}", "f")
     follower = ArkitFollower()
     every = max(1, round(REFRESH_S * rate_hz))
@@ -175,26 +170,16 @@ def vrchat_face(session: str | None = None, *, prefix: str = "", rate_hz: float 
         written += 1
         return due
 
-    return SingleFaceEncoder(write, session)
+    return SingleFaceEncoder(write, address.session)
 
 
-def livelink_face(
-    device: str, session: str | None = None, *, name: str = "", rate_hz: float = 60.0
-) -> SingleFaceEncoder:
-    """Return an encoder of a Live Link Face subject.
+def livelink_face(address: SinkAddress, rate_hz: float, epochs: Epochs = None) -> SingleFaceEncoder:
+    """Return an encoder of a Live Link Face subject, named by default as the session, or ``fapengine``.
 
-    Parameters
-    ----------
-    device : str
-        A UUID.
-    session : str, optional
-        See :class:`SingleFaceEncoder`.
-    name : str
-        Name of the subject; by default that of the session, or ``fapengine``.
-    rate_hz : float
-        Frame rate.
+    The address must have the ``device``, a UUID.
     """
-    subject = livelink.Subject(name or session or "fapengine", device)
+    name = address.options.get("name") or address.session or "fapengine"
+    subject = livelink.Subject(name, address.options["device"])
     follower = ArkitFollower()
     rate = (round(1000 * rate_hz), 1000)
 
@@ -202,7 +187,7 @@ def livelink_face(
         values = livelink.livelink_values(follower.follow(faps), faps)
         return [livelink.encode_face(subject, values, number=number & 0x7FFFFFFF, rate=rate)]
 
-    return SingleFaceEncoder(write, session)
+    return SingleFaceEncoder(write, address.session)
 
 
 def weights_face(session: str | None = None, *, rate_hz: float = 60.0) -> SingleFaceEncoder:
@@ -229,17 +214,18 @@ def vts_face(dialog: vts.VtsDialog, session: str | None = None, *, rate_hz: floa
 class FbaFrameEncoder:
     """An encoder of one face as an MPEG-4 face stream: one plane per frame, each after its start code. Stateful.
 
-    Every ``intra_s`` there is an I plane, where a receiver can begin: it replaces the plane's start code by an object
-    start code (:func:`joined`). A frame follows twice after a skipped one, so that the stream keeps its time.
+    Every :attr:`SinkAddress.intra_s` there is an I plane, where a receiver can begin: it replaces the plane's start
+    code by an object start code (:func:`joined`). A frame follows twice after a skipped one, so that the stream keeps
+    its time.
     """
 
-    def __init__(self, session: str | None = None, *, rate_hz: float = 60.0, intra_s: float = 1.0) -> None:
+    def __init__(self, address: SinkAddress, rate_hz: float, epochs: Epochs = None) -> None:
         self._encoder = Encoder(rate_hz=rate_hz, options=EncoderOptions(plane_start_codes="all"))
-        self._every = max(1, round(intra_s * rate_hz))
+        self._every = max(1, round(address.intra_s * rate_hz))
         self._planes = 0
         self._last_number: int | None = None
         self._resumes = False
-        self._face = SingleFaceEncoder(self._write, session)
+        self._face = SingleFaceEncoder(self._write, address.session)
 
     def encode(self, frames: HubFrames) -> list[bytes]:
         """Return the planes of a frame: one, or more after skipped frames."""
@@ -267,22 +253,14 @@ class FbaFrameEncoder:
 
 
 class RtpFrameEncoder:
-    """An encoder of one face as RTP packets of the MPEG-4 visual payload. Stateful.
+    """An encoder of that stream as RTP packets of the MPEG-4 visual payload, from random numbers on (RFC 3550).
 
-    Parameters
-    ----------
-    session, rate_hz, intra_s
-        See :class:`FbaFrameEncoder`.
-    ssrc, sequence, time : int
-        See :class:`~fapengine.wire.rtp.RtpSender`.
+    Stateful.
     """
 
-    def __init__(
-        self, session: str | None = None, *, rate_hz: float = 60.0, intra_s: float = 1.0, ssrc: int, sequence: int = 0,
-        time: int = 0,
-    ) -> None:  # fmt: skip
-        self._planes = FbaFrameEncoder(session, rate_hz=rate_hz, intra_s=intra_s)
-        self._sender = rtp.RtpSender(ssrc=ssrc, sequence=sequence, time=time)
+    def __init__(self, address: SinkAddress, rate_hz: float, epochs: Epochs = None) -> None:
+        self._planes = FbaFrameEncoder(address, rate_hz)
+        self._sender = rtp.RtpSender(ssrc=randbits(32), sequence=randbits(16), time=randbits(32))
         self._frame_s = 1 / rate_hz
 
     def encode(self, frames: HubFrames) -> list[bytes]:

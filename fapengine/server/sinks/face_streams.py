@@ -35,7 +35,7 @@ class FaceStreams:
 
         Raises UsageError if an option's value is wrong; ResourceError if the port is in use.
         """
-        face = FbaFrameEncoder(address.session, rate_hz=hub.pacer.rate_hz, intra_s=address.intra_s)
+        face = FbaFrameEncoder(address, hub.pacer.rate_hz)
         listening = bound(address.host, address.port, socket.SOCK_STREAM)
         sink = cls(hub, address, face)
         loop = asyncio.get_running_loop()

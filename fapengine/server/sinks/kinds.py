@@ -112,21 +112,22 @@ class SinkKind:
 
 
 SINK_KINDS = (
-    SinkKind("osc", "opening:osc", "programs that know FAPs, /fap/1/frame of all sessions or of one",
+    SinkKind("osc", "encoders:OscFrameEncoder", "programs that know FAPs, /fap/1/frame of all sessions or of one",
              takes_all_sessions=True),
-    SinkKind("named", "opening:named", "patches, /fap/<n>, one message per FAP"),
-    SinkKind("vmc", "opening:vmc",
+    SinkKind("named", "encoders:named_faps", "patches, /fap/<n>, one message per FAP"),
+    SinkKind("vmc", "encoders:vmc_face",
              "VSeeFace, Warudo and others; names is arkit, pascal, vrm0 or vrm1; port 39540 gets shapes alone",
              port=39539, options=("names",)),
-    SinkKind("vrchat", "opening:vrchat", "VRChat's parameters", port=9000, options=("prefix",)),
+    SinkKind("vrchat", "encoders:vrchat_face", "VRChat's parameters", port=9000, options=("prefix",)),
     SinkKind("livelink", "opening:livelink", "Unreal and other Live Link Face receivers",
              port=11111, options=("name", "device")),
-    SinkKind("fba", "opening:fba",
+    SinkKind("fba", "encoders:FbaFrameEncoder",
              "an MPEG-4 face stream, one plane per datagram; intra is the interval of I planes in s",
              options=("intra",)),
     SinkKind("fba+tcp", "face_streams:FaceStreams.open", "the same stream over TCP, for all who connect here",
              options=("intra",), medium="connections"),
-    SinkKind("rtp", "opening:rtp", "the same stream over RTP, in the MPEG-4 visual payload", options=("intra",)),
+    SinkKind("rtp", "encoders:RtpFrameEncoder", "the same stream over RTP, in the MPEG-4 visual payload",
+             options=("intra",)),
     SinkKind("ws-json", "websockets:WeightStreams.open",
              "game engines and scripts, JSON of 52 shapes, 15 visemes and the head over a WebSocket, for all who"
              " connect here", medium="connections", default_host=LOOPBACK),

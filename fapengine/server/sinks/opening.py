@@ -7,11 +7,11 @@ import errno
 import socket
 import struct
 import sys
-from collections.abc import Awaitable, Callable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Sequence
+from dataclasses import replace
 from importlib import import_module
 from inspect import isawaitable
 from operator import attrgetter
-from secrets import randbits
 from socket import gethostname
 from typing import TYPE_CHECKING, Any
 from uuid import NAMESPACE_DNS, uuid5
@@ -19,21 +19,14 @@ from uuid import NAMESPACE_DNS, uuid5
 from fapengine.errors import ResourceError, UsageError
 from fapengine.host.hub import Hub
 from fapengine.host.listeners import HubFrames
-from fapengine.server.sinks import encoders
-from fapengine.server.sinks.encoders import FrameEncoder
+from fapengine.server.sinks.encoders import Epochs, FrameEncoder, livelink_face
 from fapengine.server.sinks.kinds import Sink, SinkAddress, SinkCounts, SinkKind, kind_of
 
 if TYPE_CHECKING:
     from fapengine.server.film.film import Studio
 
-PERFORMER_PORT = 39540
-"""Port of VMC programs that move their model themselves and read shapes only; see :mod:`fapengine.wire.vmc`."""
-Epochs = Mapping[str, int] | None
-"""Epoch of each session (:mod:`fapengine.server.ownership`), if several processes show sessions."""
-
-
-Encoding = Callable[[SinkAddress, float, Epochs], encoders.FrameEncoder]
-"""Opens a kind that sends datagrams: of its address, the frame rate in Hz, and epochs."""
+Encoding = Callable[[SinkAddress, float, Epochs], FrameEncoder]
+"""Opens a kind that sends datagrams (:mod:`.encoders`): of its address, the frame rate in Hz, and epochs."""
 Connecting = Callable[[Hub, SinkAddress], Sink | Awaitable[Sink]]
 """Opens a kind that has connections."""
 Showing = Callable[["Studio", SinkAddress, str], Sink | Awaitable[Sink]]
@@ -128,42 +121,10 @@ class DatagramSink:
         self.counts.dropped += len(datagrams) - sent
 
 
-def osc(address: SinkAddress, rate_hz: float, epochs: Epochs) -> encoders.FrameEncoder:
-    """Encode ``/fap/1/frame``."""
-    return encoders.OscFrameEncoder(address.session, epochs)
-
-
-def named(address: SinkAddress, rate_hz: float, epochs: Epochs) -> encoders.FrameEncoder:
-    """Encode ``/fap/<n>``."""
-    return encoders.named_faps(address.session)
-
-
-def vmc(address: SinkAddress, rate_hz: float, epochs: Epochs) -> encoders.FrameEncoder:
-    """Encode VMC."""
-    spelling, is_performer = address.options.get("names", "arkit"), address.port == PERFORMER_PORT
-    return encoders.vmc_face(address.session, spelling=spelling, performer=is_performer, rate_hz=rate_hz)
-
-
-def vrchat(address: SinkAddress, rate_hz: float, epochs: Epochs) -> encoders.FrameEncoder:
-    """Encode VRChat's parameters."""
-    return encoders.vrchat_face(address.session, prefix=address.options.get("prefix", ""), rate_hz=rate_hz)
-
-
-def livelink(address: SinkAddress, rate_hz: float, epochs: Epochs) -> encoders.FrameEncoder:
+def livelink(address: SinkAddress, rate_hz: float, epochs: Epochs) -> FrameEncoder:
     """Encode Live Link Face; the device's default follows the name of this machine."""
     device = address.options.get("device") or str(uuid5(NAMESPACE_DNS, f"fapengine.{gethostname()}")).upper()
-    return encoders.livelink_face(device, address.session, name=address.options.get("name", ""), rate_hz=rate_hz)
-
-
-def fba(address: SinkAddress, rate_hz: float, epochs: Epochs) -> encoders.FrameEncoder:
-    """Encode an MPEG-4 face stream."""
-    return encoders.FbaFrameEncoder(address.session, rate_hz=rate_hz, intra_s=address.intra_s)
-
-
-def rtp(address: SinkAddress, rate_hz: float, epochs: Epochs) -> encoders.FrameEncoder:
-    """Encode the same stream as RTP, from random numbers on, as RFC 3550 asks."""
-    first = {"ssrc": randbits(32), "sequence": randbits(16), "time": randbits(32)}
-    return encoders.RtpFrameEncoder(address.session, rate_hz=rate_hz, intra_s=address.intra_s, **first)
+    return livelink_face(replace(address, options=address.options | {"device": device}), rate_hz)
 
 
 def opener(kind: SinkKind) -> Any:
@@ -172,7 +133,7 @@ def opener(kind: SinkKind) -> Any:
     return attrgetter(name)(import_module(f"fapengine.server.sinks.{module}"))
 
 
-def encoder_of(address: SinkAddress, rate_hz: float, epochs: Epochs = None) -> encoders.FrameEncoder:
+def encoder_of(address: SinkAddress, rate_hz: float, epochs: Epochs = None) -> FrameEncoder:
     """Make the encoder of a sink that sends datagrams.
 
     Raises UsageError if the kind does not send datagrams, or an option's value is wrong.

@@ -22,6 +22,7 @@ from fapengine.retarget.visemes import (
     approximate_visemes,
 )
 from fapengine.server.sinks.encoders import SingleFaceEncoder, livelink_face, vmc_face, vrchat_face
+from fapengine.server.sinks.kinds import parse_sink
 from fapengine.trajectory.gestures import LIDS_FOLLOW
 from tests.unit.retarget.living_speech import RATE_HZ, held, living
 
@@ -192,7 +193,9 @@ def osc_table(ticks: list[list[bytes]], address: str, *, named: bool) -> dict[st
 
 
 def test_vmc_receivers_see_a_jaw_that_opens_and_no_grimace() -> None:
-    seen = osc_table(shown(vmc_face(spelling="arkit"), living()), "/VMC/Ext/Blend/Val", named=True)
+    seen = osc_table(
+        shown(vmc_face(parse_sink("vmc://127.0.0.1?names=arkit"), RATE_HZ), living()), "/VMC/Ext/Blend/Val", named=True
+    )
     assert seen["jawOpen"].max() > 0.25
     assert max(seen[name].max() for name in NO_SPEECH) < 0.1
     assert np.minimum(seen["mouthLeft"], seen["mouthRight"]).max() == 0.0
@@ -201,17 +204,25 @@ def test_vmc_receivers_see_a_jaw_that_opens_and_no_grimace() -> None:
 
 
 def test_vmc_receivers_with_presets_see_vowels_and_no_mood() -> None:
-    seen = osc_table(shown(vmc_face(spelling="vrm0"), living()), "/VMC/Ext/Blend/Val", named=True)
+    seen = osc_table(
+        shown(vmc_face(parse_sink("vmc://127.0.0.1?names=vrm0"), RATE_HZ), living()), "/VMC/Ext/Blend/Val", named=True
+    )
     assert set(seen) == set(VRM0_NAMES[:SHOWN])
     assert max(seen[name].max() for name in ("Joy", "Angry", "Sorrow", "Fun", "Surprised")) == 0.0
     assert sum(seen[name] for name in "AIUEO").max() > 0.5
     assert seen["Blink"].max() > 0.9
-    merry = osc_table(shown(vmc_face(spelling="vrm0"), living(mood="joy")), "/VMC/Ext/Blend/Val", named=True)
+    merry = osc_table(
+        shown(vmc_face(parse_sink("vmc://127.0.0.1?names=vrm0"), RATE_HZ), living(mood="joy")),
+        "/VMC/Ext/Blend/Val",
+        named=True,
+    )
     assert np.median(merry["Joy"][60:240]) == pytest.approx(0.6, abs=0.05)
 
 
 def test_vrchat_sees_no_jaw_forward_and_no_frown() -> None:
-    seen = osc_table(shown(vrchat_face(), living()), "/avatar/parameters/v2/", named=False)
+    seen = osc_table(
+        shown(vrchat_face(parse_sink("vrchat://127.0.0.1"), RATE_HZ), living()), "/avatar/parameters/v2/", named=False
+    )
     assert seen["JawOpen"].max() > 0.25
     for name in ("JawZ", "MouthFrownLeft", "MouthFrownRight", "NoseSneerLeft", "CheekPuffSuckLeft"):
         assert seen[name].max() < 0.1, name
@@ -219,7 +230,8 @@ def test_vrchat_sees_no_jaw_forward_and_no_frown() -> None:
 
 
 def test_live_link_shows_the_same() -> None:
-    ticks = shown(livelink_face("01234567-89AB-CDEF-0123-456789ABCDEF", name="anna"), living())
+    address = parse_sink("livelink://127.0.0.1?name=anna&device=01234567-89AB-CDEF-0123-456789ABCDEF")
+    ticks = shown(livelink_face(address, RATE_HZ), living())
     values = np.array([struct.unpack(">61f", data[-61 * 4 :]) for (data,) in ticks])
     assert values[:, 17].max() > 0.25  # JawOpen, by its place in Live Link Face's list
     assert values[:, [14, 15, 16, 21, 22, 25, 26]].max() < 0.1  # jaw forward, left, right; mouth left, right, frowns

@@ -28,7 +28,7 @@ from fapengine.mpeg4 import fap
 from fapengine.retarget.blend import ARKIT_NAMES
 from fapengine.server import watchdog as guards
 from fapengine.server.sinks import face_streams, opening
-from fapengine.server.sinks.encoders import FbaFrameEncoder, FrameEncoder, OscFrameEncoder, joined
+from fapengine.server.sinks.encoders import PERFORMER_PORT, FbaFrameEncoder, FrameEncoder, OscFrameEncoder, joined
 from fapengine.server.sinks.face_streams import FaceStreams
 from fapengine.server.sinks.kinds import (
     SINK_KINDS,
@@ -38,7 +38,7 @@ from fapengine.server.sinks.kinds import (
     kind_of,
     parse_sink,
 )
-from fapengine.server.sinks.opening import PERFORMER_PORT, datagram_sink, encoder_of, open_sink, opener
+from fapengine.server.sinks.opening import datagram_sink, encoder_of, open_sink, opener
 from fapengine.speech.phone_track import Phone
 from fapengine.trajectory.style import Style
 from fapengine.wire import livelink, vmc, vrchat, vts
@@ -280,7 +280,7 @@ def test_a_face_goes_out_over_rtp(ear: Ear) -> None:
 
 
 def test_skipped_frames_are_made_up_for_in_a_face_stream() -> None:
-    face = FbaFrameEncoder(rate_hz=RATE_HZ)
+    face = FbaFrameEncoder(parse_sink("fba://127.0.0.1:9"), RATE_HZ)
     faps = np.full((1, 68), 7, np.int32)
     numbers = [0, 1, 5, 6]
     planes = [len(face.encode(HubFrames(number, number / 60, ("a",), faps))) for number in numbers]
@@ -631,7 +631,7 @@ def test_only_a_good_end_says_goodbye(fault: Exception | None) -> None:
 
 
 def test_a_face_that_comes_back_is_followed_again() -> None:
-    faces = OscFrameEncoder()
+    faces = OscFrameEncoder(parse_sink("osc://127.0.0.1:9"), RATE_HZ)
     faps = np.ones((1, 68), np.int32)
     sent = [len(faces.encode(HubFrames(n, float(n), names, faps[: len(names)]))) for n, names in
             enumerate([("a",), (), (), ("a",)])]  # fmt: skip
