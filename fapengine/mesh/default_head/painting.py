@@ -122,7 +122,7 @@ def _strands(shape: tuple[int, int], style: HeadStyle) -> Array:
 
 
 def where(x: Array, y: Array, low: float, high: float, reach: float) -> tuple[slice, slice]:
-    """Rows and columns of the texels between two heights, and up to a distance from the middle, mm."""
+    """Rows and columns of the texels, (H, W), between two heights, and up to a distance from the middle, mm."""
     rows = np.flatnonzero((y[:, 0] > low) & (y[:, 0] < high))
     columns = np.flatnonzero(np.abs(x[rows]).min(axis=0) < reach)
     return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
