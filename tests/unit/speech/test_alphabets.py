@@ -246,3 +246,11 @@ def test_hiragana_stands_in_the_table_with_the_sounds_of_katakana() -> None:
     assert len(katakana) > 150
     for kana, sound in katakana.items():
         assert table["".join(chr(ord(c) - 0x60) if "ァ" <= c <= "ヶ" else c for c in kana)] == sound
+
+
+@pytest.mark.parametrize(
+    ("label", "is_one"),
+    [("ja", True), ("jaɪ", True), ("jaʊə", False), ("jat", False), ("wət", False), ("aɪəʊ", False), ("kp", True)],
+)
+def test_a_glide_is_one_phone_with_its_vowels_alone(label: str, is_one: bool) -> None:
+    assert is_one_phone(label) is is_one

@@ -191,6 +191,12 @@ def test_frames_have_nine_digits_at_most(name: str, old: str, new: str) -> None:
         read(SAMPLES[name].replace(old, new.format(10**9)), name, **wishes)
 
 
+def test_chunks_of_fish_begin_where_they_say() -> None:
+    text = SAMPLES["fish"].replace('"text": "oh.", "start": 0,', '"text": "oh.", "start": 0.125,')
+    assert text != SAMPLES["fish"]
+    assert told(read(text)) == [("my", 0.0, 0.4), ("_", 0.4, 0.625), ("oh", 0.625, 1.0)]
+
+
 def test_papagayo_with_two_voices() -> None:
     voice = SAMPLES["papagayo"].split("\n1\n", 1)[1]
     two = SAMPLES["papagayo"].replace("\n1\n", "\n2\n", 1) + voice.replace("Voice 1", "Voice 2").replace("MBP", "FV")

@@ -308,3 +308,10 @@ def test_a_lower_lip_comes_up_to_the_teeth_from_any_depth() -> None:
     for lower in (-40.0, -100.0, -300.0):
         settled = settle(lips(100.0, lower), np.array([[0.0], [1.0], [0.0], [0.0], [0.0]]))
         assert settled[0, fap.column(5)] == pytest.approx(0, abs=1e-9)  # of the neutral face, which touches them
+
+
+def test_the_teeth_leave_out_a_share_of_the_upper_lip_and_none_unless_it_is_said():
+    faps, teeth = lips(-400.0, 100.0), np.array([[0.0], [1.0], [0.0], [0.0], [0.0]])
+    upper = {share: settle(faps, teeth, bitten_share=share)[0, fap.column(4)] for share in (0.0, 0.25, 0.5)}
+    assert settle(faps, teeth)[0, fap.column(4)] == upper[0.0]
+    assert [upper[share] - upper[0.0] for share in (0.25, 0.5)] == pytest.approx([100.0, 200.0])

@@ -300,3 +300,14 @@ def test_a_model_has_one_row_for_each_feature() -> None:
         ContextModel(fractions=(0.5,), features=("a", "b"), coefficients=np.zeros((1, 1, 2)))
     with pytest.raises(UsageError, match="features: got 'a' twice"):
         ContextModel(fractions=(0.5,), features=("a", "b", "a"), coefficients=np.zeros((3, 1, 2)))
+
+
+@pytest.mark.parametrize("label", ["tʃaɪ", "kptm", "ɡɡɡ"])
+def test_the_letters_of_a_label_that_is_not_known_share_its_time(label):
+    both, _ = tokens_of(PhoneTrack.from_phones([Phone(label, 0.5, 1.1)]), english().phones)
+    tokens = [token for token in both if token.name != SILENCE]
+    assert len(tokens) > 1
+    assert (tokens[0].start_s, tokens[-1].end_s) == pytest.approx((0.5, 1.1))
+    lengths_s = [token.end_s - token.start_s for token in tokens]
+    assert lengths_s == pytest.approx([0.6 / len(tokens)] * len(tokens))
+    assert [token.start_s for token in tokens[1:]] == pytest.approx([token.end_s for token in tokens[:-1]])

@@ -16,7 +16,7 @@ from fapengine.speech import ipa
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.trajectory.faps import DETERMINED, UPPER_GAIN, UPPER_LIP, displacements_to_faps, speech_faps
 from fapengine.trajectory.planner import Style, plan, rest_s
-from fapengine.trajectory.targets import MAX_HELD, REST_MARGIN_S, keys_of, weights_of
+from fapengine.trajectory.targets import CLOSEST_KEYS_S, MAX_HELD, REST_MARGIN_S, _apart, keys_of, weights_of
 from tests.english import english
 
 STILL = Style.speech_only()
@@ -319,3 +319,22 @@ def test_refuses() -> None:
         plan(track("m"), english(), rng=np.random.default_rng(1), expressions={Expression.JOY: 5})
     with pytest.raises(UsageError, match="does not have it"):
         plan(track("m"), english(), rng=np.random.default_rng(1), expressions={Expression.NEUTRAL: 0.5})
+
+
+@given(st.lists(st.lists(st.integers(0, 60), min_size=1, max_size=8, unique=True), min_size=1, max_size=3))
+def test_keys_of_every_track_are_far_enough_apart_and_its_ends_stay(tracks: list[list[int]]) -> None:
+    step_s = CLOSEST_KEYS_S / 8.5  # no distance is the smallest itself
+    times_s = [np.sort(steps) * step_s for steps in tracks]
+    track_of = np.repeat(np.arange(len(tracks)), [len(steps) for steps in tracks])
+    kept = np.zeros(len(track_of), bool)
+    kept[_apart(np.concatenate(times_s), track_of)] = True
+    for number, mine in enumerate(times_s):
+        is_kept = kept[track_of == number]
+        assert is_kept[[0, -1]].all()
+        assert np.diff(mine[is_kept]).min(initial=CLOSEST_KEYS_S) >= CLOSEST_KEYS_S or is_kept.sum() == 2
+        for time_s in mine[~is_kept]:  # each too near to one before it or to the end
+            distances_s = time_s - mine[is_kept]
+            assert (
+                np.abs(distances_s[(distances_s > 0) | (np.arange(len(distances_s)) == len(distances_s) - 1)])
+                < CLOSEST_KEYS_S
+            ).any()
