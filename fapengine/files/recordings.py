@@ -315,8 +315,11 @@ _LIBRARY = re.compile(rb"^mtllib[ \t]+(.+?)\s*$", re.MULTILINE)
 def library_of(data: bytes, path: Path) -> bytes:
     """Text of the materials that an OBJ names, which are in its folder; empty without any."""
     named = _LIBRARY.search(data)
-    beside = path.with_name(Path(named[1].decode("utf-8", "replace")).name) if named else path
-    return read_bytes(beside) if named and beside.is_file() else b""
+    try:
+        beside = path.with_name(Path(named[1].decode("utf-8", "replace")).name) if named else path
+        return read_bytes(beside) if named and beside.is_file() else b""
+    except (OSError, ValueError):  # no name of a file
+        return b""
 
 
 def _with_material(data: bytes, path: Path) -> bytes:

@@ -167,6 +167,9 @@ def test_an_obj_that_uses_no_material_has_the_image_of_its_library(tmp_path):
     """As FLAME's and VOCA's templates; without the image, one colour is no paint."""
     (tmp_path / "scan.obj").write_text(SQUARE)
     assert load_painted(tmp_path / "scan.obj")[1] is None
+    for name in (".", "..", "\0", 300 * "x", "\\1"):
+        (tmp_path / "odd.obj").write_text(SQUARE.replace("scan.mtl", name))
+        assert load_neutral(tmp_path / "odd.obj").texture is None
     (tmp_path / "scan.mtl").write_text("newmtl skin\nmap_Kd halves.png\n")
     Image.fromarray(np.repeat(np.uint8([[[0, 255, 0], [0, 0, 255]]]), 2, axis=0)).save(tmp_path / "halves.png")
     paint = load_neutral(tmp_path / "scan.obj")
