@@ -20,8 +20,7 @@ from fapengine.files.profiles import load_profile
 from fapengine.files.recordings import MESHES
 from fapengine.mesh.default_head.style import parse_person
 from fapengine.mesh.face_mesh import FaceMesh
-from fapengine.mesh.rig.blendshape_mesh import BlendshapeMesh
-from fapengine.mesh.rig.import_head import can_follow_bones
+from fapengine.mesh.rig.blendshape_mesh import BlendshapeMesh, can_follow_bones
 from fapengine.models.viseme_space import name_components
 from fapengine.mpeg4 import fap
 from fapengine.mpeg4.fap import VISEMES

@@ -20,9 +20,9 @@ from fapengine.laboratory.dense_face import DenseFace, neutral_mesh
 from fapengine.mesh.default_head.style import MEASURED
 from fapengine.mesh.deform import still_faps
 from fapengine.mesh.face_mesh import FaceMesh, Material
-from fapengine.mesh.rig.blendshape_mesh import BOTH, JAW, LEFT, RIGHT, BlendshapeMesh
+from fapengine.mesh.rig.blendshape_mesh import BOTH, JAW, LEFT, RIGHT, BlendshapeMesh, can_follow_bones
 from fapengine.mesh.rig.feature_points import NoSlitError, locate
-from fapengine.mesh.rig.import_head import ImportedHead, can_follow_bones, head_of_bones, import_head
+from fapengine.mesh.rig.import_head import ImportedHead, head_of_bones, import_head
 from fapengine.mesh.rig.placed_mesh import place_mesh
 from fapengine.models.adapted_head import Nearness, adapt_head, scan_surface
 from fapengine.models.completed_rig import complete_rig

@@ -14,8 +14,11 @@ from fapengine._arrays import Array, Indices, Mask, freeze
 from fapengine.errors import DataError, UsageError
 from fapengine.geometry.surface import vertex_normals
 
-BONE_NAMES = ("head", "jaw", "left eye", "right eye")
+HEAD = "head"
+BONE_NAMES = (HEAD, "jaw", "left eye", "right eye")
 """Bones of a rig that an imported head uses."""
+MIN_WEIGHT = 0.5
+"""Weight from which a vertex belongs to a bone."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,6 +129,11 @@ BOTH = "lids"
 """Role of a blendshape that closes both eyes, instead of the first two."""
 EYE_SHARE = 0.3
 """Radius of the region of an eye, relative to the distance between the bones of the eyes."""
+
+
+def can_follow_bones(mesh: BlendshapeMesh) -> bool:
+    """Whether a mesh has a bone with the vertices of a head."""
+    return HEAD in mesh.bones and bool((mesh.bones[HEAD].weight > MIN_WEIGHT).any())
 
 
 def face_axes(

@@ -22,7 +22,7 @@ from fapengine.geometry.surface import unit_vectors
 from fapengine.mesh.face_mesh import Bone, Channel, DeformationBasis, FaceMesh
 from fapengine.mesh.rig import parts
 from fapengine.mesh.rig.blendshape_basis import ROW_FAPU, SHUT, Rig, RowCollector, build_basis
-from fapengine.mesh.rig.blendshape_mesh import BlendshapeMesh
+from fapengine.mesh.rig.blendshape_mesh import HEAD, MIN_WEIGHT, BlendshapeMesh, can_follow_bones
 from fapengine.mesh.rig.bones import EYE_SIDES, Bones, bind_bones
 from fapengine.mesh.rig.parts import Eyeball, Eyes, find_eyes, fit_point_fields
 from fapengine.mesh.rig.placed_mesh import PlacedMesh, cut_out, place_mesh
@@ -203,18 +203,10 @@ def _make_mesh(
     )
 
 
-HEAD = "head"
 BONES = {"jaw": Bone.JAW, "left eye": Bone.LEFT_EYE, "right eye": Bone.RIGHT_EYE}
 """Bones below the head's, by name."""
-MIN_WEIGHT = 0.5
-"""Weight from which a vertex belongs to a bone."""
 CHIN = "2.1"
 UP = np.array([0.0, 1.0, 0.0])
-
-
-def can_follow_bones(mesh: BlendshapeMesh) -> bool:
-    """Whether a mesh has a bone with the vertices of a head."""
-    return HEAD in mesh.bones and bool((mesh.bones[HEAD].weight > MIN_WEIGHT).any())
 
 
 def head_of_bones(
