@@ -22,6 +22,8 @@ from fapengine.mesh.rig.blendshape_mesh import BlendshapeMesh
 NEEDED_POINTS = ("8.1", "8.2", "8.3", "8.4", "2.1")
 """Feature points that every face needs: the outer lips and the chin."""
 MIN_POINTS = 8
+LEFT_TO_RIGHT = (("3.7", "3.11"), ("3.8", "3.12"), ("4.5", "4.1"), ("4.2", "4.6"))
+"""Corners of each eye and ends of each brow, the one to the subject's left first: of the right eye it is the inner."""
 MAX_MIRROR_RATIO = 0.6
 """Residual of the mirrored face, relative to the face itself, below which left and right are exchanged."""
 NODE_SIZE_MM = 1e-3
@@ -110,10 +112,15 @@ def place_mesh(mesh: BlendshapeMesh, points: Mapping[str, int], standard: FaceMe
     ------
     DataError
         If too few points are known, two share a vertex, one is not a vertex or far from the face, or left and right are
-        exchanged.
+        exchanged, of the face or of an eye or a brow.
     """
     check_points(points, mesh)
     placed, scale, rotation = _fit(mesh.vertices, points, standard)
+    for left, right in LEFT_TO_RIGHT:
+        if {left, right} <= points.keys() and placed[points[left], 0] < placed[points[right], 0]:
+            raise DataError(
+                f"feature points: {left} and {right} are exchanged; {left} is further to the subject's left"
+            )
     return cut_out(mesh, placed, points, placed[points["2.1"]], scale, rotation)
 
 

@@ -177,6 +177,8 @@ def test_vertices_of_no_triangle_are_dropped(standard, stranger):
         (lambda v, t, p: (v, t, p | {"8.1": p["8.2"]}), "one vertex for both"),
         (lambda v, t, p: (v, t, p | {"8.1": -1}), "got vertex -1"),
         (lambda v, t, p: (v * [-1, 1, 1], t, p), "left and right are exchanged"),
+        (lambda v, t, p: (v, t, p | {"3.8": p["3.12"], "3.12": p["3.8"]}), "3.8 and 3.12 are exchanged"),
+        (lambda v, t, p: (v, t, p | {"4.5": p["4.1"], "4.1": p["4.5"]}), "4.5 and 4.1 are exchanged"),
         (lambda v, t, p: (v * 0, t, p), "got all within"),
         (lambda v, t, p: (v * [0, 1, 0], t, p), "on one line"),
         (lambda v, t, p: (v, t[:0], p), "triangles: got 0"),
