@@ -91,7 +91,7 @@ def save_scene(path: Path, track: FapTrack, into: Into | None, *, shapes: str | 
         return f"expressions of {chosen}, head and gaze"
     if _is_usd(path):
         return _save_usd(path, track, str(into.avatar), name)
-    from fapengine.files.heads.meshes import files_beside  # much of scipy, for avatars' files alone
+    from fapengine.files.heads.meshes import files_beside  # for avatars alone
     from fapengine.files.heads.tables import load_mapping
 
     meanings = load_mapping(into.mapping) if into.mapping else None

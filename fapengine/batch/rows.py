@@ -74,7 +74,7 @@ class Options(SpeakingOptions):
         """Return the options of a file of this kind. Raises UsageError for an invalid one."""
         into = None
         if self.into and find_kind(Path(f"a.{kind}")).takes_avatar:
-            from fapengine.app.scene_files import Into  # with scipy
+            from fapengine.app.scene_files import Into
 
             into = Into(Path(self.into), self.keys, Path(self.map) if self.map else None)
         return SaveOptions(

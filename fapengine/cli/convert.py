@@ -53,7 +53,7 @@ def convert(
             save_markers(output, markers)
             summary = f"{markers.frame_count} frames of {len(markers.labels)} markers at {markers.rate_hz:g} Hz"
         else:
-            from fapengine.app.scene_files import save_take_scene  # with scipy
+            from fapengine.app.scene_files import save_take_scene
 
             check_output(output, options, rate_hz=0.0)
             summary = save_take_scene(output, motion, options.into)

@@ -44,7 +44,9 @@ def test_a_picture_of_faps_needs_no_scipy() -> None:
     assert "scipy" not in loaded
 
 
-@pytest.mark.parametrize("module", ["app.capture", "app.inspection.kinds", "batch.run"])
+@pytest.mark.parametrize(
+    "module", ["app.capture", "app.inspection.kinds", "batch.run", "app.scene_files", "files.heads.meshes"]
+)
 def test_commands_for_many_kinds_of_files_start_without_scipy(module: str) -> None:
     assert "scipy" not in modules_after(f"import fapengine.{module}")
 
