@@ -259,7 +259,7 @@ export class Planner {
     while (plans[1].start < Math.min(edge, this.shown)) plans.shift();
   }
 
-  // Late bilabials close as soon as they can; holds that have begun stay.
+  // Late bilabials close as soon as they can; holds that have begun grow with their phone.
   renewHolds(said, edge) {
     const before = this.holds;
     this.holds = new Map();
@@ -276,7 +276,9 @@ export class Planner {
       const same = before.get(from)?.hold;
       before.delete(from);
       if (!same && phone.end <= edge) continue; // its time is over, and so is what it had to hold
-      let hold = same ? holdUntil(same, Math.max(phone.end, edge)) : holdOf(phone, contact, isJoined);
+      const own = holdOf(phone, contact, isJoined);
+      let hold = same ? holdUntil(same, Math.max(phone.end, edge)) : own;
+      if (same && same.stop <= phone.end && same.stop > edge && key !== from) hold = { ...same, stop: Math.max(same.stop, own.stop) };
       if (!same && hold.start - RAMP_S < edge) hold = holdLate(hold, edge);
       if (hold) this.holds.set(key, { phone, hold });
     }

@@ -25,7 +25,7 @@ function due(segments, told, horizon, isEnd = false) {
       if (label === SILENCE && horizon - now >= MIN_FRAMES) chosen.push([label, now, horizon]);
       break;
     }
-    if (stop - now < MIN_FRAMES && !isEnd) continue; // the next begins earlier
+    if (stop - now < MIN_FRAMES && stop < segments.at(-1)[2] && !isEnd) continue; // the next begins earlier
     chosen.push([label, now, stop]);
     now = stop;
   }

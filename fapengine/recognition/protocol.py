@@ -186,8 +186,8 @@ def due(segments: Sequence[Labelled], reported: int, horizon: int, *, at_end: bo
     --------
     >>> due([("m", 0, 8), ("a", 8, 20), ("_", 20, 50)], 8, 40)
     [('a', 8, 20), ('_', 20, 40)]
-    >>> due([("b", 0, 9), ("a", 9, 30)], 8, 15)
-    []
+    >>> due([("b", 0, 9), ("a", 9, 30)], 8, 15), due([("b", 0, 9), ("a", 9, 10)], 8, 10)
+    ([], [('a', 8, 10)])
     """
     chosen: list[Labelled] = []
     now = reported
@@ -198,7 +198,7 @@ def due(segments: Sequence[Labelled], reported: int, horizon: int, *, at_end: bo
             if label == SILENCE and horizon - now >= MIN_FRAMES:
                 chosen.append((label, now, horizon))
             break
-        if end - now < MIN_FRAMES and not at_end:
+        if end - now < MIN_FRAMES and end < segments[-1][2] and not at_end:
             continue  # the next begins earlier
         chosen.append((label, now, end))
         now = end

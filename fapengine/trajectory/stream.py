@@ -312,7 +312,7 @@ class StreamingPlanner:
             del self._plans[0]
 
     def _renew_holds(self, contacts: Sequence[tuple[Phone, str]], edge: float) -> None:
-        """Renew holds: late bilabials close as soon as they can; holds that have begun stay."""
+        """Renew holds: late bilabials close as soon as they can; holds that have begun grow with their phone."""
         before, self._holds = self._holds, {}
         begun_keys = [key for key, hold in before.items() if hold.start_s - RAMP_S < edge]
         for phone, contact in contacts:
@@ -330,6 +330,8 @@ class StreamingPlanner:
                     hold = hold_late(hold, edge)
             elif same.stop_s > phone.end_s:
                 hold = hold_until(same, max(phone.end_s, edge))
+            elif same.stop_s > edge and key != key_before:
+                hold = replace(same, stop_s=max(same.stop_s, hold_of(phone, contact).stop_s))
             if hold:
                 self._holds[key] = hold
         begun = [hold_until(hold, edge) for hold in before.values() if hold.start_s - RAMP_S < edge]

@@ -70,6 +70,7 @@ def test_what_is_told_stays_whatever_comes() -> None:
     # now the m is thought to be longer, and something else
     assert due([("n", 0, 12), ("a", 12, 30)], 8, 40) == [("n", 8, 12), ("a", 12, 30)]
     assert due([("n", 0, 10), ("a", 10, 30)], 8, 40) == [("a", 8, 30)]  # 20 ms are no phone
+    assert due([("n", 0, 12), ("a", 12, 14)], 8, 14) == [("n", 8, 12), ("a", 12, 14)]  # it has just begun
 
 
 def test_a_recording_closes_the_lips_more_surely_than_the_loop_alone() -> None:

@@ -11,9 +11,9 @@ from fapengine.errors import UsageError
 from fapengine.mpeg4 import fap
 from fapengine.speech.phone_track import SILENCE, Phone, PhoneTrack
 from fapengine.trajectory import hermite
-from fapengine.trajectory.closures import MIN_HOLD_S, OPEN_FAPU, RAMP_S
+from fapengine.trajectory.closures import BURST_S, MIN_HOLD_S, OPEN_FAPU, RAMP_S
 from fapengine.trajectory.planner import Style, plan
-from fapengine.trajectory.stream import AHEAD_PHONES, BEHIND_PHONES
+from fapengine.trajectory.stream import AHEAD_PHONES, BEHIND_PHONES, PLANNED_LETTERS
 from fapengine.trajectory.targets import keys_of
 from tests.english import english
 from tests.single_stream import SingleStream, jet_of_plan
@@ -344,6 +344,26 @@ def test_a_bilabial_that_is_cut_short_while_it_is_shut_opens_no_later():
     assert max(hold.stop_s for hold in planner.holds if hold.contact == "lips") <= until_s
 
 
+def test_a_bilabial_that_grows_while_it_is_shut_opens_at_its_end():
+    def opens_s(lengths_s: list[float]) -> float:
+        """When lips that are shut for an m open, if its length becomes known so, each 0.02 s after the one before."""
+        planner, gap = SingleStream(english()), []
+        planner.feed([Phone("ɑ", 0.3, 0.6)])
+        gap.append(opening(planner.frames(times_until(0.55))))
+        for number, length_s in enumerate(lengths_s):
+            planner.feed([Phone("m", 0.6, 0.6 + length_s)])
+            gap.append(opening(planner.frames(0.55 + 0.02 * number + np.array([0.0, 0.01]))))
+        planner.feed([Phone("ɑ", 0.6 + lengths_s[-1], 1.2)])
+        begun_s = 0.55 + 0.02 * len(lengths_s)
+        gap.append(opening(planner.frames(np.arange(begun_s, 1.2, 0.01))))
+        shut = np.flatnonzero(np.concatenate(gap) <= closed())
+        return float(shut[-1]) / RATE_HZ
+
+    at_once = opens_s([0.2])
+    assert at_once == pytest.approx(0.8 - BURST_S, abs=0.011)
+    assert opens_s([0.06, 0.08, 0.1, 0.12, 0.14, 0.16, 0.18, 0.2]) == pytest.approx(at_once, abs=0.011)
+
+
 def test_of_phones_that_come_together_the_last_word_counts():
     together, apart = SingleStream(english()), SingleStream(english())
     told = [Phone("ɑ", 0.1, 0.24), Phone("ɑ", 0.24, 0.38), Phone("b", 0.23, 0.37)]
@@ -482,3 +502,16 @@ def test_the_path_is_c2_and_local(count, seed):
     at = np.linspace(times[min(2, count - 1)], times[-1] + 0.1, 30)
     if count > 3:
         np.testing.assert_array_equal(path.sample(at), hermite.paths(times, changed, path_of, 1)[0].sample(at))
+
+
+@given(st.lists(st.integers(1, 12), min_size=60, max_size=90), st.integers(1, 9))
+def test_letters_that_are_planned_are_counted_right_whatever_is_dropped(lengths, at_once):
+    planner, said = SingleStream(english()), []
+    for number, length in enumerate(lengths):
+        said.append(Phone("a" * length, 0.4 + 0.1 * number, 0.5 + 0.1 * number))
+    for first in range(0, len(said), at_once):
+        planner.feed(said[first : first + at_once])
+        assert planner._letters == sum(len(phone.label) for phone in planner.phones) <= PLANNED_LETTERS
+    fitting = np.searchsorted(np.cumsum(lengths), PLANNED_LETTERS, side="right")
+    assert list(planner.phones)[:fitting] == said[:fitting]
+    assert planner.counts.dropped == len(said) - len(planner.phones)
