@@ -153,11 +153,12 @@ def parse_htk(data: bytes, *, alphabet: str | None = None, columns: str | None =
 
 def _begun_words(rows: Sequence[tuple[str, list[str]]], entries: Sequence[Entry]) -> list[Entry]:
     """Words that HVite writes after the score of their first phone; each lasts until the next."""
-    onsets = [
-        (entry.start_s, after[-1], entry.where)
-        for entry, (_, row) in zip(entries, rows, strict=True)
-        if len(after := " ".join(row[3:]).split()) > 1 and re.fullmatch(NUMBER, after[0])
-    ]
+    onsets = []
+    for entry, (_, row) in zip(entries, rows, strict=True):
+        score, *names = " ".join(row[3:]).split() or [""]
+        names = [name for name in names if not re.fullmatch(NUMBER, name)]  # a score of its own may follow
+        if names and re.fullmatch(NUMBER, score):
+            onsets.append((entry.start_s, names[-1], entry.where))
     return until_next(onsets, entries[-1].end_s if entries else None)
 
 

@@ -268,6 +268,11 @@ def test_the_alphabet_can_be_said() -> None:
         parse_timings(b"0 4000000 zh\n", options=ParseOptions(alphabet="runes"))
 
 
+def test_a_word_of_hvite_may_have_a_score_of_its_own() -> None:
+    rows = "0 2000000 M -52.3 MY -90.1\n2000000 4000000 AY1 9.0\n4000000 9000000 OW1 7.5 OH 8.1\n"
+    assert [phone.word for phone in parse_timings(rows.encode()).phones] == ["MY", "MY", "OH"]
+
+
 def test_a_table_of_numbers_is_not_allosaurus() -> None:
     assert guess_format(b"0.1 0.045 0.00\n0.2 0.045 1.00\n") is FORMATS["htk"]
 
