@@ -504,14 +504,11 @@ def test_the_path_is_c2_and_local(count, seed):
         np.testing.assert_array_equal(path.sample(at), hermite.paths(times, changed, path_of, 1)[0].sample(at))
 
 
-@given(st.lists(st.integers(1, 12), min_size=60, max_size=90), st.integers(1, 9))
-def test_letters_that_are_planned_are_counted_right_whatever_is_dropped(lengths, at_once):
-    planner, said = SingleStream(english()), []
-    for number, length in enumerate(lengths):
-        said.append(Phone("a" * length, 0.4 + 0.1 * number, 0.5 + 0.1 * number))
-    for first in range(0, len(said), at_once):
-        planner.feed(said[first : first + at_once])
+@pytest.mark.parametrize("length", [1, 7])
+def test_letters_that_are_planned_are_counted_right_whatever_is_dropped(length):
+    planner, said = SingleStream(english()), phones(["ama" * length, "m" * length] * (120 // length), 0.1)
+    for at in (0, len(said) // 2):
+        planner.feed(said[at : at + len(said) // 2])
         assert planner._letters == sum(len(phone.label) for phone in planner.phones) <= PLANNED_LETTERS
-    fitting = np.searchsorted(np.cumsum(lengths), PLANNED_LETTERS, side="right")
-    assert list(planner.phones)[:fitting] == said[:fitting]
-    assert planner.counts.dropped == len(said) - len(planner.phones)
+    assert list(planner.phones) == said[: len(planner.phones)]
+    assert planner.counts.dropped == len(said) - len(planner.phones) > 0
