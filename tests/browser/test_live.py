@@ -129,6 +129,10 @@ def events_of(
         if rng.random() < 0.1:  # again, and a little later
             moved_s = float(rng.choice([0.0, 0.0, 0.0004, 0.01]))
             events.append((at_s + 0.05, [Phone(phone.label, phone.start_s + moved_s, phone.end_s + moved_s)]))
+        if rng.random() < 0.1:  # heard while it grows
+            label, from_s = str(rng.choice(["m", "f", "w", "ɑ"])), max(phone.start_s - 0.1, 0.0)
+            lengths_s = [0.03 * step for step in range(1, 8)]
+            events += [(from_s + one_s, [Phone(label, phone.start_s, phone.start_s + one_s)]) for one_s in lengths_s]
     if rng.random() < 0.05:  # more than is planned ahead
         events.append((0.1, spoken(rng, known, 200, end_s)))
     cancels = [(float(rng.uniform(0, end_s)), float(rng.choice([0.1, 0.2, 0.5]))) for _ in range(rng.integers(0, 3))]
@@ -340,7 +344,8 @@ def check_phones(package: Path, sounds: list[np.ndarray], *, is_plain: bool = Fa
 @pytest.mark.parametrize("is_plain", [False, True], ids=["by WebAssembly", "in plain JavaScript"])
 def test_phones_are_pythons(is_plain: bool, package: Path) -> None:
     sentences = [spoken_by_espeak(voice, BABY).samples for voice in ("en-us", "fr")]
-    others = [*list(no_speech().values())[:2], whispered(spoken_by_espeak("en-us", POPPIES).samples)]
+    noises = [no_speech()[name] for name in ("silence", "pink noise that swells")]
+    others = [*noises, whispered(spoken_by_espeak("en-us", POPPIES).samples)]
     assert check_phones(package, [*sentences, *others], is_plain=is_plain) > 40
 
 
