@@ -309,14 +309,14 @@ def _one_mesh(scene: Any, path: Path, trimesh: Any) -> Any:
     return trimesh.Trimesh(vertices, faces, vertex_colors=colours, process=False)
 
 
-_LIBRARY = re.compile(rb"^mtllib[ \t]+(.+?)\s*$", re.MULTILINE)
+_LIBRARY = re.compile(rb"^mtllib[ \t]+(.+)", re.MULTILINE)
 
 
 def library_of(data: bytes, path: Path) -> bytes:
     """Text of the materials that an OBJ names, which are in its folder; empty without any."""
     named = _LIBRARY.search(data)
     try:
-        beside = path.with_name(Path(named[1].decode("utf-8", "replace")).name) if named else path
+        beside = path.with_name(Path(named[1].strip().decode("utf-8", "replace")).name) if named else path
         return read_bytes(beside) if named and beside.is_file() else b""
     except (OSError, ValueError):  # no name of a file
         return b""
@@ -324,10 +324,10 @@ def library_of(data: bytes, path: Path) -> bytes:
 
 def _with_material(data: bytes, path: Path) -> bytes:
     """Let an OBJ that uses no material of its library, as FLAME's and VOCA's, use the first."""
-    first = re.search(rb"^\s*newmtl[ \t]+(.+?)\s*$", library_of(data, path), re.MULTILINE)
+    first = re.search(rb"^[ \t]*newmtl[ \t]+(.+)", library_of(data, path), re.MULTILINE)
     if first is None or re.search(rb"^usemtl\b", data, re.MULTILINE):
         return data
-    return _LIBRARY.sub(rb"\g<0>\nusemtl " + first[1].replace(b"\\", b"\\\\"), data, count=1)
+    return _LIBRARY.sub(rb"\g<0>\nusemtl " + first[1].strip().replace(b"\\", b"\\\\"), data, count=1)
 
 
 def _check_indices(data: bytes, path: Path) -> None:

@@ -168,8 +168,8 @@ def parse_mlf(data: bytes, *, tier: str | None = None, alphabet: str | None = No
     name = ""
     lines = decode_text(data, "MLF").splitlines()
     for number, line in enumerate(lines):
-        if quoted := re.fullmatch(r'\s*"(?:.*[/\\])?([^"]*?)(?:\.\w+)?"\s*', line):
-            name = quoted[1]
+        if line.lstrip().startswith('"'):
+            name = re.sub(r"\.\w+$", "", re.split(r"[/\\]", line.strip().strip('"'))[-1])
         elif name and line.strip() != ".":
             recordings.setdefault(name, {})[number] = line
     if not recordings:
