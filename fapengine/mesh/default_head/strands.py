@@ -43,13 +43,13 @@ TAPER_AT, TAPER = (0.0, 0.3, 0.65, 1.0), (1.0, 1.1, 0.62, 0.07)
 """Width of a strand along its tip: it lies over its neighbours, then ends in a point. Narrower ends flicker."""
 LOCK_ROWS, MAX_LOCK_DETAIL = 6, 1.4
 """Rows of a lock without length, six more per ``t``; locks are not divided further at the finest levels."""
-LOCK_AT, LOCK = (0.0, 0.25, 0.45, 0.7, 0.85, 1.0), (0.2, 0.85, 1.0, 0.72, 0.40, 0.03)
+LOCK_AT, LOCK = (0.0, 0.25, 0.45, 0.7, 0.85, 1.0), (0.3, 0.85, 1.0, 0.80, 0.48, 0.03)
 """Width of a lock along its length."""
 HAIR_ROWS, PAINTED, TILT = 3, 1.0, 0.7
 """Points of a single hair without length, two more per ``t``; its light, near that of painted strands; how far its
 ribbon is turned towards the outside, so that it is seen from the side, too.
 """
-LOCK_TINT, LOCK_ROOTS = (1.06, 0.84), ((0.0, 0.3, 1.0), (0.9, 1.0, 1.04))
+LOCK_TINT, LOCK_ROOTS = (1.03, 0.94), ((0.0, 0.3, 1.0), (0.97, 1.0, 1.03))
 """Light on a lock's middle and edges, and along it."""
 ARCH = 0.42
 """Height of a lock's middle above its edges, in halves of its width."""
@@ -128,7 +128,7 @@ def _add_layer(builder: MeshBuilder, fall: Fall, cut: Cut, seed: int, palette: P
     _join(builder, grid)
     _join(builder, np.stack([grid[:-1, :whole, -1], grid[1:, :whole, 0]], axis=-1))
     # Tips, strands at and near the face and the inside are seen from behind, too.
-    tips, front = 0 if layer.is_inside else 2 * share.size // 3, lead + NEAR_FACE * (lead > 0)
+    tips, front = 0 if layer.is_inside else share.size // 2, lead + NEAR_FACE * (lead > 0)
     _join(builder, grid[front : layer.strands - front, tips:, ::-1])
     _join(builder, grid[np.r_[:front, layer.strands - front : layer.strands], :, ::-1])
     return grid.ravel()
