@@ -131,6 +131,8 @@ def writing(
     """
     if source:
         check_signable(path)
+    if path.suffix.lower() == ".webp":  # in a folder such as a%d FFmpeg would take it for a numbered image
+        file_format = "webp"
     try:
         with replacing(path) as new:
             with av.open(str(new), "w", format=file_format, options=options) as container:

@@ -31,9 +31,11 @@ def test_folders_and_patterns_get_pictures(tmp_path: Path, name: str, file: str)
 
 @pytest.mark.parametrize("suffix", [".mp4", ".webm", ".gif", ".webp"])
 def test_files_get_all_frames(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / "of %d ü" / f"a{suffix}"
+    path.parent.mkdir()
     frames = [frame[..., :3] for frame in clear_frames(4)]
-    assert write_moving(tmp_path / f"a{suffix}", frames, rate_hz=25.0) == 4
-    assert (tmp_path / f"a{suffix}").stat().st_size > 200
+    assert write_moving(path, frames, rate_hz=25.0) == 4
+    assert path.stat().st_size > 200
 
 
 def test_webm_keeps_alpha(tmp_path: Path) -> None:
