@@ -32,7 +32,7 @@ def test_long_hair_has_no_edges_across(haircut: str, yaw_deg: float) -> None:
     # Edges of locks that swing are staircases of pixels: a step down counts as wide as seven columns share it.
     down = np.percentile(np.abs(uniform_filter1d(np.diff(light, axis=0), 7, axis=1)), 99.9)
     across = np.percentile(np.abs(np.diff(light, axis=1)), 99.9)
-    assert across > 5 * down  # 6.0 to 7.1 times
+    assert across > 0.075  # 0.087 to 0.19; 0.062 where all strands have one shade
     assert down < 0.042  # 0.012 to 0.030; 0.043 to 0.068 if all layers are in waves that pierce each other
 
 
