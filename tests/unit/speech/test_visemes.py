@@ -92,3 +92,11 @@ def test_azure_counts_in_tenths_of_a_microsecond() -> None:
 def test_lips_and_teeth_touch_in_phones_of_their_own() -> None:
     assert [is_labiodental(Phone(label, 0.0, 0.1)) for label in "fvm"] == [True, True, False]
     assert [is_bilabial(Phone(label, 0.0, 0.1)) for label in "fvm"] == [False, False, True]
+
+
+@pytest.mark.parametrize(("ending", "sign"), [(".csv", ","), (".tsv", "\t")])
+def test_tables_are_parted_as_their_ending_says(ending: str, sign: str) -> None:
+    rows = visemes_of_phones(PHONES, "oculus")
+    first, second, *_ = format_visemes(rows, "oculus", ending).decode().splitlines()
+    assert first.split(sign) == ["start", "end", "viseme"]
+    assert second.split(sign) == ["0.0000", f"{rows[0].end_s:.4f}", rows[0].name]

@@ -4,7 +4,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fapengine.speech.text.words import attribute, pieces_of, unread_remarks, without_tags, words_of
+from fapengine.speech.text.words import (
+    attribute,
+    is_spelled,
+    may_be_spelled,
+    pieces_of,
+    unread_remarks,
+    without_tags,
+    words_of,
+)
 
 WORDS = [
     ("", []),
@@ -115,3 +123,19 @@ def test_words_lie_in_order_without_spaces(text: str) -> None:
 
 def test_tags_are_blanked() -> None:
     assert without_tags("a <b/>c") == "a     c"
+
+
+@pytest.mark.parametrize(
+    ("word", "is_one"),
+    [("km", True), ("Hptm", True), ("TV", False), ("by", False), ("k", False), ("p.m.", False), ("мм", True)],
+)
+def test_a_word_without_a_vowel_may_be_spelled_but_not_an_acronym(word: str, is_one: bool) -> None:
+    assert may_be_spelled(word) is is_one
+
+
+@pytest.mark.parametrize(
+    ("transcription", "spells"),
+    [("(en)eɪtʃ tiː ɛm ɛl", True), ("(en)eɪtʃ tiː ɛm", False), ("(en)hətməl", False), ("hətməl", True)],
+)
+def test_a_voice_spells_where_it_names_every_letter(transcription: str, spells: bool) -> None:
+    assert is_spelled("html", transcription) is spells
