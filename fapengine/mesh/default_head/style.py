@@ -36,7 +36,7 @@ LEVELS: dict[str, Detail] = {
     "fine": Detail(1.38, 1.38),
     "finest": Detail(2.54, 2.54),
 }
-"""Level of detail by name: about 8, 10, 16, 28 and 73 thousand vertices."""
+"""Level of detail by name: about 7, 10, 16, 28 and 74 thousand vertices."""
 
 HAIRCUTS = ("short", "cropped", "bob", "long")
 OVER_EARS = ("bob", "long")
