@@ -1,9 +1,8 @@
 // The best path through the phones, as scores come: Search of fapengine/recognition/small_recognizer.py. Stateful.
 
-import { protocol, small_recognizer } from "./constants.js";
+import { protocol } from "./constants.js";
 
 const { MIN_FRAMES } = protocol;
-const { SURE } = small_recognizer;
 const { fround } = Math;
 const FIRST = -4; // score of each label but silence before the first frame
 
@@ -21,7 +20,7 @@ export class Search {
     this.row = new Float32Array(count);
   }
 
-  // Adds the scores of one frame, which begin at a place; returns the best label if it is sure, else 0.
+  // Adds the scores of one frame, which begin at a place; returns the best label and the logarithm of its probability.
   push(scores, at) {
     const { count, row, bonus } = this;
     let [top, sum, best] = [-Infinity, 0, 0];
@@ -30,7 +29,7 @@ export class Search {
     const log = fround(Math.log(fround(sum)));
     for (let label = 0; label < count; ++label) row[label] = fround(fround(scores[at + label] - top) - log) + bonus[label];
     this.step();
-    return -log >= SURE ? best : 0;
+    return [best, -log];
   }
 
   step() {

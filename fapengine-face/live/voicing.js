@@ -5,11 +5,11 @@ import { loudness, phone_track, protocol, small_recognizer } from "./constants.j
 import { Fft } from "./fft.js";
 
 const {
-  CONTEXT, EVEN, GLIDE_FRAMES, HOP, LABEL_FRAMES, LATE, MAX_PHONE_S, PITCH_HZ, QUIET_DB, REACH_S, SILENT_DB, STEADY_FRAMES, STEADY_SHARE, STILL,
+  CONTEXT, EVEN, GLIDE_FRAMES, GLIDING_FRAMES, HOP, LABEL_FRAMES, LATE, MAX_GLIDE, MAX_PHONE_S, PITCH_HZ, QUIET_DB, REACH_S, SILENT_DB, STEADY_FRAMES, STEADY_SHARE, STILL, SURE_FRAMES,
   VOICED, VOICED_FRAMES, WHISPER_FRAMES, WHISPER_LABELS, WINDOW,
 } = loudness;
 const { FRAME_HZ, RATE_HZ } = protocol;
-const { NEAR_VOWEL, REMEMBERED, VOWEL_LETTERS } = small_recognizer;
+const { LIKELY, NEAR_VOWEL, REMEMBERED, SURE, VOWEL_LETTERS } = small_recognizer;
 const { SILENCE } = phone_track;
 const [SHORTEST, LONGEST] = [Math.trunc(RATE_HZ / PITCH_HZ[1]), Math.trunc(RATE_HZ / PITCH_HZ[0])];
 const AROUND = (WINDOW - HOP) / 2;
@@ -93,6 +93,17 @@ function around(marked) {
   return marked.map((_, at) => total[Math.min(at + reach + 1, marked.length)] - total[Math.max(at - reach, 0)]);
 }
 
+// Pitches of frames, 0 where they do not glide as a voice's do.
+function gliding(pitches) {
+  const goesOn = (at) => pitches[at] > 0 && pitches[at - 1] > 0 && Math.abs(Math.log(pitches[at]) - Math.log(pitches[at - 1])) < MAX_GLIDE;
+  const found = pitches.map(() => 0);
+  for (let first = 0, stop = 1; first < pitches.length; first = stop++) {
+    while (stop < pitches.length && goesOn(stop)) ++stop;
+    if (stop - first >= GLIDING_FRAMES) for (let at = first; at < stop; ++at) found[at] = pitches[at];
+  }
+  return found;
+}
+
 // Pitch and loudness of the last seconds. Stateful.
 export class Voicing {
   constructor() {
@@ -103,16 +114,24 @@ export class Voicing {
     this.levels = [];
     this.first = 0; // frame at which these begin
     this.vowel = -REMEMBERED; // frame after the last vowel
-    this.sure = []; // label that the network is sure of, of each of the last frames; 0 for silence and none
-    this.sureFirst = 0;
+    this.heard = []; // the network's best label and the logarithm of its probability, of each of the last frames
+    this.heardFirst = 0;
   }
 
-  // Adds the label that the network is sure of in the next frame, or 0.
-  recognize(label) {
-    this.sure.push(label);
-    if (this.sure.length <= 2 * REMEMBERED) return;
-    this.sure.shift();
-    this.sureFirst += 1;
+  // Adds these of the next frame.
+  recognize(found) {
+    this.heard.push(found);
+    if (this.heard.length <= 2 * REMEMBERED) return;
+    this.heard.shift();
+    this.heardFirst += 1;
+  }
+
+  // Label of which the network is sure in each frame, 0 for silence and none.
+  sure(least) {
+    return this.pitches.map((_, at) => {
+      const [label, log] = this.heard[at + this.first - this.heardFirst] ?? [0, 0];
+      return log >= least ? label : 0;
+    });
   }
 
   // Adds int16 samples, whole frames except at the end; the last frames get no pitch yet.
@@ -146,8 +165,8 @@ export class Voicing {
   // Which frames have a voice near them that is not music, or a whisper.
   voices() {
     const voices = this.voiced();
-    if (voices.every(Boolean) || !this.sure.some(Boolean)) return voices;
-    const sure = this.pitches.map((_, at) => this.sure[at + this.first - this.sureFirst] ?? 0);
+    if (voices.every(Boolean)) return voices;
+    const sure = this.sure(SURE);
     const counts = [...new Set(sure)].filter(Boolean).map((label) => around(sure.map((one) => one === label)));
     const voiced = around(this.pitches.map((pitch) => pitch > 0));
     const isWhispered = (at) =>
@@ -158,13 +177,14 @@ export class Voicing {
   }
 
   voiced() {
-    const { pitches } = this;
+    const [pitches, sure] = [gliding(this.pitches), around(this.sure(LIKELY))];
     const voiced = around(pitches.map((pitch) => pitch > 0));
     const still = around(pitches.map((pitch, at) => {
       const before = pitches[at - GLIDE_FRAMES];
       return pitch > 0 && before > 0 && Math.abs(Math.log(pitch / before)) < STILL;
     }));
-    return pitches.map((_, at) => voiced[at] >= VOICED_FRAMES && !(still[at] >= STEADY_FRAMES && still[at] >= STEADY_SHARE * voiced[at]));
+    const isVoiced = (at) => voiced[at] >= VOICED_FRAMES && sure[at] >= SURE_FRAMES;
+    return pitches.map((_, at) => isVoiced(at) && !(still[at] >= STEADY_FRAMES && still[at] >= STEADY_SHARE * voiced[at]));
   }
 
   // Replaces segments that are voiceless, music, very quiet, or isolated by silence; without gaps.

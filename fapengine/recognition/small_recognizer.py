@@ -57,8 +57,8 @@ ONSET_FRAMES = 5
 """Frames of speech after silence that are heard before it counts as begun: music and noise begin alike."""
 NEAR_VOWEL = 100
 """Frames after a vowel in which a phone may be isolated; elsewhere it is a knock."""
-SURE = np.log(0.7)
-"""Least logarithm of a label's probability of which the network is sure."""
+LIKELY, SURE = np.log(0.5), np.log(0.7)
+"""Least logarithm of the probability of a label of which the network is sure: beside a voice, and in a whisper."""
 VOWEL_LETTERS = frozenset("aeiouæɑɔəɛɝɪʊʌ")
 
 Floats = NDArray[np.float32]
@@ -193,8 +193,8 @@ class Voicing:
 
     def __init__(self) -> None:
         self._frames = RunningSoundings()
-        self._scores = np.zeros((0, 1), np.float32)
-        """(T, C): the network's, of the frames before ``_scored``."""
+        self._labels, self._logs = np.zeros(0, np.int64), np.zeros(0, np.float32)
+        """(T,): the network's best label and the logarithm of its probability, of the frames before ``_scored``."""
         self._scored = 0
         self._vowel = -REMEMBERED
         """Frame after the last vowel."""
@@ -206,21 +206,21 @@ class Voicing:
 
     def recognize(self, scores: Floats) -> None:
         """Add the network's scores of the next frames, (T, C)."""
-        self._scores = np.concatenate([self._scores[-REMEMBERED:], scores]) if len(self._scores) else scores
+        likely = log_softmax(scores)
+        self._labels = np.concatenate([self._labels[-REMEMBERED:], likely.argmax(axis=1)])
+        self._logs = np.concatenate([self._logs[-REMEMBERED:], likely.max(axis=1, initial=-np.inf)])
         self._scored += len(scores)
 
     def _voices(self) -> NDArray[np.bool_]:
         """(T,): frames with a pitch near which there is a voice, or a whisper."""
         pitches_hz = self._frames.pitches_hz
-        voices = voice_frames(pitches_hz)
-        if voices.all():
-            return voices
-        sure = np.zeros(len(pitches_hz), np.int64)
-        place = self._scored - len(self._scores) - self._frames.first
-        known = self._scores[max(-place, 0) :][: max(len(sure) - max(place, 0), 0)]
-        labels = np.where(log_softmax(known).max(axis=1, initial=-np.inf) >= SURE, known.argmax(axis=1), 0)
-        sure[max(place, 0) : max(place, 0) + len(labels)] = labels
-        return voices | whispered_frames(sure, pitches_hz)
+        labels, logs = np.zeros(len(pitches_hz), np.int64), np.full(len(pitches_hz), -np.inf)
+        place = self._scored - len(self._labels) - self._frames.first
+        known = slice(max(-place, 0), max(len(pitches_hz) - place, 0))
+        near = slice(max(place, 0), max(place, 0) + len(self._labels[known]))
+        labels[near], logs[near] = self._labels[known], self._logs[known]
+        voices = voice_frames(pitches_hz, (labels > 0) & (logs >= LIKELY))
+        return voices if voices.all() else voices | whispered_frames(np.where(logs >= SURE, labels, 0), pitches_hz)
 
     def spoken(self, segments: list[Labelled]) -> list[Labelled]:
         """Replace segments that are voiceless, music, very quiet, or isolated by silence; without gaps."""

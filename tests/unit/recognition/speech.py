@@ -88,9 +88,13 @@ def no_speech(duration_s: float = 4.0, seed: int = 1) -> dict[str, NDArray[np.in
         arpeggio[start:] += (index % 2) * rng.normal(0, 1, len(rest_s)) * np.exp(-50 * rest_s)
     chord = sum(np.sin(2 * np.pi * f * at_s) / n for n, f in enumerate((130.8, 164.8, 196.0, 261.6), start=1))
     hum = sum(np.sin(2 * np.pi * 50 * k * at_s) / k for k in (1, 2, 3, 5, 7))
+    swell = (1 + np.sin(8 * np.pi * at_s)) * np.fft.irfft(
+        np.fft.rfft(white) / np.maximum(np.fft.rfftfreq(count, 1 / RATE_HZ), 8.0) ** [[0.5], [1.0]], count
+    )
     sounds = {
         "silence": np.zeros(count), "white noise": 0.4 * white, "a quiet room": 0.003 * white, "hum": hum,
         "clicks": (rng.random(count) < 3e-4) * white, "music": arpeggio, "a chord": chord,
+        "pink noise that swells": swell[0], "brown noise that swells": swell[1],
     }  # fmt: skip
     return {name: (12_000 * sound / max(np.abs(sound).max(), 1.0)).astype(np.int16) for name, sound in sounds.items()}
 

@@ -3,7 +3,7 @@
 import contextlib
 import io
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 import pytest
@@ -14,7 +14,15 @@ from numpy.typing import NDArray
 from fapengine.errors import DataError, ResourceError, UsageError
 from fapengine.recognition import choice
 from fapengine.recognition.choice import BOTH, SMALL, check_recognizer, chosen, new_recognizer
-from fapengine.recognition.loudness import RunningSoundings, loudness_db, pitch_hz, soundings, whispered_frames
+from fapengine.recognition.loudness import (
+    RunningSoundings,
+    gliding,
+    loudness_db,
+    pitch_hz,
+    soundings,
+    voice_frames,
+    whispered_frames,
+)
 from fapengine.recognition.protocol import RATE_HZ
 from fapengine.recognition.small_net import WEIGHTS, read_weights
 from fapengine.recognition.small_recognizer import SURE_AFTER, JointRecognizer, KnownFrames, SmallRecognizer
@@ -24,9 +32,12 @@ from tests.unit.recognition.speech import (
     POPPIES,
     closures,
     heard,
+    in_noise,
+    in_room,
     met,
     no_speech,
     opening_mm,
+    over_telephone,
     spoken,
     spoken_by_espeak,
     whispered,
@@ -84,6 +95,27 @@ def test_a_whisper_has_many_sure_phones_and_no_pitch() -> None:
     assert not whispered_frames(np.where(np.arange(240) % 10 < 1, phones, 0), silent).any()  # a frame of each
     assert not whispered_frames(phones, np.full(240, 200.0)).any()
     assert not whispered_frames(phones[:0], silent[:0]).any()
+
+
+def test_a_voice_has_a_pitch_that_glides_and_phones() -> None:
+    glide_hz, sure = 200.0 * 1.01 ** np.arange(60), np.arange(60) % 15 == 0  # in four frames
+    assert voice_frames(glide_hz, sure).all()
+    assert not voice_frames(glide_hz, sure & (np.arange(60) > 0)).any()
+    assert not voice_frames(200.0 * 1.07 ** (np.arange(60) % 9), sure).any()  # faster than any voice
+    broken_hz = np.where(np.arange(60) % 3 == 2, 0.0, glide_hz)
+    assert not voice_frames(broken_hz, sure).any()  # two frames in a row
+    assert gliding(np.where(np.arange(60) % 4 == 3, 0.0, glide_hz)).sum() == 45
+    assert not gliding(glide_hz[:0]).any()
+
+
+@pytest.mark.parametrize("change", [lambda sound: in_noise(sound, 5.0), over_telephone, in_room])
+def test_a_voice_is_found_in_noise_rooms_and_telephones(change: Callable[..., NDArray[np.int16]]) -> None:
+    speech = spoken("kal16", POPPIES)
+    heard_s = sum(
+        phone.duration_s for phone in heard(SmallRecognizer(), change(speech.samples)) if not phone.is_silence
+    )
+    said_s = sum(phone.duration_s for phone in speech.phones.phones if not phone.is_silence)
+    assert heard_s > 0.8 * said_s
 
 
 def test_loudness_hardly_matters() -> None:
