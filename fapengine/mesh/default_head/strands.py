@@ -31,7 +31,7 @@ NEAR_FACE = 3
 """Strands next to those at the face that the camera sees from inside, past the forehead."""
 STEP_MM, ROUND_MM, TIP_ROUND_MM = 2.2, 1.6, 2.2
 """Height of upper strands above lower ones; height of a strand's middle above its edges, and what tips add to it."""
-PARTING_MM = (1.6, 2.0)
+PARTING_MM = (0.5, 2.8)
 """How far hair of either side goes beyond the parting, and its depth there."""
 VALLEY_AT, VALLEY = (0.0, 0.05, 0.16), (0.72, 0.86, 1.0)
 """Light on hair along ``t``: it dips to the parting in a soft shadow."""
@@ -128,7 +128,7 @@ def _add_layer(builder: MeshBuilder, fall: Fall, cut: Cut, seed: int, palette: P
     _join(builder, grid)
     _join(builder, np.stack([grid[:-1, :whole, -1], grid[1:, :whole, 0]], axis=-1))
     # Tips, strands at and near the face and the inside are seen from behind, too.
-    tips, front = 0 if layer.is_inside else share.size // 2, lead + NEAR_FACE * (lead > 0)
+    tips, front = 0 if layer.is_inside else share.size // 3, lead + NEAR_FACE * (lead > 0)
     _join(builder, grid[front : layer.strands - front, tips:, ::-1])
     _join(builder, grid[np.r_[:front, layer.strands - front : layer.strands], :, ::-1])
     return grid.ravel()
@@ -228,7 +228,7 @@ def _add_locks(builder: MeshBuilder, fall: Fall, cut: Cut, seed: int, palette: P
     )
     _join(builder, grid)
     if locks.up_mm[-1] > 0:  # lifted tips are seen from behind, too
-        _join(builder, grid[:, share.size // 2 :, ::-1])
+        _join(builder, grid[:, share.size // 3 :, ::-1])
     return grid.ravel()
 
 
