@@ -181,9 +181,16 @@ def test_a_word_that_cannot_be_judged_is_believed() -> None:
 
 
 @pytest.mark.parametrize(("voice", "text", "other"), [("rms", "Water.", "People."), ("kal16", "Music.", "Seven.")])
-def test_a_word_that_noise_lets_through_is_doubted(voice: str, text: str, other: str) -> None:
+def test_another_word_is_refused_in_noise_too(voice: str, text: str, other: str) -> None:
     clean = spoken(voice, text)
     speech = Spoken(text, in_noise(clean.samples, 8.0), clean.phones)
+    assert (aligned(speech).unheard, aligned(speech, other).unheard) == (0.0, 1.0)
+
+
+@pytest.mark.parametrize(("text", "other"), [("Morning.", "Table."), ("Music.", "Paper.")])
+def test_a_word_that_noise_lets_through_is_doubted(text: str, other: str) -> None:
+    clean = spoken("slt", text)
+    speech = Spoken(text, in_noise(clean.samples, 0.0), clean.phones)
     whole = ((0.0, len(speech.samples) / RATE_HZ),)
     assert (aligned(speech, other).unheard, aligned(speech, other).doubted) == (0.0, whole)
     assert aligned(clean).doubted == ()
