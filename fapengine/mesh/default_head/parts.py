@@ -40,13 +40,19 @@ FRONTS = slice(4, 9)
 UPPER_WIDTHS_MM = (8.5, 6.5, 7.5, 7.0, 7.0, 10.0)
 LOWER_WIDTHS_MM = (5.0, 5.5, 7.0, 7.0, 7.0, 11.0)
 """Crown widths from the middle to the back, from tables of dental anatomy."""
+UPPER_LENGTHS = np.array([1.0, 0.94, 0.97, 0.90, 0.86, 0.80])
+"""Lengths of upper crowns, relative: an edge with short laterals between centrals and canines, not a straight one."""
+UPPER_TINTS = np.array([0.98, 0.95, 0.85, 0.91, 0.90, 0.88])
+"""Light of upper crowns, relative: canines are darker."""
+SEAM, NOTCH = (0.45, 0.76), (0.12, 0.08)
+"""Light in the gaps of upper and lower teeth, and by what share of a crown its corners are shorter there."""
 IN_TOOTH = (0.0, 0.09, 0.5, 0.91)
 """Columns of a tooth: a gap is a line, and a tooth is round only beside it."""
 ROUND_TOOTH = 0.16
 """Slope of the light on a tooth beside its gaps."""
 IN_SHADE = np.array([1.0, 1.1, 1.3])
 """Powers of the shade of teeth in red, green and blue: what light is left there has been reflected by lips."""
-DARK_UPPER, DARK_LOWER = ((6.0, 25.0), np.array([0.62, 0.69, 0.71])), ((6.0, 17.0), np.array([0.88, 0.92, 0.92]))
+DARK_UPPER, DARK_LOWER = ((6.0, 25.0), np.array([0.66, 0.73, 0.76])), ((6.0, 17.0), np.array([0.88, 0.92, 0.92]))
 """Distances along the arch over which teeth become darker, away from the opening, mm, and by what fraction of red,
 green and blue: the light there comes from gums and cheeks. Lower teeth soon lie in the dark.
 """
@@ -71,7 +77,9 @@ def build_teeth(builder: MeshBuilder, detail: float, *, upper: bool) -> Indices:
     along[: len(along) // 2] *= -1
     arch, outward = _arch(along, half_width, front_z, depth)
     round_off = np.abs(np.sin(np.pi * in_tooth)) ** 0.4
-    length = 1.0 - (0.10 * smoothstep((number - 0.9) / 1.5) + 0.12 * smoothstep((number - 3.5) / 2.0)) * upper
+    tooth = np.minimum(number.astype(int), teeth - 1)
+    length, tint = (UPPER_LENGTHS[tooth], UPPER_TINTS[tooth]) if upper else (np.ones_like(number),) * 2
+    seam, notch = (both[0 if upper else 1] for both in (SEAM, NOTCH))
     direction = np.sign(edge_y - gum_y)
     rows, looks = [], []
     for height, out, is_gum in (
@@ -81,12 +89,12 @@ def build_teeth(builder: MeshBuilder, detail: float, *, upper: bool) -> Indices:
     ):  # fmt: skip
         stands_out = out - 0.9 * (1 - round_off) * (not is_gum)
         xz = arch + stands_out[:, None] * outward
-        tip = length * (1 - 0.10 * (1 - round_off))
+        tip = length * (1 - notch * (1 - round_off) ** 1.5)
         scallop = 0.14 * (1 - round_off) * (abs(height) < 0.1)
         y = gum_y + direction * abs(edge_y - gum_y) * (np.where(height > 0, height * tip, height) + scallop)
         y = y - LOWER_FALL * np.clip(np.abs(along) - dark_mm[0], 0, None) * (not upper)
         rows.append(np.stack([xz[:, 0], y, xz[:, 1]], axis=-1))
-        gap = 0.76 + 0.24 * round_off
+        gap = tint * (seam + (1 - seam) * round_off)
         far = 1 - smoothstep((np.abs(along) - dark_mm[0]) / np.ptp(dark_mm))[:, None] * dark
         # A smile shows the light half above the upper edges; the edges of lower teeth are in their shadow.
         shade = np.interp(height, (0.0, 0.3, 0.7, 1.0), (1.17, 1.0, 0.76, 0.70) if upper else (0.78, 0.78, 0.72, 0.58))
@@ -98,7 +106,7 @@ def build_teeth(builder: MeshBuilder, detail: float, *, upper: bool) -> Indices:
     bone = Bone.NONE if upper else Bone.JAW
     # Cutting edges are lit as the front is; by their own normals they were a dark jagged line.
     front = np.full(points.shape, np.nan)
-    side = ROUND_TOOTH * np.where(in_tooth > 0, np.sign(along) * (2 * in_tooth - 1), 0.0)
+    side = ROUND_TOOTH * np.where(in_tooth > 0, 2 * in_tooth - 1, 0.0)
     lit = outward + side[:, None] * np.stack([outward[:, 1], -outward[:, 0]], axis=-1)
     front[FRONTS] = unit_vectors(np.stack([lit[:, 0], 0.2 + 0 * number, lit[:, 1]], axis=-1))
     grid = builder.add(points, albedo=albedo, material=kinds, bone=bone, bone_weight=float(not upper), normal=front)

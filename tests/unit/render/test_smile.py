@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.lib.stride_tricks import sliding_window_view
 
 from design.face_page import pose
 from fapengine.files.profiles import load_profile
@@ -64,6 +65,20 @@ def test_a_smile_shows_the_upper_teeth_alone_and_a_vowel_both() -> None:
     assert min(seen("ɑ", part) for part in (upper, lower, tongue)) > 100
     surprise = 0.8 * pose(load_profile("grid_s1_en"), "surprise")
     assert seen(surprise, upper) < 8  # 32 before: the tips, two white dashes below the lip
+
+
+def test_a_full_smile_shows_single_teeth() -> None:
+    """Seams on both sides of the middle: pixels darker than the light teeth next to them, on the left and right."""
+    head, joy = build_head(), with_rest(pose(load_profile("grid_s1_en"), "joy"), 1.0)
+    smile = draw(head, joy, MOUTH)
+    seen = np.abs(smile - draw(without(head, teeth_of(head, Bone.NONE)), joy, MOUTH)).max(axis=-1) > 20
+    rows = seen.sum(axis=1) > 0.9 * seen.sum(axis=1).max()
+    grey = (smile @ GREY)[rows].mean(axis=0)[seen[rows].all(axis=0)]
+    beside = sliding_window_view(np.pad(grey, 5, mode="edge"), 6).max(axis=-1)
+    depth = np.minimum(beside[:-5], beside[5:]) - grey
+    seams = np.flatnonzero((depth[1:-1] > 12) & (grey[1:-1] < grey[:-2]) & (grey[1:-1] <= grey[2:]))
+    middle = len(grey) / 2
+    assert min((seams < middle - 5).sum(), (seams > middle + 5).sum()) >= 3
 
 
 @pytest.mark.parametrize("name", ["surprise", "fear"])
