@@ -44,7 +44,7 @@ UPPER_LENGTHS = np.array([1.0, 0.94, 0.97, 0.90, 0.86, 0.80])
 """Lengths of upper crowns, relative: an edge with short laterals between centrals and canines, not a straight one."""
 UPPER_TINTS = np.array([0.98, 0.95, 0.85, 0.91, 0.90, 0.88])
 """Light of upper crowns, relative: canines are darker."""
-SEAM, NOTCH = (0.45, 0.76), (0.12, 0.08)
+SEAM, NOTCH = (0.56, 0.76), (0.12, 0.08)
 """Light in the gaps of upper and lower teeth, and by what share of a crown its corners are shorter there."""
 IN_TOOTH = (0.0, 0.09, 0.5, 0.91)
 """Columns of a tooth: a gap is a line, and a tooth is round only beside it."""
