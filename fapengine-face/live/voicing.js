@@ -5,7 +5,7 @@ import { loudness, phone_track, protocol, small_recognizer } from "./constants.j
 import { Fft } from "./fft.js";
 
 const {
-  CONTEXT, EVEN, GLIDE_FRAMES, GLIDING_FRAMES, HOP, LABEL_FRAMES, LATE, MAX_GLIDE, MAX_PHONE_S, PITCH_HZ, QUIET_DB, REACH_S, SILENT_DB, STEADY_FRAMES, STEADY_SHARE, STILL, SURE_FRAMES,
+  CONTEXT, EVEN, GLIDE_FRAMES, GLIDING_FRAMES, HOP, LABEL_FRAMES, LATE, LONG_FRAMES, LONG_GLIDE_FRAMES, MAX_GLIDE, MAX_PHONE_S, PITCH_HZ, QUIET_DB, REACH_S, SILENT_DB, STEADY_FRAMES, STEADY_SHARE, STILL, SURE_FRAMES,
   VOICED, VOICED_FRAMES, WHISPER_FRAMES, WHISPER_LABELS, WINDOW,
 } = loudness;
 const { FRAME_HZ, RATE_HZ } = protocol;
@@ -94,12 +94,12 @@ function around(marked) {
 }
 
 // Pitches of frames, 0 where they do not glide as a voice's do.
-function gliding(pitches) {
+function gliding(pitches, frames = GLIDING_FRAMES) {
   const goesOn = (at) => pitches[at] > 0 && pitches[at - 1] > 0 && Math.abs(Math.log(pitches[at]) - Math.log(pitches[at - 1])) < MAX_GLIDE;
   const found = pitches.map(() => 0);
   for (let first = 0, stop = 1; first < pitches.length; first = stop++) {
     while (stop < pitches.length && goesOn(stop)) ++stop;
-    if (stop - first >= GLIDING_FRAMES) for (let at = first; at < stop; ++at) found[at] = pitches[at];
+    if (stop - first >= frames) for (let at = first; at < stop; ++at) found[at] = pitches[at];
   }
   return found;
 }
@@ -183,7 +183,9 @@ export class Voicing {
       const before = pitches[at - GLIDE_FRAMES];
       return pitch > 0 && before > 0 && Math.abs(Math.log(pitch / before)) < STILL;
     }));
-    const isVoiced = (at) => voiced[at] >= VOICED_FRAMES && sure[at] >= SURE_FRAMES;
+    const [long, near] = [gliding(this.pitches, LONG_GLIDE_FRAMES).map((pitch) => pitch > 0), pitches.map(() => true)].map(around);
+    const isSpoken = (at) => sure[at] >= SURE_FRAMES || (long[at] >= LONG_FRAMES && long[at] < near[at]);
+    const isVoiced = (at) => voiced[at] >= VOICED_FRAMES && isSpoken(at);
     return pitches.map((_, at) => isVoiced(at) && !(still[at] >= STEADY_FRAMES && still[at] >= STEADY_SHARE * voiced[at]));
   }
 
