@@ -328,7 +328,7 @@ def voice_frames(pitch_hz: NDArray[np.float64], is_sure: NDArray[np.bool_]) -> N
     """
     voiced, musical = _voiced_and_musical(pitch_hz * gliding(pitch_hz))
     sure, long, near = _around(np.array([is_sure, gliding(pitch_hz, LONG_GLIDE_FRAMES), np.ones(len(pitch_hz), bool)]))
-    is_spoken = (sure >= SURE_FRAMES) | ((long >= LONG_FRAMES) & (long < near))
+    is_spoken: NDArray[np.bool_] = (sure >= SURE_FRAMES) | ((long >= LONG_FRAMES) & (long < near))
     return (voiced >= VOICED_FRAMES) & ~musical & is_spoken
 
 
