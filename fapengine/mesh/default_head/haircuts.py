@@ -128,15 +128,17 @@ TO_RIGHT_DEG, FROM_LEFT_DEG, SWEPT_DEG = 62.0, 22.0, 56.0
 """Angles by which short hair in front ends farther to the right than it begins, and bends to the left before; and the
 angle from the front at which it does so less.
 """
-FRINGE_MM, FRINGE_RIGHT_MM, FRINGE_AT_DEG = 17.0, 9.0, (-32.0, 30.0, 45.0)
+FRINGE_MM, FRINGE_RIGHT_MM, FRINGE_AT_DEG = 17.0, 9.0, (-32.0, 30.0, 42.0)
 """How far a fringe falls below the hairline, and how much farther at the right; where that is, its width, and that of
 the fringe.
 """
 MIN_FRINGE_MM = 75.0
 """Height below which no fringe falls over the forehead."""
 SHORT_DEG = 0, 40, 60, 80, 100, 120, 150, 180
-BENDS_MM, ENDS_MM = (130, 122, 112, 104, 98, 96, 94, 92), (0, 0, -4, 0, 5, 8, 3, 0)
-"""Heights to which short hair bends on its way, and of its ends above the hairline, by angle from the front."""
+BENDS_MM, ENDS_MM = (130, 122, 112, 104, 98, 96, 94, 92), (0, 4, 12, 0, 0, 8, 3, 0)
+"""Heights to which short hair bends on its way, and of its ends above the hairline, by angle from the front. At the
+temples painted roots show below the ends: a soft edge.
+"""
 SHORT_AT = 0, 0.2, 0.45, 0.7, 0.85, 1
 SHORT_RISE = (11, 17, 22, 22, 12.5, 3.5), (11, 12, 10, 5, 1.8, -0.4), (11, 10, 8, 5, 2.5, 0.2)
 """Height of short hair above the scalp, mm, over the share of its way: in front, at the sides and at the back."""
@@ -144,8 +146,8 @@ SIDES_DEG, SIDES_WIDE_DEG = 95.0, 36.0
 """Angle of the sides from the front, and their width."""
 # fmt: off
 FRINGE = (
-    Locks(22, ((0.70, 0.45), (1.05, 0.45)), ((0.72, 0.97), (1.06, 1.0)), (16, 18), (-6.0, 2.2, 1.0), uneven=0.06,
-          stray=0.03),
+    Locks(22, ((0.70, 0.45), (1.05, 0.45)), ((0.72, 0.97), (1.06, 1.0)), (16, 18), (-6.0, 2.2, 1.0), uneven=0.03,
+          stray=0.015),
     Locks(7, ((0.79, 0.16), (1.12, 0.16)), ((0.83, 0.84), (1.16, 0.94)), (30, 36), (-7, 4.2, 1.0), uneven=0.05),
 )
 """Locks over the forehead, and over them."""
@@ -155,8 +157,8 @@ SWEPT = (
     Locks(4, ((0.90, 0.03), (0.76, 0.03)), ((0.91, 0.50), (0.78, 0.58)), (22, 30), (-2.0, 3.0, 0.3), uneven=0.04),
     *(Locks(5, ((0.79 * side, 0.10), (0.50 * side, 0.16)), ((0.84 * side, 0.50), (0.58 * side, 0.60)), (20, 22),
             (-3.0, 3.5, 0.3), bow=-0.03 * side, stray=0.01) for side in (-1, 1)),
-    *(Locks(9, ((0.97 * side, 0.04), (0.95 * side, 0.28)), ((1.05 * side, 0.26), (1.06 * side, 0.52)), (1.0, 1.0),
-            (-1.5, 0.3, 0.4), uneven=0.05, stray=0.02, shade=0.8, is_single=True) for side in (-1, 1)),
+    *(Locks(9, ((0.97 * side, 0.16), (0.96 * side, 0.30)), ((1.02 * side, 0.27), (1.02 * side, 0.42)), (0.6, 0.6),
+            (-1.5, 0.2, 0.2), uneven=0.03, stray=0.01, is_single=True) for side in (-1, 1)),
 )
 """Locks of bob and long hair: from the parting over the forehead to the right temple, over them, to the left, and over
 the outline of either side; and single hairs that soften the hairline.
@@ -349,7 +351,7 @@ def _from_crown(style: HeadStyle, cut: Cut, s: Array, shares: Array) -> tuple[Ar
     low = (
         hairline(np.deg2rad(last))
         + np.interp(np.abs(last), SHORT_DEG, ENDS_MM)
-        - fringe * np.exp(-((last / wide) ** 2))
+        - fringe * np.exp(-((last / wide) ** 4))
     )
     lowest = MIN_FRINGE_MM - 60.0 * smoothstep((np.abs(last) - 36.0) / 20.0)
     end = position(np.deg2rad(last), np.where(np.abs(degrees) < 60.0, np.maximum(low, lowest), low), style)
